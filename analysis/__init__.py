@@ -1,0 +1,1 @@
+"""Estimators: engine tallies and frames in, numbers with error bars beside their theory out."""

@@ -1,0 +1,1 @@
+"""What a person runs: scene, run, analysis, report."""
