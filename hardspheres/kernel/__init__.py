@@ -1,0 +1,77 @@
+"""The engine's kernels: how a gas of hard spheres is followed from collision to collision.
+
+Between collisions a sphere moves in a straight line, so nothing has to be integrated: the engine looks for the earliest
+collision, lets it happen, and looks again (Alder and Wainwright 1959, doi:10.1063/1.1730376). The work is to know the earliest
+collision at a cost that does not grow with the number of particles. What follows is the whole method, file by file.
+
+**The rows** (`layout`, `events`). A particle's row is its position, velocity, and the time when the two were written. Between
+events nobody touches it: the position at a later time is x + v (t - t_row). A row changes at its own collision and at the end
+of an epoch, when all rows fly to the same time, return into the periodic box, and their clocks go back to zero; so times stay
+small and their rounding too. An epoch's length is a power of two times the scene's time unit and follows from the scene alone.
+The rows are the canonical state: everything else here can be thrown away and found again from them, to the last bit.
+
+**The prediction** (`prediction`). The time of contact of two particles is a pure function of their two rows and the periodic
+image, with the formulas of `hardspheres.collision`. All neighbours of a particle are predicted at once: one pass gathers
+the separations, a second one solves all quadratics without a branch, so that the compiler uses vector instructions.
+
+**The neighbours** (`neighbours`). Each particle has a list of those that it can meet while both stay in their shells, as in
+Smallenburg's engine (2022, doi:10.1140/epje/s10189-022-00180-8; before him Donev, Torquato and Stillinger 2005,
+doi:10.1016/j.jcp.2004.08.014). Leaving the shell is an event of the particle, which makes a new list from the 27 cells
+around it, and changes no row: how wide the shells are decides the speed and never the trajectory.
+
+**The events.** Each particle has one next event: the earliest of its contacts with neighbours, its wall (`prediction`), and the
+end of its shell. A contact is written down with one of the two partners or with both. When a partner has since changed, which its
+version tells, the event is stale: its particle is predicted again at that moment. This is safe, because a pair's earliest contact
+was seen by whichever of the two was predicted last, and what that particle has written down is never later.
+
+**The calendar** (`calendar`; Brown 1988, doi:10.1145/63039.63045). Coming events lie in buckets by their time, those of the
+current bucket in a small heap, so that the next event is found in a time that does not depend on their number. An event that no
+longer counts stays where it is until its bucket is opened. Equal times are ordered by the lower, then the higher id; a wall
+counts as the id n + 2 axis + side.
+
+**The loop** (`loop`) takes the next event, executes it, predicts its one or two particles again, and enters them in the calendar.
+
+Arithmetic is strict everywhere: only + - x / sqrt and integers, no fused or reordered operations, so one scene gives the same bits
+on every IEEE-754 machine.
+
+**Specialisation.** What a scene lacks is not compiled in: `specialise` loads this package's files once for each kind of scene (its
+dimension, whether it has walls, many radii, many masses), each with its own constants in place of `flags`.
+"""
+
+import importlib
+import sys
+import types
+from pathlib import Path
+
+__all__ = ["specialise"]
+
+
+def specialise(dim, walls, sizes, masses):
+    """Load the kernels for one kind of scene.
+
+    Parameters
+    ----------
+    dim : int
+        2 or 3.
+    walls, sizes, masses : bool
+        Whether some axis lies between walls, radii differ, masses differ.
+
+    Returns
+    -------
+    module
+        The module `loop` compiled, on first use, for these constants; the same module for the same constants.
+    """
+    tag = f"{dim}d" + "_walls" * walls + "_sizes" * sizes + "_masses" * masses
+    name = f"{__name__}.{tag}"
+    if f"{name}.loop" not in sys.modules:
+        from .compiler import cache_folder, cached_in
+
+        package = types.ModuleType(name)
+        package.__path__ = [str(Path(__file__).parent)]
+        flags = types.ModuleType(f"{name}.flags")
+        flags.DIM, flags.WALLS, flags.SIZES, flags.MASSES = dim, walls, sizes, masses
+        sys.modules[name] = package
+        sys.modules[flags.__name__] = flags
+        with cached_in(cache_folder(tag)):
+            importlib.import_module(f"{name}.loop")
+    return sys.modules[f"{name}.loop"]

@@ -1,0 +1,137 @@
+"""What events do to the rows: the only places where the canonical state changes."""
+
+import math
+
+from hardspheres import collision
+
+from .compiler import jit
+from .flags import DIM, MASSES, SIZES
+from .layout import (
+    BOX,
+    CENTRE,
+    CORE,
+    EPOCH,
+    EPOCH_LENGTH,
+    EVENT,
+    INVERSE,
+    LAST_PAIR_EPOCH,
+    MASS,
+    NOW,
+    PAIRS,
+    RADIUS,
+    REDUCED,
+    ROW,
+    STANDSTILL,
+    VERSION,
+    WALL_HITS,
+    N,
+    T,
+    V,
+    X,
+)
+from .prediction import rint
+from .tallies import tally_pair, tally_stress, tally_wall
+
+impulse = jit(collision.impulse)
+
+
+@jit
+def fly(s, i, t):
+    """Free flight of row i to time t."""
+    ri = i * ROW
+    dt = t - s.row[ri + T]
+    for d in range(DIM):
+        s.row[ri + X + d] += s.row[ri + V + d] * dt
+    s.row[ri + T] = t
+
+
+@jit
+def collide_pair(s, i, j, t):
+    """Elastic collision of i and j at time t."""
+    row = s.row
+    fly(s, i, t)
+    fly(s, j, t)
+    ri, rj = i * ROW, j * ROW
+    x = nearest(s, 0, row[ri + X] - row[rj + X])
+    y = nearest(s, 1, row[ri + X + 1] - row[rj + X + 1])
+    u = row[ri + V] - row[rj + V]
+    v = row[ri + V + 1] - row[rj + V + 1]
+    b = x * u + y * v
+    rr = x * x + y * y
+    z, w = 0.0, 0.0
+    if DIM == 3:
+        z = nearest(s, 2, row[ri + X + 2] - row[rj + X + 2])
+        w = row[ri + V + 2] - row[rj + V + 2]
+        b += z * w
+        rr += z * z
+    mi, mj = s.number[MASS], s.number[MASS]
+    reduced = s.number[REDUCED]
+    if MASSES:
+        mi, mj = s.mass[i], s.mass[j]
+        reduced = mi * mj / (mi + mj)
+    push = impulse(b, rr, reduced)
+    pi, pj = push / mi, push / mj
+    row[ri + V] += pi * x
+    row[rj + V] -= pj * x
+    row[ri + V + 1] += pi * y
+    row[rj + V + 1] -= pj * y
+    if DIM == 3:
+        row[ri + V + 2] += pi * z
+        row[rj + V + 2] -= pj * z
+        w += row[ri + V + 2] - row[rj + V + 2]
+    u += row[ri + V] - row[rj + V]
+    v += row[ri + V + 1] - row[rj + V + 1]
+    tally_pair(s, push, t, x, y, z, u, v, w)
+    s.event[i * EVENT + VERSION] += 1
+    s.event[j * EVENT + VERSION] += 1
+    s.count[PAIRS] += 1
+    s.count[LAST_PAIR_EPOCH] = s.count[EPOCH]
+
+
+@jit
+def nearest(s, d, separation):
+    """Separation along axis d of the nearest images; spheres in contact are nearest, as no box is under two diameters."""
+    return separation - s.number[BOX + d] * rint(separation * s.number[INVERSE + d])
+
+
+@jit
+def hit_wall(s, i, wall, t):
+    """Specular reflection of i at a wall at time t."""
+    fly(s, i, t)
+    axis = (wall - s.count[N]) >> 1
+    side = (wall - s.count[N]) & 1
+    ri = i * ROW
+    mass = s.mass[i] if MASSES else s.number[MASS]
+    radius = s.row[ri + RADIUS] if SIZES else s.number[CORE]
+    v = s.row[ri + V + axis]
+    s.row[ri + V + axis] = -v
+    tally_wall(s, axis, side, 2.0 * mass * abs(v), radius)
+    for d in range(DIM):
+        if d != axis:
+            tally_stress(s, d + axis + 2, -2.0 * mass * v * s.row[ri + V + d], t)
+    s.event[i * EVENT + VERSION] += 1
+    s.count[WALL_HITS] += 1
+
+
+@jit
+def begin_epoch(s):
+    """At the end of an epoch every row flies there and back into the box, and its clock goes back to zero.
+
+    This is the one change of rows that no event makes. It happens at multiples of the epoch's length, which only the
+    scene decides, so the trajectory depends on neither the search for neighbours nor on who looks at it.
+    """
+    length = s.number[EPOCH_LENGTH]
+    for i in range(s.count[N]):
+        ri = i * ROW
+        fly(s, i, length)
+        s.row[ri + T] = 0.0
+        for d in range(DIM):
+            if s.number[INVERSE + d] > 0.0:
+                turns = math.floor(s.row[ri + X + d] * s.number[INVERSE + d])
+                shift = s.number[BOX + d] * turns
+                s.row[ri + X + d] -= shift
+                s.event_float[i * EVENT + CENTRE + d] -= shift
+                s.turns[i * DIM + d] += int(turns)
+    s.count[EPOCH] += 1
+    s.number[NOW] -= length
+    s.number[STANDSTILL] -= length

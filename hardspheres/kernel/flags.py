@@ -1,0 +1,6 @@
+"""What the scene has: constants of one compiled specialisation, replaced by `kernel.specialise` (these are defaults)."""
+
+DIM = 3  # dimension of space, 2 or 3
+WALLS = False  # some axis lies between walls
+SIZES = False  # radii differ
+MASSES = False  # masses differ

@@ -1,0 +1,137 @@
+"""The engine's memory: flat arrays, and the names of their slots."""
+
+from typing import NamedTuple
+
+from .compiler import jit, pointer
+from .flags import DIM
+
+# A particle's row, 8 float64 (one cache line): the canonical state.
+ROW = 8
+X = 0  # position when the row was last written, DIM numbers
+V = DIM  # velocity, DIM numbers
+T = 2 * DIM  # when that was, relative to the epoch
+RADIUS = 7
+
+# A particle's next event, 8 int64 (one cache line); TIME and CENTRE hold float64 bits.
+EVENT = 8
+TIME = 0
+PARTNER = 1  # a particle, n + 2 axis + side for a wall, or one of the codes below
+PARTNER_VERSION = 2  # the partner's VERSION when the event was predicted
+VERSION = 3  # how often this particle's row has changed through events
+STAMP = 4  # of the one queue entry that counts
+CENTRE = 5  # where the particle was when its neighbour list was made (unwrapped as the row), DIM numbers
+
+RENEW = -1  # the particle leaves its shell: a new neighbour list is due
+NOTHING = -2  # no event before the epoch ends
+
+# Numbers, float64.
+BOX = 0  # edge lengths, 3 slots
+INVERSE = 3  # 1/edge on periodic axes, 0 on wall axes
+EPOCH_LENGTH = 6  # length of an epoch in time
+SHELL = 7  # how far a particle may go from CENTRE before its list is renewed
+REACH = 8  # neighbours' centres are closer than this (plus both radii, where radii differ)
+SIGMA2 = 9  # squared contact distance, where all radii are equal
+CORE = 10  # radius, where all radii are equal
+REDUCED = 11  # reduced mass of a pair, where all masses are equal
+MASS = 12  # mass, where all are equal
+INVERSE_WIDTH = 13  # 1/width of a calendar bucket
+CELL_DENSITY = 14  # cells per length, 3 slots
+NOW = 17  # time of the last event, relative to the epoch
+LATE_BY = 18  # an event is late if predicted more than this before NOW
+STANDSTILL = 19  # NOW when time was last seen to move
+NUMBERS = 24
+
+# Sums since the tallies were reset, float64.
+VIRIAL = 0  # sum of r_a dp_b over pair collisions: xx, yy, zz, xy, xz, yz
+STRESS = 6  # sum of d(m v_a v_b) over events, same order; with its moment it gives the time integral of the kinetic part
+STRESS_MOMENT = 12  # sum of (time within the epoch) d(m v_a v_b)
+STRESS_EPOCHS = 18  # sum of (epoch) d(m v_a v_b) of earlier epochs
+WALL_IMPULSE = 24  # momentum given to the wall, per axis: lower, upper
+WALL_RADIUS_IMPULSE = 30  # the same times the particle's radius
+SUMS = 36
+
+# Counters, int64.
+N = 0
+CELLS = 1  # cells per axis, 3 slots
+CELL_ROOM = 4  # particles that a cell can hold
+LIST_ROOM = 5  # slots in a neighbour list, the count in slot 0 included
+IMAGES = 6  # 1: lists name the periodic image (boxes too small for the nearest image to be meant)
+BUCKETS = 7  # buckets in a year of the calendar, a power of two
+BUCKET = 8  # the calendar's current bucket, counted from the epoch's start
+EPOCH = 9
+PAIRS = 10  # pair collisions
+WALL_HITS = 11
+LATE = 12
+STALE = 13
+RENEWALS = 14
+LONE = 15  # events since time was last seen to move
+FREE_CHUNK = 16  # head of the list of free chunks
+CHUNKS_LEFT = 17
+AGENDA_LENGTH = 18
+AGENDA_ROOM = 19
+SHORT_LISTS = 20  # set where room ran out: the run stops, makes room and starts its search again from the rows
+SHORT_CELLS = 21
+SHORT_QUEUE = 22
+POPPED = 23  # queue entries taken since the calendar was made, for its bucket width
+LAST_PAIR_EPOCH = 24  # epoch of the last pair collision
+COUNTERS = 32
+
+# Calendar: chunks of 8 int64: the next chunk (-1: none) and how many entries, then 7 entries id << 32 | stamp.
+CHUNK = 8
+STAMP_BITS = 0xFFFFFFFF
+
+BLOCK = 32  # neighbours that one pass of the prediction handles
+
+
+class Arrays(NamedTuple):
+    """The arrays of a simulation, owned by `Simulation`; kernels turn them into pointers on entry."""
+
+    row: object  # float64 (n * ROW)
+    event: object  # int64 (n * EVENT)
+    event_float: object  # the same memory as float64
+    mass: object  # float64 (n), or one element where all are equal
+    turns: object  # int32 (n * DIM): how often the row was wrapped back into the box
+    neighbours: object  # int32 (n * LIST_ROOM): count, then ids
+    images: object  # int32 (n * LIST_ROOM * DIM): image of each neighbour, where IMAGES
+    where: object  # int32 (n): slot in the cells
+    cell_count: object  # int32 (cells)
+    cell_ids: object  # int32 (cells * CELL_ROOM)
+    cell_centres: object  # float64 (cells * (DIM + 1) * CELL_ROOM): wrapped centres, coordinate by coordinate, then radius
+    buckets: object  # int64 (BUCKETS + 1): first chunk of each bucket; the last is for later years
+    chunks: object  # int64 (chunks * CHUNK)
+    agenda_time: object  # float64: binary heap of the current bucket's events
+    agenda_key: object  # int64: lower id << 32 | higher id
+    agenda_entry: object  # int64: id << 32 | stamp
+    scratch: object  # float64 (BLOCK * 16)
+    scratch_int: object  # the same memory as int64
+    number: object  # float64: the numbers above
+    count: object  # int64: the counters above
+    total: object  # float64: the sums above
+
+
+@jit
+def pointers(a):
+    """Return the same record with a raw pointer in place of each array."""
+    return Arrays(
+        pointer(a.row),
+        pointer(a.event),
+        pointer(a.event_float),
+        pointer(a.mass),
+        pointer(a.turns),
+        pointer(a.neighbours),
+        pointer(a.images),
+        pointer(a.where),
+        pointer(a.cell_count),
+        pointer(a.cell_ids),
+        pointer(a.cell_centres),
+        pointer(a.buckets),
+        pointer(a.chunks),
+        pointer(a.agenda_time),
+        pointer(a.agenda_key),
+        pointer(a.agenda_entry),
+        pointer(a.scratch),
+        pointer(a.scratch_int),
+        pointer(a.number),
+        pointer(a.count),
+        pointer(a.total),
+    )

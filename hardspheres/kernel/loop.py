@@ -1,0 +1,155 @@
+"""The event loop, and the preparation of everything that follows from the rows."""
+
+from . import layout
+from .calendar import clear_calendar, pop_agenda, schedule, turn_page
+from .compiler import entry, jit
+from .events import begin_epoch, collide_pair, hit_wall
+from .flags import WALLS
+from .layout import (
+    AGENDA_LENGTH,
+    BUCKET,
+    EPOCH,
+    EPOCH_LENGTH,
+    EVENT,
+    IMAGES,
+    INVERSE_WIDTH,
+    LATE,
+    LATE_BY,
+    LONE,
+    NOW,
+    PAIRS,
+    PARTNER,
+    PARTNER_VERSION,
+    POPPED,
+    RENEW,
+    SHORT_CELLS,
+    SHORT_LISTS,
+    SHORT_QUEUE,
+    STALE,
+    STAMP,
+    STAMP_BITS,
+    STANDSTILL,
+    TIME,
+    VERSION,
+    N,
+    pointers,
+)
+from .neighbours import make_all_lists, renew_list
+from .prediction import next_event
+
+__all__ = ["DONE", "NO_ROOM", "PAUSED", "STANDS_STILL", "layout", "prepare", "run"]
+
+# What `run` returns.
+DONE = 0  # reached the time or the number of collisions asked for
+PAUSED = 1  # used up its budget; call it again
+NO_ROOM = 2  # a list, a cell or the calendar is full: make room, prepare, call it again
+STANDS_STILL = 3  # 1000 events per particle without time moving
+
+
+@jit
+def predict(s, i, now):
+    """Find i's next event and enter it in the calendar."""
+    time, partner = next_event(s, i, now)
+    event = i * EVENT
+    if 0 <= partner < s.count[N]:
+        s.event[event + PARTNER_VERSION] = s.event[partner * EVENT + VERSION]
+    schedule(s, i, time, partner)
+
+
+@jit
+def predict_all(s, now, chunks):
+    """Predict every particle's next event into an empty calendar."""
+    clear_calendar(s, chunks)
+    for i in range(s.count[N]):
+        predict(s, i, now)
+
+
+@entry
+def prepare(arrays, cells, chunks):
+    """Find lists, events and calendar again from the rows, which stay as they are."""
+    s = pointers(arrays)
+    now = max(s.number[NOW], 0.0)
+    make_all_lists(s, now, cells)
+    if s.count[SHORT_CELLS] == 0 and s.count[SHORT_LISTS] == 0:
+        predict_all(s, now, chunks)
+
+
+@entry
+def run(arrays, cells, chunks, stop_epoch, stop_time, stop_pairs, budget):
+    """Execute events in their order.
+
+    Stops after the pair collision that makes PAIRS equal `stop_pairs`, or before the first event later than `stop_time` in
+    epoch `stop_epoch`. `budget` bounds the work of one call.
+    """
+    s = pointers(arrays)
+    n = s.count[N]
+    length = s.number[EPOCH_LENGTH]
+    patience = 1000 * n
+    while budget > 0:
+        if s.count[PAIRS] >= stop_pairs:
+            return DONE
+        if s.count[AGENDA_LENGTH] == 0:
+            budget -= 1
+            page_ends = (s.count[BUCKET] + 1) / s.number[INVERSE_WIDTH]
+            if s.count[EPOCH] == stop_epoch and page_ends > stop_time:
+                return DONE
+            if page_ends < length:
+                turn_page(s)
+            elif s.count[EPOCH] == stop_epoch:
+                return DONE
+            else:
+                begin_epoch(s)
+                budget -= n
+                if s.count[IMAGES]:
+                    make_all_lists(s, 0.0, cells)
+                predict_all(s, 0.0, chunks)
+        else:
+            time = s.agenda_time[0]
+            if s.count[EPOCH] == stop_epoch and time > stop_time:
+                return DONE
+            budget -= 1
+            entry_bits = s.agenda_entry[0]
+            pop_agenda(s)
+            s.count[POPPED] += 1
+            i = entry_bits >> 32
+            event = i * EVENT
+            if s.event[event + STAMP] != entry_bits & STAMP_BITS:
+                continue
+            partner = s.event[event + PARTNER]
+            other = -1
+            if partner == RENEW:
+                renew_list(s, i, time)
+            elif partner >= n:
+                if WALLS:
+                    note_time(s, time)
+                    hit_wall(s, i, partner, time)
+            elif s.event[partner * EVENT + VERSION] == s.event[event + PARTNER_VERSION]:
+                note_time(s, time)
+                collide_pair(s, i, partner, time)
+                other = partner
+            else:
+                s.count[STALE] += 1
+            follow = i
+            while follow >= 0:
+                predict(s, follow, max(time, 0.0))
+                follow = other
+                other = -1
+            if s.count[LONE] > patience:
+                return STANDS_STILL
+        if s.count[SHORT_QUEUE] or s.count[SHORT_LISTS] or s.count[SHORT_CELLS]:
+            return NO_ROOM
+    return PAUSED
+
+
+@jit
+def note_time(s, time):
+    """Keep the clock, and count late events and events without progress."""
+    now = s.number[NOW]
+    if time < now - s.number[LATE_BY]:
+        s.count[LATE] += 1
+    s.number[NOW] = max(now, time)
+    if time > s.number[STANDSTILL] + s.number[LATE_BY]:
+        s.number[STANDSTILL] = time
+        s.count[LONE] = 0
+    else:
+        s.count[LONE] += 1

@@ -1,0 +1,38 @@
+"""What each event adds to the sums: virial, kinetic stress, wall impulses."""
+
+from .compiler import jit
+from .flags import DIM
+from .layout import EPOCH, STRESS, STRESS_EPOCHS, STRESS_MOMENT, VIRIAL, WALL_IMPULSE, WALL_RADIUS_IMPULSE
+
+
+@jit
+def tally_stress(s, k, change, t):
+    """Add a change of component k of sum m v_a v_b at time t; its time integral is the kinetic part of the pressure."""
+    s.total[STRESS + k] += change
+    s.total[STRESS_MOMENT + k] += change * t
+    s.total[STRESS_EPOCHS + k] += change * s.count[EPOCH]
+
+
+@jit
+def tally_pair(s, push, t, x, y, z, u, v, w):
+    """Add a pair collision: dp = push * (x, y, z) on the first; (u, v, w) = its old plus new velocity less the other's."""
+    s.total[VIRIAL] += push * x * x
+    s.total[VIRIAL + 1] += push * y * y
+    s.total[VIRIAL + 3] += push * x * y
+    tally_stress(s, 0, push * x * u, t)
+    tally_stress(s, 1, push * y * v, t)
+    tally_stress(s, 3, 0.5 * push * (x * v + y * u), t)
+    if DIM == 3:
+        s.total[VIRIAL + 2] += push * z * z
+        s.total[VIRIAL + 4] += push * x * z
+        s.total[VIRIAL + 5] += push * y * z
+        tally_stress(s, 2, push * z * w, t)
+        tally_stress(s, 4, 0.5 * push * (x * w + z * u), t)
+        tally_stress(s, 5, 0.5 * push * (y * w + z * v), t)
+
+
+@jit
+def tally_wall(s, axis, side, impulse, radius):
+    """Add the momentum that a particle gave to a wall (positive: outwards)."""
+    s.total[WALL_IMPULSE + 2 * axis + side] += impulse
+    s.total[WALL_RADIUS_IMPULSE + 2 * axis + side] += impulse * radius

@@ -1,0 +1,501 @@
+"""Simulation: a scene in motion. Runs it, shows it, tallies it; looking never changes it."""
+
+import math
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hardspheres.engine import Engine, collision_frequency
+from hardspheres.errors import InvariantError, SimulationError
+from hardspheres.scene import Scene, kinetic_energy, thermal_energy, total_momentum
+
+Floats = NDArray[np.float64]
+
+SLICE = 0.1  # seconds after which control comes back to Python
+FOREVER = 2**62
+PATIENCE = 1000.0  # expected times to the next collision without one, until `run(collisions=...)` gives up
+COMPONENTS = {2: ((0, 3), (3, 1)), 3: ((0, 3, 4), (3, 1, 5), (4, 5, 2))}  # where the sums keep a symmetric tensor
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The gas at one moment.
+
+    Attributes
+    ----------
+    time : float
+        Simulated time.
+    collisions : int
+        Pair collisions since the simulation was made.
+    collisions_per_particle : float
+        s = 2 collisions / N.
+    positions : (N, d) float64 array
+        Positions, on periodic axes within [0, L).
+    velocities : (N, d) float64 array
+        Velocities.
+    scene : Scene
+        Where the simulation started: radii, masses, box, boundary.
+    """
+
+    time: float
+    collisions: int
+    collisions_per_particle: float
+    positions: Floats
+    velocities: Floats
+    scene: Scene
+
+
+@dataclass(frozen=True)
+class Tallies:
+    """What the engine counted since `reset_tallies`.
+
+    Attributes
+    ----------
+    time : float
+        Simulated time.
+    collisions, wall_collisions : int
+        Pair collisions, and hits of walls.
+    virial : (d, d) float64 array
+        Sum of r_a dp_b over pair collisions, r the separation at contact and dp the momentum passed along it, [energy time].
+    kinetic : (d, d) float64 array
+        Integral over time of sum m v_a v_b, [energy time].
+    wall_impulses : (d, 2) float64 array
+        Momentum that the particles gave to the lower and upper wall of each axis; 0 on periodic axes.
+    wall_radius_impulses : (d, 2) float64 array
+        The same, each hit times the particle's radius.
+    """
+
+    time: float
+    collisions: int
+    wall_collisions: int
+    virial: Floats
+    kinetic: Floats
+    wall_impulses: Floats
+    wall_radius_impulses: Floats
+
+
+class Simulation:
+    """The event-driven dynamics of a scene.
+
+    Every collision is found and executed in its order; between collisions particles fly freely, exactly. The same scene gives
+    the same bits on every IEEE-754 machine, and nothing that looks at the simulation changes it. The method is told in
+    `hardspheres.kernel`.
+
+    Parameters
+    ----------
+    scene : Scene
+        Where to start. It stays as it is.
+
+    Examples
+    --------
+    >>> import hardspheres as hs
+    >>> sim = hs.Simulation(hs.lattice_gas(n=108, packing_fraction=0.1, seed=1))
+    >>> sim.run(collisions=1000)
+    >>> sim.collisions
+    1000
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self._engine = Engine(scene)
+        self._at = self._engine.layout
+        self._epoch = 0  # sim.time is two numbers: whole epochs, and the time within this one
+        self._moment = 0.0
+        self._budget = 2000 + scene.n
+        self._energy = scene.kinetic_energy
+        self._wall_momentum = np.zeros((scene.dim, 2))
+        self._worst_slice = 0.0
+        self.reset_tallies()
+
+    # Running.
+
+    def run(self, *, time: float | None = None, collisions: int | None = None) -> None:
+        """Advance by a time or by a number of pair collisions.
+
+        Control returns to Python about every 0.1 s, so that Ctrl-C works; the simulation is then at the last event that it
+        executed, and can go on.
+
+        Parameters
+        ----------
+        time : float, optional
+            How long, >= 0.
+        collisions : int, optional
+            How many pair collisions, >= 0; the time is then that of the last one.
+
+        Raises
+        ------
+        SimulationError
+            When no collision is to come; when time stands still for 1000 N events; when the arguments make no sense.
+        """
+        if (time is None) == (collisions is None):
+            raise SimulationError("run needs either time=... or collisions=..., and not both")
+        if time is not None:
+            if not (math.isfinite(time) and time >= 0):
+                raise SimulationError(f"run(time={time}) must be a finite time of at least 0")
+            self._run_until(*self._later(self._epoch, self._moment + float(time)))
+        elif collisions is not None:
+            if collisions != int(collisions) or collisions < 0:
+                raise SimulationError(f"run(collisions={collisions}) must be a whole number of at least 0")
+            self._run_collisions(self.collisions + int(collisions))
+
+    def _later(self, epoch: int, moment: float) -> tuple[int, float]:
+        """Bring the time within an epoch into its range; exact, as epochs are a power of two long."""
+        length = self._length
+        whole = math.floor(moment / length)
+        return epoch + whole, moment - whole * length
+
+    @property
+    def _length(self) -> float:
+        return float(self._engine.arrays.number[self._at.EPOCH_LENGTH])
+
+    def _slice(self, epoch: int, moment: float, pairs: int) -> bool:
+        """Run for about SLICE seconds; True when the goal is reached."""
+        began = time.perf_counter()
+        budget = self._budget
+        reached = self._engine.run(epoch, moment, pairs, budget)
+        took = time.perf_counter() - began
+        if not reached:
+            self._budget = int(budget * min(max(SLICE / max(took, 1e-6), 0.5), 2.0)) + 1
+        return reached
+
+    def _keep_clock(self) -> None:
+        """Set the time to that of the last event, where that is later than what was asked for before."""
+        here = (int(self._engine.arrays.count[self._at.EPOCH]), max(float(self._engine.arrays.number[self._at.NOW]), 0.0))
+        self._epoch, self._moment = max((self._epoch, self._moment), here)
+
+    def _run_until(self, epoch: int, moment: float) -> None:
+        try:
+            while not self._slice(epoch, moment, FOREVER):
+                pass
+        except BaseException:
+            self._keep_clock()
+            raise
+        self._epoch, self._moment = epoch, moment
+
+    def _run_collisions(self, goal: int) -> None:
+        if goal > self.collisions:
+            self._require_something_to_come()
+        at, count = self._at, self._engine.arrays.count
+        rate = 0.5 * self.scene.n * collision_frequency(self.scene)
+        patience = int(min(PATIENCE / (rate * self._length) + 10, FOREVER)) if rate > 0 else FOREVER
+        start = int(count[at.EPOCH])
+        try:
+            while not self._slice(FOREVER, 0.0, goal):
+                idle = int(count[at.EPOCH]) - max(int(count[at.LAST_PAIR_EPOCH]), start)
+                if idle > patience:
+                    raise SimulationError(
+                        f"no two particles met for {idle * self._length:.3g} time units, over {PATIENCE:.0f} times the expected "
+                        "time to a collision; these particles may never meet: use run(time=...)"
+                    )
+        finally:
+            self._keep_clock()
+
+    def _require_something_to_come(self) -> None:
+        """Raise SimulationError where it is certain that no two particles will ever meet."""
+        n, periodic = self.scene.n, self.scene.periodic
+        if n == 1:
+            raise SimulationError("no collision is to come: there is one particle only; use run(time=...)")
+        v = self._rows[:, self._at.V : self._at.V + self.scene.dim]
+        if not np.any(np.where(periodic, v - v[0], v)):
+            raise SimulationError(
+                "no collision is to come: no particle moves relative to another; give them velocities, or use run(time=...)"
+            )
+
+    def frames(
+        self,
+        *,
+        every: float | None = None,
+        count: int | None = None,
+        times: Sequence[float] | None = None,
+        collisions_per_particle: Sequence[float] | None = None,
+    ) -> Iterator[Frame]:
+        """Run, and yield the gas at chosen moments.
+
+        Parameters
+        ----------
+        every, count : float and int, optional
+            `count` frames, `every` apart in time, the first one now.
+        times : sequence of float, optional
+            At these times, ascending, none before now.
+        collisions_per_particle : sequence of float, optional
+            Right after the collision that makes s = 2 collisions / N reach each of these values, ascending; 0 is the start.
+
+        Yields
+        ------
+        Frame
+            Looking does not change the dynamics: any set of frames gives the same trajectory.
+
+        Raises
+        ------
+        SimulationError
+            When the arguments make no sense, and as `run` does.
+        """
+        given = [every is not None or count is not None, times is not None, collisions_per_particle is not None]
+        if sum(given) != 1:
+            raise SimulationError("frames needs one of: every=... with count=..., times=..., collisions_per_particle=...")
+        if times is not None:
+            return self._frames_at(self._ascending("times", times, self.time))
+        if collisions_per_particle is not None:
+            s = self._ascending("collisions_per_particle", collisions_per_particle, self.collisions_per_particle)
+            return self._frames_after([math.ceil(value * self.scene.n / 2 - 1e-9) for value in s])
+        if every is None or count is None or not (math.isfinite(every) and every > 0) or count != int(count) or count < 0:
+            raise SimulationError(f"frames(every={every}, count={count}) needs a time above 0 and a number of frames")
+        now = self.time
+        return self._frames_at([now + k * every for k in range(int(count))])
+
+    def _ascending(self, name: str, values: Sequence[float], first: float) -> list[float]:
+        numbers = [float(value) for value in values]
+        if not all(math.isfinite(value) for value in numbers) or numbers != sorted(numbers):
+            raise SimulationError(f"frames({name}=...) needs finite values in ascending order")
+        if numbers and numbers[0] < first:
+            raise SimulationError(f"frames({name}=...) begins at {numbers[0]}, but the simulation is at {first} already")
+        return numbers
+
+    def _frames_at(self, times: list[float]) -> Iterator[Frame]:
+        for t in times:
+            target = self._later(0, t)
+            if target > (self._epoch, self._moment):
+                self._run_until(*target)
+            yield self.frame()
+
+    def _frames_after(self, collisions: list[int]) -> Iterator[Frame]:
+        for goal in collisions:
+            if goal > self.collisions:
+                self._run_collisions(goal)
+            yield self.frame()
+
+    def frame(self) -> Frame:
+        """Return the gas as it is now."""
+        return Frame(
+            self.time, self.collisions, self.collisions_per_particle, self.positions, self.velocities, self.scene
+        )
+
+    # Looking.
+
+    @property
+    def time(self) -> float:
+        """Simulated time since the start."""
+        return self._epoch * self._length + self._moment
+
+    @property
+    def collisions(self) -> int:
+        """Pair collisions since the start."""
+        return int(self._engine.arrays.count[self._at.PAIRS])
+
+    @property
+    def wall_collisions(self) -> int:
+        """Hits of walls since the start."""
+        return int(self._engine.arrays.count[self._at.WALL_HITS])
+
+    @property
+    def collisions_per_particle(self) -> float:
+        """Collisions per particle s = 2 collisions / N: each counts for both partners."""
+        return 2 * self.collisions / self.scene.n
+
+    @property
+    def _rows(self) -> Floats:
+        rows: Floats = self._engine.arrays.row.reshape(self.scene.n, self._at.ROW)
+        return rows
+
+    def _flown(self) -> Floats:
+        """Positions now, as the rows count them: up to an epoch's flight out of the box on periodic axes."""
+        at, dim = self._at, self.scene.dim
+        rows = self._rows
+        behind = self._epoch - int(self._engine.arrays.count[at.EPOCH])
+        dt = (behind * self._length + self._moment) - rows[:, at.T]
+        flown: Floats = rows[:, at.X : at.X + dim] + rows[:, at.V : at.V + dim] * dt[:, None]
+        return flown
+
+    @property
+    def positions(self) -> Floats:
+        """Positions now, shape (N, d), on periodic axes within [0, L). A copy."""
+        flown, box = self._flown(), self.scene.box
+        wrapped = flown - box * np.floor(flown / box)
+        wrapped = np.where(wrapped >= box, 0.0, wrapped)
+        return np.where(self.scene.periodic, wrapped, flown)
+
+    @property
+    def unwrapped_positions(self) -> Floats:
+        """Positions now, followed through the periodic boundaries from the start, shape (N, d)."""
+        turns = self._engine.arrays.turns.reshape(self.scene.n, self.scene.dim)
+        return self._flown() + turns * self.scene.box
+
+    @property
+    def velocities(self) -> Floats:
+        """Velocities now, shape (N, d). A copy."""
+        v: Floats = self._rows[:, self._at.V : self._at.V + self.scene.dim].copy()
+        return v
+
+    @property
+    def momentum(self) -> Floats:
+        """Total momentum, shape (d,)."""
+        return total_momentum(self.velocities, self.scene.masses)
+
+    @property
+    def thermal_energy(self) -> float:
+        """Kinetic energy less that of the common motion along periodic axes."""
+        return thermal_energy(self.velocities, self.scene.masses, self.scene.periodic)
+
+    @property
+    def temperature(self) -> float:
+        """Temperature kT = 2 thermal_energy / degrees_of_freedom, in units of energy."""
+        return 2 * self.thermal_energy / self.scene.degrees_of_freedom
+
+    def to_scene(self) -> Scene:
+        """Return the gas as it is now as a Scene, contacts as the engine left them."""
+        return self.scene.with_state(self.positions, self.velocities)
+
+    def to_atoms(self) -> Any:
+        """Return the gas as it is now as an ASE Atoms object."""
+        from hardspheres.trajectory import to_atoms
+
+        return to_atoms(self.frame())
+
+    # Tallies.
+
+    def reset_tallies(self) -> None:
+        """Begin the tallies anew; time, collisions and the dynamics go on."""
+        self._wall_momentum = self._wall_momentum + self._sums(self._at.WALL_IMPULSE)
+        self._engine.arrays.total[:] = 0.0
+        self._since = (self._epoch, self._moment, self.collisions, self.wall_collisions)
+
+    def _sums(self, first: int) -> Floats:
+        sums: Floats = self._engine.arrays.total[first : first + 2 * self.scene.dim].reshape(-1, 2).copy()
+        return sums
+
+    @property
+    def tallies(self) -> Tallies:
+        """What was counted since `reset_tallies`."""
+        at, total = self._at, self._engine.arrays.total
+        epoch, moment, collisions, wall_collisions = self._since
+        passed = (self._epoch - epoch) * self._length + (self._moment - moment)
+        places = np.array(COMPONENTS[self.scene.dim])
+        v, m = self.velocities, self.scene.masses
+        # integral of K from t0 to t1 = K(t1) (t1 - t0) - sum over events of dK (t - t0)
+        moments = (total[at.STRESS_EPOCHS + places] - epoch * total[at.STRESS + places]) * self._length + (
+            total[at.STRESS_MOMENT + places] - moment * total[at.STRESS + places]
+        )
+        return Tallies(
+            passed,
+            self.collisions - collisions,
+            self.wall_collisions - wall_collisions,
+            total[at.VIRIAL + places],
+            (v * m[:, None]).T @ v * passed - moments,
+            self._sums(at.WALL_IMPULSE),
+            self._sums(at.WALL_RADIUS_IMPULSE),
+        )
+
+    @property
+    def pressure_tensor(self) -> Floats:
+        """Mean pressure tensor since `reset_tallies`, shape (d, d): (kinetic + virial) / (time V).
+
+        The common motion along periodic axes is left out. Source: the virial of impulses, see `compressibility_factor`.
+        """
+        t = self._tallied()
+        p = np.where(self.scene.periodic, self.momentum, 0.0) if self.scene.n > 1 else np.zeros(self.scene.dim)
+        drift = np.outer(p, p) / float(np.sum(self.scene.masses))
+        result: Floats = ((t.kinetic + t.virial) / t.time - drift) / self.scene.volume
+        return result
+
+    @property
+    def compressibility_factor(self) -> float:
+        """Compressibility factor Z = P V / (2 K_th / d) = 1 + W / (2 K_th) since `reset_tallies`.
+
+        W is the virial rate, the sum of r.dp over pair collisions per time; exact for any finite run in a periodic box
+        (Alder and Wainwright 1960, doi:10.1063/1.1731425). With two or more particles K_th leaves out the common motion.
+        """
+        t = self._tallied()
+        return 1.0 + float(np.trace(t.virial)) / (t.time * 2.0 * self.thermal_energy)
+
+    def _tallied(self) -> Tallies:
+        t = self.tallies
+        if t.time <= 0 or self._energy == 0:
+            raise SimulationError("no pressure yet: run the simulation for some time first, with particles that move")
+        return t
+
+    # Trust.
+
+    @property
+    def energy_drift(self) -> float:
+        """Relative change of kinetic energy since the start; 0 for a gas at rest."""
+        energy = kinetic_energy(self.velocities, self.scene.masses)
+        return (energy - self._energy) / self._energy if self._energy > 0 else energy
+
+    @property
+    def momentum_drift(self) -> Floats:
+        """Change of momentum since the start less the walls' impulses, over sum m |v|, shape (d,)."""
+        walls = self._wall_momentum + self._sums(self._at.WALL_IMPULSE)
+        change = self.momentum - self.scene.momentum + (walls[:, 1] - walls[:, 0])
+        scale = float(np.sum(self.scene.masses * np.linalg.norm(self.velocities, axis=1)))
+        drift: Floats = change / scale if scale > 0 else change
+        return drift
+
+    @property
+    def worst_overlap(self) -> float:
+        """Depth of the deepest overlap now, between particles or with a wall, in contact distances (diameters)."""
+        from hardspheres.cells import worst_overlap
+
+        positions, radii, scene = self.positions, self.scene.radii, self.scene
+        i, j, depth = worst_overlap(positions, radii, scene.box, scene.periodic)
+        deepest = depth / (radii[i] + radii[j]) if depth > 0 else 0.0
+        walls = ~scene.periodic
+        if walls.any():
+            beyond = np.maximum(radii[:, None] - positions, positions + radii[:, None] - scene.box)[:, walls]
+            deepest = max(deepest, float(np.max(beyond / (2.0 * radii[:, None]))))
+        return deepest
+
+    def check(self) -> None:
+        """Verify energy, momentum, and that nobody overlaps.
+
+        Raises
+        ------
+        InvariantError
+            When energy or momentum has changed by more than 1e-12 (relative; of sum m |v|) or a pair or wall overlaps by more
+            than 1e-11 diameters.
+        """
+        energy = self.energy_drift
+        if not abs(energy) <= 1e-12:
+            raise InvariantError(f"kinetic energy changed by {energy:.3g} relative to the start; 1e-12 is allowed")
+        for axis, momentum in zip("xyz", self.momentum_drift.tolist(), strict=False):
+            if not abs(momentum) <= 1e-12:
+                raise InvariantError(f"momentum along {axis} changed by {momentum:.3g} of sum m |v|; 1e-12 is allowed")
+        overlap = self.worst_overlap
+        if not overlap <= 1e-11:
+            raise InvariantError(f"particles overlap by {overlap:.3g} diameters; 1e-11 is allowed")
+
+    def status(self) -> dict[str, Any]:
+        """Return where the simulation is, how it searches, and how exact it has been."""
+        from hardspheres import __version__
+
+        at, count, number = self._at, self._engine.arrays.count, self._engine.arrays.number
+        dim = self.scene.dim
+        return {
+            "version": __version__,
+            "particles": self.scene.n,
+            "dimension": dim,
+            "packing_fraction": self.scene.packing_fraction,
+            "boundary": list(self.scene.boundary),
+            "time": self.time,
+            "collisions": self.collisions,
+            "collisions_per_particle": self.collisions_per_particle,
+            "wall_collisions": self.wall_collisions,
+            "temperature": self.temperature,
+            "energy_drift": self.energy_drift,
+            "momentum_drift": float(np.max(np.abs(self.momentum_drift))),
+            "late_events": int(count[at.LATE]),
+            "stale_events": int(count[at.STALE]),
+            "method": "neighbour lists" + (" that name the image" if count[at.IMAGES] else ""),
+            "cell_size": (1.0 / number[at.CELL_DENSITY : at.CELL_DENSITY + dim]).tolist(),
+            "shell": float(number[at.SHELL]),
+            "list_renewals": int(count[at.RENEWALS]),
+            "epoch_length": self._length,
+            "bytes_per_particle": self._engine.bytes / self.scene.n,
+        }
+
+    def __repr__(self) -> str:
+        lines = (f"  {name}: {value:.6g}" if isinstance(value, float) else f"  {name}: {value}" for name, value in self.status().items())
+        return "Simulation\n" + "\n".join(lines)
