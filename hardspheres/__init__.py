@@ -1,1 +1,75 @@
-"""Event-driven gases of hard spheres."""
+"""Event-driven gases of hard spheres.
+
+Importing this package is cheap: names are loaded when they are first used, so that neither Numba nor ASE nor SciPy is
+loaded before it is needed.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from hardspheres.errors import (
+    CheckpointError,
+    HardSpheresError,
+    InvariantError,
+    SceneError,
+    SimulationError,
+    TrajectoryError,
+)
+
+if TYPE_CHECKING:
+    from hardspheres import reference
+    from hardspheres.collision import contact_time, elastic_collision
+    from hardspheres.initial import lattice_gas, random_gas
+    from hardspheres.scene import Scene
+    from hardspheres.simulation import Frame, Simulation
+    from hardspheres.trajectory import TrajectoryWriter, read_trajectory
+    from hardspheres.velocities import draw_velocities
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "CheckpointError",
+    "Frame",
+    "HardSpheresError",
+    "InvariantError",
+    "Scene",
+    "SceneError",
+    "Simulation",
+    "SimulationError",
+    "TrajectoryError",
+    "TrajectoryWriter",
+    "contact_time",
+    "draw_velocities",
+    "elastic_collision",
+    "lattice_gas",
+    "random_gas",
+    "read_trajectory",
+    "reference",
+]
+
+_HOMES = {
+    "Frame": "hardspheres.simulation",
+    "Scene": "hardspheres.scene",
+    "Simulation": "hardspheres.simulation",
+    "TrajectoryWriter": "hardspheres.trajectory",
+    "contact_time": "hardspheres.collision",
+    "draw_velocities": "hardspheres.velocities",
+    "elastic_collision": "hardspheres.collision",
+    "lattice_gas": "hardspheres.initial",
+    "random_gas": "hardspheres.initial",
+    "read_trajectory": "hardspheres.trajectory",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name == "reference":
+        return importlib.import_module("hardspheres.reference")
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(_HOMES[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

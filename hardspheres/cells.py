@@ -1,0 +1,222 @@
+"""Which pairs of points are near: a cell grid in NumPy, for checks and placements outside the event loop.
+
+Cells are never smaller than the cutoff, so every pair closer than it lies in the same or in touching cells. Only occupied
+cells are stored (sorted numbers, found by bisection), so cost and memory grow with the particles and not with the box.
+"""
+
+import itertools
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+CELLS_PER_AXIS = 1 << 20  # three axes then fill 60 bits of a cell number
+PAIRS_AT_ONCE = 1 << 18  # keeps the working arrays within the processor's cache
+MOST_PAIRS = 2e8  # more than these come only from particles heaped on one another
+
+
+class CellGrid:
+    """Points sorted into cells that are at least `cutoff` wide.
+
+    Parameters
+    ----------
+    points : (N, d) array
+        Positions inside the box, lengths in any unit.
+    box : (d,) array
+        Edge lengths.
+    periodic : (d,) bool array
+        Axes that wrap around.
+    cutoff : float
+        Pairs closer than this are found.
+    """
+
+    def __init__(self, points: Floats, box: Floats, periodic: Bools, cutoff: float) -> None:
+        self.box = box
+        self.periodic = periodic
+        cells = np.floor(np.minimum(box / cutoff, CELLS_PER_AXIS)).astype(np.int64)
+        self.shape = np.maximum(cells, 1)
+        numbers = self._number(self._coordinates(points))
+        self.order = np.argsort(numbers, kind="stable")
+        self.cells, self._first = np.unique(numbers[self.order], return_index=True)
+        self._count = np.diff(np.append(self._first, len(points)))
+        self.points = points
+
+    @property
+    def occupancy(self) -> Ints:
+        """Points in each occupied cell."""
+        return self._count
+
+    def members(self, cell: int) -> Ints:
+        """Indices of the points in the `cell`-th occupied cell, ascending."""
+        first = self._first[cell]
+        return self.order[first : first + self._count[cell]]
+
+    def pairs_with(self, others: Floats) -> Iterator[tuple[Ints, Ints]]:
+        """Pairs (index into `others`, index of a stored point) in touching cells, in batches; some come twice.
+
+        A pair comes twice only where a periodic axis has fewer than three cells.
+        """
+        coordinates = self._coordinates(others)
+        home = np.argsort(self._number(coordinates), kind="stable")  # neighbours in memory are neighbours in space
+        coordinates = coordinates[home]
+        for offset in itertools.product((-1, 0, 1), repeat=len(self.box)):
+            first, count = self._look_up(coordinates, offset)
+            for i, slot in _expand(first, count):
+                yield home[i], self.order[slot]
+
+    def pairs(self) -> Iterator[tuple[Ints, Ints]]:
+        """Pairs of stored points in the same or touching cells, in batches; some come twice, none with itself."""
+        coordinates = self._coordinates(self.points[self.order])
+        place = np.arange(len(self.order))
+        last = np.repeat(self._first + self._count, self._count)
+        for i, slot in _expand(place + 1, last - place - 1):
+            yield self.order[i], self.order[slot]
+        dim = len(self.box)
+        for offset in itertools.product((-1, 0, 1), repeat=dim):
+            if offset <= (0,) * dim:  # half of the neighbours: the other half sees this cell
+                continue
+            first, count = self._look_up(coordinates, offset)
+            for i, slot in _expand(first, count):
+                if self.shape.min() < 3:  # a cell may be its own neighbour
+                    i, slot = i[i != slot], slot[i != slot]
+                yield self.order[i], self.order[slot]
+
+    def _coordinates(self, points: Floats) -> Ints:
+        cells = (points * (self.shape / self.box)).astype(np.int64)
+        return np.clip(cells, 0, self.shape - 1)
+
+    def _number(self, coordinates: Ints) -> Ints:
+        number = coordinates[:, 0].copy()
+        for axis in range(1, len(self.shape)):
+            number *= self.shape[axis]
+            number += coordinates[:, axis]
+        return number
+
+    def _look_up(self, coordinates: Ints, offset: tuple[int, ...]) -> tuple[Ints, Ints]:
+        """First slot and number of points in the cell at `offset` from each of the given cells."""
+        number = np.zeros(len(coordinates), dtype=np.int64)
+        outside = np.zeros(len(coordinates), dtype=np.bool_)
+        for axis, step in enumerate(offset):
+            moved = coordinates[:, axis] + step
+            low, high = moved < 0, moved >= self.shape[axis]
+            if self.periodic[axis]:
+                moved[low] += self.shape[axis]
+                moved[high] -= self.shape[axis]
+            elif step:
+                outside |= low | high
+            number *= self.shape[axis]
+            number += moved
+        cell = np.searchsorted(self.cells, number)
+        cell[cell == len(self.cells)] = 0
+        missing = outside | (self.cells[cell] != number)
+        return self._first[cell], np.where(missing, 0, self._count[cell])
+
+
+def _expand(first: Ints, count: Ints) -> Iterator[tuple[Ints, Ints]]:
+    """All (i, first[i] + k) with 0 <= k < count[i], in batches of about `PAIRS_AT_ONCE`."""
+    keep = np.flatnonzero(count)
+    ends = np.cumsum(count[keep])
+    done = 0
+    while done < len(keep):
+        before = ends[done - 1] if done else 0
+        stop = max(done + 1, int(np.searchsorted(ends, before + PAIRS_AT_ONCE, side="right")))
+        some = keep[done:stop]
+        number = count[some]
+        i = np.repeat(some, number)
+        starts = np.cumsum(number) - number
+        yield i, np.arange(len(i)) + np.repeat(first[some] - starts, number)
+        done = stop
+
+
+def distances(a: Floats, b: Floats, i: Ints, j: Ints, box: Floats, periodic: Bools) -> Floats:
+    """Distances between points a[i] and b[j], to the nearest image on periodic axes."""
+    square = np.zeros(len(i))
+    for axis in range(len(box)):
+        step = np.abs(a[i, axis] - b[j, axis])
+        if periodic[axis]:
+            np.minimum(step, np.abs(box[axis] - step), out=step)
+        step *= step
+        square += step
+    return np.sqrt(square)
+
+
+def size_classes(radii: Floats) -> list[Ints]:
+    """Indices of the particles by octaves of the radius, largest first: within one, sizes differ at most twofold."""
+    if radii.min() == radii.max():
+        return [np.arange(len(radii))]
+    octave = np.floor(np.log2(radii.max() / radii)).astype(np.int64)
+    return [np.flatnonzero(octave == k) for k in np.unique(octave)]
+
+
+def most_that_fit(edges: Floats, radius: float) -> int:
+    """No more than this many spheres of at least this radius have their centres in a cell with these edges."""
+    dim = len(edges)
+    one = math.pi ** (dim / 2) / math.gamma(dim / 2 + 1) * radius**dim
+    return int(math.prod(edges + 2 * radius) / one) + 1
+
+
+def worst_overlap(positions: Floats, radii: Floats, box: Floats, periodic: Bools) -> tuple[int, int, float]:
+    """Find the pair that overlaps most, in time and memory proportional to the number of particles.
+
+    Parameters
+    ----------
+    positions : (N, d) array
+        Centres, in [0, L) on periodic axes.
+    radii : (N,) array
+        Radii, all positive; any ratio of sizes (they are searched octave by octave).
+    box : (d,) array
+        Edges; a periodic one at least twice the largest diameter, so that the nearest image decides.
+    periodic : (d,) bool array
+        Axes that wrap around.
+
+    Returns
+    -------
+    i, j, depth : int, int, float
+        The pair, i < j, and the sum of its radii less its distance: positive for an overlap. (0, 0, -inf) when no two
+        particles are near. Where so many particles share one place that looking at all pairs would never end, the worst
+        among a part of them that cannot all fit.
+    """
+    worst = (0, 0, -math.inf)
+    classes = size_classes(radii)
+    grids = []
+    for members in classes:
+        sizes = radii[members]
+        grid = CellGrid(positions[members], box, periodic, 2 * sizes.max())
+        if np.sum(grid.occupancy.astype(np.float64) ** 2) > MOST_PAIRS:
+            limit = most_that_fit(box / grid.shape, float(sizes.min()))
+            if grid.occupancy.max() > limit:
+                part = members[grid.members(int(np.argmax(grid.occupancy)))[: limit + 1]]
+                i, j, depth = worst_overlap(positions[part], radii[part], box, periodic)
+                return int(part[i]), int(part[j]), depth
+        grids.append(grid)
+        for i, j in grid.pairs():
+            worst = _deeper(worst, members[i], members[j], positions, radii, box, periodic)
+    for large, small in itertools.combinations(range(len(classes)), 2):
+        for i, j in grids[large].pairs_with(positions[classes[small]]):
+            worst = _deeper(worst, classes[small][i], classes[large][j], positions, radii, box, periodic)
+    return worst
+
+
+def _deeper(
+    worst: tuple[int, int, float],
+    i: Ints,
+    j: Ints,
+    positions: Floats,
+    radii: Floats,
+    box: Floats,
+    periodic: Bools,
+) -> tuple[int, int, float]:
+    """The deeper of the worst overlap so far and the worst of these pairs; of equals the first found."""
+    if not len(i):
+        return worst
+    depth = radii[i] + radii[j] - distances(positions, positions, i, j, box, periodic)
+    deepest = int(np.argmax(depth))
+    if depth[deepest] <= worst[2]:
+        return worst
+    a, b = int(i[deepest]), int(j[deepest])
+    return min(a, b), max(a, b), float(depth[deepest])

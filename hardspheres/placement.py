@@ -1,0 +1,184 @@
+"""Random sequential placement: spheres put down one after another wherever they still fit, up to saturation.
+
+A particle takes the first random place where it overlaps nothing (random sequential addition; Feder 1980,
+doi 10.1016/0022-5193(80)90358-6). Large particles go first. When fewer than one trial in ten succeeds, the box is divided
+into voxels, those that are covered for sure (no centre fits anywhere inside) are dropped, and trials go to the rest, which
+changes no probability; voxels are halved again whenever trials become rare. With no voxel left there is no room left: the
+placement has jammed, and that is known and not guessed (Zhang, Torquato 2013, doi 10.1103/PhysRevE.88.053312).
+"""
+
+import itertools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hardspheres.cells import CellGrid, distances, size_classes
+from hardspheres.errors import SceneError
+from hardspheres.scene import sphere_volume
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+FEWEST_TRIALS = 4096  # in one round, so that a round is worth its overhead
+RARE = 0.1  # fraction of successful trials below which the room left is mapped
+MOST_VOXELS = 8_000_000
+MOST_IDLE_ROUNDS = 100  # without one success, when voxels can be divided no further
+
+
+def place_at_random(radii: Floats, box: Floats, periodic: Bools, rng: np.random.Generator) -> Floats:
+    """Place spheres at random without overlap.
+
+    Parameters
+    ----------
+    radii : (N,) array
+        Radii in any order.
+    box : (d,) array
+        Edge lengths.
+    periodic : (d,) bool array
+        Periodic axes; on the others spheres stay a radius inside.
+    rng : numpy.random.Generator
+        Source of random numbers.
+
+    Returns
+    -------
+    (N, d) array
+        Centres.
+
+    Raises
+    ------
+    SceneError
+        When no room is left, with the packing fraction reached.
+    """
+    positions = np.empty((len(radii), len(box)))
+    placed: list[Ints] = []  # particles by octaves of their radii
+    for members in size_classes(radii):
+        placed.append(members[:0])
+        room = _Room(float(radii[members].min()), box, periodic)
+        waiting = members[np.argsort(-radii[members], kind="stable")]
+        idle = 0
+        while len(waiting):
+            trials = np.resize(waiting, max(len(waiting), FEWEST_TRIALS))
+            places = room.draw(rng, len(trials))
+            free = np.flatnonzero(_inside(places, radii[trials], box, periodic))
+            for old in filter(len, placed):
+                grid = CellGrid(positions[old], box, periodic, 2 * float(radii[old].max()))
+                free = free[~_hit(grid, radii[old], places[free], radii[trials[free]])]
+            rare = len(free) < RARE * len(trials)
+            free = free[np.sort(np.unique(trials[free], return_index=True)[1])]  # one success for each particle
+            stay = free[_first_come(places[free], radii[trials[free]], box, periodic)]
+            positions[trials[stay]] = places[stay]
+            placed[-1] = np.concatenate([placed[-1], trials[stay]])
+            waiting = waiting[~np.isin(waiting, trials[stay])]
+            idle = 0 if len(stay) else idle + 1
+            if rare and len(waiting):
+                room.shrink([(positions[old], radii[old]) for old in filter(len, placed)])
+            if len(waiting) and (room.is_full or idle >= MOST_IDLE_ROUNDS):
+                raise _jammed(radii, np.concatenate(placed), box)
+    return positions
+
+
+class _Room:
+    """The part of the box where a centre may still fit: first the whole box, later a list of equal voxels."""
+
+    def __init__(self, radius: float, box: Floats, periodic: Bools) -> None:
+        self.radius, self.box, self.periodic = radius, box, periodic
+        self.low = np.where(periodic, 0.0, radius)
+        self.extent = box - 2 * self.low
+        self.edges = self.extent
+        self.voxels = np.zeros((1, len(box)), dtype=np.int64)  # corners, in units of the edges
+
+    @property
+    def is_full(self) -> bool:
+        """Whether no voxel is left."""
+        return len(self.voxels) == 0
+
+    def draw(self, rng: np.random.Generator, n: int) -> Floats:
+        """Return n places, evenly distributed over the room."""
+        inside = rng.random((n, len(self.box)))
+        if len(self.voxels) > 1:
+            inside += self.voxels[rng.integers(len(self.voxels), size=n)]
+        elif len(self.voxels) == 1:
+            inside += self.voxels[0]
+        return np.minimum(self.low + inside * self.edges, np.nextafter(self.low + self.extent, 0.0))
+
+    def shrink(self, placed: list[tuple[Floats, Floats]]) -> None:
+        """Divide the voxels and drop those where no centre fits beside the placed (centres, radii)."""
+        dim = len(self.box)
+        if np.array_equal(self.edges, self.extent):
+            coarse = max(self.radius, float(np.prod(self.extent / MOST_VOXELS ** (1 / dim))) ** (1 / dim))
+            counts = np.maximum(np.ceil(self.extent / coarse), 2).astype(np.int64)
+            self.voxels = np.stack(
+                [axis.ravel() for axis in np.meshgrid(*map(np.arange, counts), indexing="ij")], axis=1
+            )
+            self.edges = self.extent / counts
+        elif len(self.voxels) * 2**dim <= MOST_VOXELS:
+            halves = np.array(list(itertools.product((0, 1), repeat=dim)))
+            self.voxels = (2 * self.voxels[:, None, :] + halves).reshape(-1, dim)
+            self.edges = self.edges / 2
+        else:
+            return
+        covered = np.zeros(len(self.voxels), dtype=np.bool_)
+        centres = self.low + (self.voxels + 0.5) * self.edges
+        for points, radii in placed:
+            grid = CellGrid(points, self.box, self.periodic, float(radii.max()) + self.radius)
+            open_ = np.flatnonzero(~covered)
+            for i, j in grid.pairs_with(centres[open_]):
+                reach = _farthest_corner(centres[open_[i]], points[j], self.edges, self.box, self.periodic)
+                covered[open_[i[reach <= radii[j] + self.radius]]] = True
+        self.voxels = self.voxels[~covered]
+
+
+def _farthest_corner(centres: Floats, points: Floats, edges: Floats, box: Floats, periodic: Bools) -> Floats:
+    """Distance from each point to the farthest corner of the voxel with this centre."""
+    step = np.abs(centres - points)
+    step = np.where(periodic, np.minimum(step, np.abs(box - step)), step) + 0.5 * edges
+    farthest: Floats = np.sqrt(np.sum(step * step, axis=1))
+    return farthest
+
+
+def _inside(places: Floats, radii: Floats, box: Floats, periodic: Bools) -> Bools:
+    """Which of these spheres reach beyond no wall."""
+    room = (places >= radii[:, None]) & (places <= box - radii[:, None])
+    inside: Bools = np.all(room | periodic, axis=1)
+    return inside
+
+
+def _hit(grid: CellGrid, old: Floats, places: Floats, radii: Floats) -> Bools:
+    """Which of the spheres at these places overlap a sphere of the grid, whose radii are `old`."""
+    hit = np.zeros(len(places), dtype=np.bool_)
+    for i, j in grid.pairs_with(places):
+        hit[i[distances(places, grid.points, i, j, grid.box, grid.periodic) < radii[i] + old[j]]] = True
+    return hit
+
+
+def _first_come(places: Floats, radii: Floats, box: Floats, periodic: Bools) -> Bools:
+    """Which spheres stay when each must not overlap any that stayed before it, in the order given.
+
+    All spheres without an overlap to an earlier one still undecided stay at once, and remove those they overlap, until
+    all are decided: the same answer as one by one, in a few rounds.
+    """
+    stays = np.ones(len(places), dtype=np.bool_)
+    if not len(places):
+        return stays
+    early, late = [np.empty(0, dtype=np.int64)], [np.empty(0, dtype=np.int64)]
+    for i, j in CellGrid(places, box, periodic, 2 * float(radii.max())).pairs():
+        close = distances(places, places, i, j, box, periodic) < radii[i] + radii[j]
+        early.append(np.minimum(i, j)[close])
+        late.append(np.maximum(i, j)[close])
+    first, second = np.concatenate(early), np.concatenate(late)
+    while len(first):
+        waiting = np.zeros(len(places), dtype=np.bool_)
+        waiting[second] = True
+        stays[second[~waiting[first]]] = False
+        open_ = waiting[first] & stays[first] & stays[second]
+        first, second = first[open_], second[open_]
+    return stays
+
+
+def _jammed(radii: Floats, placed: Ints, box: Floats) -> SceneError:
+    reached = float(np.sum(sphere_volume(radii[placed], len(box)))) / float(np.prod(box))
+    return SceneError(
+        f"random placement jammed at packing fraction {reached:.4f}, with {len(placed)} of {len(radii)} particles "
+        "placed; ask for less than that, or start from lattice_gas"
+    )

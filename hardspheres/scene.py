@@ -1,0 +1,448 @@
+"""A scene of hard spheres: who is where, how fast, how large and heavy, in which box. Checked once, then trusted."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hardspheres.cells import worst_overlap
+from hardspheres.errors import SceneError
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+BOUNDARIES = ("periodic", "wall")
+AXES = "xyz"
+
+
+@dataclass(frozen=True, init=False, eq=False, repr=False)
+class Scene:
+    """Hard spheres (or discs) in a box.
+
+    All numbers are in any one consistent set of units (reduced units: lengths in diameters, masses in particle masses,
+    kT = 1). Arrays are copied, made read-only and checked once, here; the engine then trusts them.
+
+    Parameters
+    ----------
+    positions : (N, d) array_like
+        Centres, d = 2 or 3, N >= 1. The box spans [0, L] on each axis. On periodic axes any value is taken and wrapped
+        into [0, L); on wall axes a centre lies at least a radius inside.
+    velocities : (N, d) array_like
+        Velocities.
+    radii : float or (N,) array_like
+        Radii, positive.
+    masses : float or (N,) array_like
+        Masses, positive.
+    box : (d,) array_like
+        Edge lengths. A periodic axis is at least two largest diameters long (so that no pair meets through two images at
+        once), a wall axis at least one.
+    boundary : str or sequence of str
+        ``"periodic"`` or ``"wall"`` (elastic, smooth), for all axes or one word for each.
+
+    Attributes
+    ----------
+    positions, velocities : (N, d) float64 array
+        As given, positions wrapped. Read-only, C order.
+    radii, masses : (N,) float64 array
+        One entry for each particle. Read-only.
+    box : (d,) float64 array
+        Edge lengths. Read-only.
+    boundary : tuple of str
+        One word for each axis.
+    periodic : (d,) bool array
+        True where the axis is periodic. Read-only.
+    species : (N,) int32 array
+        Number of the particle's kind: particles of one kind have the same mass and the same radius, and kinds are numbered
+        in the order in which they first appear. Read-only.
+
+    Raises
+    ------
+    SceneError
+        For the first thing that is wrong: shape, type, a value that is not finite or not positive, a particle beyond a
+        wall, a box too short, an overlap (the worst is named). Spheres may touch. They may also overlap, or reach beyond a
+        wall, by the rounding of coordinates in a box of this size, `contact_tolerance`: four units in the last place of
+        the longest edge (9e-15 in a box of edge 10).
+    """
+
+    positions: Floats
+    velocities: Floats
+    radii: Floats
+    masses: Floats
+    box: Floats
+    boundary: tuple[str, ...]
+    periodic: Bools
+    species: NDArray[np.int32]
+
+    def __init__(
+        self,
+        positions: ArrayLike,
+        velocities: ArrayLike,
+        radii: ArrayLike = 0.5,
+        masses: ArrayLike = 1.0,
+        box: ArrayLike = (10, 10, 10),
+        boundary: str | Sequence[str] = "periodic",
+    ) -> None:
+        places = _numbers(positions, "positions")
+        if places.ndim != 2 or places.shape[1] not in (2, 3):
+            raise SceneError(
+                f"positions have shape {places.shape}; they need one row for each particle and 2 or 3 columns"
+            )
+        n, dim = places.shape
+        if n == 0:
+            raise SceneError("a scene needs at least one particle; positions are empty")
+        speeds = _numbers(velocities, "velocities")
+        if speeds.shape != places.shape:
+            raise SceneError(f"velocities have shape {speeds.shape}; they need that of positions, {places.shape}")
+        edges = _edges(box, dim)
+        words = boundary_words(boundary, dim)
+        _require_finite(places, "position")
+        _require_finite(speeds, "velocity")
+        sizes = one_per_particle(radii, "radii", n)
+        weights = one_per_particle(masses, "masses", n)
+        periodic = np.array([word == "periodic" for word in words])
+        places = _wrapped(places, edges, periodic)
+        _require_representable(places, speeds, sizes, weights, edges)
+        _require_long_axes(sizes, edges, periodic)
+        _require_inside(places, sizes, edges, periodic)
+        _require_no_overlap(places, sizes, edges, periodic)
+        self._store(places, speeds, sizes, weights, edges, words, periodic, _kinds(weights, sizes))
+
+    def _store(self, *values: Any) -> None:
+        """Set the fields in their order, arrays read-only."""
+        for name, value in zip(self.__dataclass_fields__, values, strict=True):
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+            object.__setattr__(self, name, value)
+
+    def __getstate__(self) -> tuple[Any, ...]:
+        return tuple(getattr(self, name) for name in self.__dataclass_fields__)
+
+    def __setstate__(self, state: tuple[Any, ...]) -> None:
+        self._store(*state)  # an unpickled array has forgotten that it is read-only
+
+    @property
+    def n(self) -> int:
+        """Number of particles N."""
+        return self.positions.shape[0]
+
+    @property
+    def dim(self) -> int:
+        """Dimension d of space, 2 or 3."""
+        return self.positions.shape[1]
+
+    @property
+    def volume(self) -> float:
+        """Volume of the box (area in 2D), length^d."""
+        return math.prod(self.box.tolist())
+
+    @property
+    def number_density(self) -> float:
+        """Particles per volume of the box, 1/length^d."""
+        return self.n / self.volume
+
+    @property
+    def packing_fraction(self) -> float:
+        """Fraction of the box that the particles fill (area fraction in 2D)."""
+        return float(np.sum(sphere_volume(self.radii, self.dim))) / self.volume
+
+    @property
+    def momentum(self) -> Floats:
+        """Total momentum, shape (d,), mass length/time."""
+        return total_momentum(self.velocities, self.masses)
+
+    @property
+    def kinetic_energy(self) -> float:
+        """Kinetic energy, the motion of the whole included."""
+        return kinetic_energy(self.velocities, self.masses)
+
+    @property
+    def thermal_energy(self) -> float:
+        """Kinetic energy less that of the common motion along periodic axes, sum of P_k^2 / 2M (see `thermal_energy`)."""
+        return thermal_energy(self.velocities, self.masses, self.periodic)
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """Free momenta: d N less the number of periodic axes; d for a single particle."""
+        return degrees_of_freedom(self.n, self.periodic)
+
+    @property
+    def temperature(self) -> float:
+        """Temperature kT = 2 thermal_energy / degrees_of_freedom, in units of energy."""
+        return 2 * self.thermal_energy / self.degrees_of_freedom
+
+    def replace(self, **changes: Any) -> "Scene":
+        """Return a scene with some of the constructor's arguments replaced, checked anew.
+
+        Parameters
+        ----------
+        **changes
+            Any of `positions`, `velocities`, `radii`, `masses`, `box`, `boundary`.
+
+        Returns
+        -------
+        Scene
+            The new scene; this one stays as it is.
+
+        Raises
+        ------
+        SceneError
+            As the constructor does.
+        """
+        names = ("positions", "velocities", "radii", "masses", "box", "boundary")
+        return Scene(**{name: getattr(self, name) for name in names} | changes)
+
+    def with_state(self, positions: Floats, velocities: Floats) -> "Scene":
+        """Return the same particles and box in a state that the dynamics has reached, without checking it again.
+
+        The engine leaves contacts that overlap by its rounding (below 1e-11 diameters), which a scene made by hand may
+        not have; everything else holds by construction.
+
+        Parameters
+        ----------
+        positions : (N, d) float64 array
+            Centres, in [0, L) on periodic axes. Copied.
+        velocities : (N, d) float64 array
+            Velocities. Copied.
+
+        Returns
+        -------
+        Scene
+            The new scene, sharing radii, masses and box with this one.
+        """
+        scene = object.__new__(Scene)
+        here = np.array(positions, dtype=np.float64, order="C")
+        there = np.array(velocities, dtype=np.float64, order="C")
+        if here.shape != self.positions.shape or there.shape != self.positions.shape:
+            raise SceneError(f"a state of this scene has positions and velocities of shape {self.positions.shape}")
+        scene._store(
+            here, there, self.radii, self.masses, self.box, self.boundary, self.periodic, self.species
+        )
+        return scene
+
+    @classmethod
+    def from_atoms(cls, atoms: Any, radius: ArrayLike | None = None) -> "Scene":
+        """Return the scene in an ASE Atoms object; see `hardspheres.trajectory.from_atoms`."""
+        from hardspheres.trajectory import from_atoms
+
+        return from_atoms(atoms, radius)
+
+    def to_atoms(self) -> Any:
+        """Return the scene as an ASE Atoms object; see `hardspheres.trajectory.to_atoms`."""
+        from hardspheres.trajectory import to_atoms
+
+        return to_atoms(self)
+
+    def __repr__(self) -> str:
+        edges = " x ".join(f"{edge:.6g}" for edge in self.box)
+        walls = self.boundary[0] if len(set(self.boundary)) == 1 else ", ".join(self.boundary)
+        kinds = int(self.species.max()) + 1
+        mixture = f", {kinds} species" if kinds > 1 else ""
+        return (
+            f"Scene({self.n} particles in {self.dim}D{mixture}, box {edges} ({walls}), "
+            f"packing_fraction={self.packing_fraction:.6g}, temperature={self.temperature:.6g})"
+        )
+
+
+def sphere_volume(radii: Floats, dim: int) -> Floats:
+    """Volumes of spheres (areas of discs): 4/3 pi r^3 in 3D, pi r^2 in 2D."""
+    return (4 / 3) * math.pi * radii * radii * radii if dim == 3 else math.pi * radii * radii
+
+
+def total_momentum(velocities: Floats, masses: Floats) -> Floats:
+    """Total momentum sum of m v, shape (d,)."""
+    return np.sum(masses[:, None] * velocities, axis=0)
+
+
+def kinetic_energy(velocities: Floats, masses: Floats) -> float:
+    """Kinetic energy sum of m v^2 / 2."""
+    return 0.5 * float(np.sum(masses * np.sum(velocities * velocities, axis=1)))
+
+
+def degrees_of_freedom(n: int, periodic: Bools) -> int:
+    """Free momenta: d N less one for each periodic axis, where the total momentum is conserved.
+
+    A single particle has nothing to move against: all its motion counts as thermal, d degrees of freedom.
+    """
+    return len(periodic) * n - (int(np.sum(periodic)) if n > 1 else 0)
+
+
+def thermal_energy(velocities: Floats, masses: Floats, periodic: Bools) -> float:
+    """Kinetic energy relative to the common motion along periodic axes.
+
+    K_th = K - sum over periodic axes of P_k^2 / 2M, computed as sum of m (v - P/M)^2 / 2, which has no cancellation. A
+    wall does not let the whole move, so its axis keeps all of K; so do all axes for a single particle.
+    """
+    return kinetic_energy(velocities - drift(velocities, masses, periodic), masses)
+
+
+def drift(velocities: Floats, masses: Floats, periodic: Bools) -> Floats:
+    """Velocity of the common motion, P/M on periodic axes and zero on others (and for a single particle), shape (d,)."""
+    if len(masses) == 1:
+        return np.zeros(len(periodic))
+    return np.where(periodic, total_momentum(velocities, masses) / float(np.sum(masses)), 0.0)
+
+
+def contact_tolerance(box: Floats) -> float:
+    """Depth of overlap that rounding alone explains: 4 eps times the longest edge.
+
+    Two centres rounded to the spacing of doubles near L are off by up to eps L/2 on each axis, so their distance by up to
+    sqrt(3) eps L; folding it to the nearest image and taking the root add less than eps L more.
+    """
+    return 4 * float(np.finfo(np.float64).eps) * float(box.max())
+
+
+def boundary_words(boundary: str | Sequence[str], dim: int) -> tuple[str, ...]:
+    """Return one word for each axis, or raise SceneError."""
+    words = (boundary,) * dim if isinstance(boundary, str) else boundary
+    if not isinstance(words, (tuple, list)) or not all(isinstance(w, str) and w in BOUNDARIES for w in words):
+        raise SceneError(
+            f'boundary is {boundary!r}; it must be "periodic" or "wall", or a sequence of one of them for each axis'
+        )
+    if len(words) != dim:
+        raise SceneError(f"boundary has {len(words)} words for {dim} axes; give one word, or one for each axis")
+    return tuple(words)
+
+
+def one_per_particle(values: ArrayLike, name: str, n: int) -> Floats:
+    """Radii or masses as (n,) positive finite numbers, from a number or n of them; else SceneError."""
+    numbers = _numbers(values, name)
+    if numbers.ndim == 0:
+        numbers = np.full(n, numbers[()])
+    if numbers.shape != (n,):
+        raise SceneError(
+            f"{name} have shape {numbers.shape}; they must be one number or one for each of the {n} particles"
+        )
+    bad = np.flatnonzero(~(np.isfinite(numbers) & (numbers > 0)))
+    if len(bad):
+        singular = {"radii": "radius", "masses": "mass"}.get(name, name)
+        raise SceneError(
+            f"the {singular} of particle {bad[0]} is {numbers[bad[0]]}; it must be positive and finite"
+        )
+    return numbers
+
+
+def _numbers(values: ArrayLike, name: str) -> Floats:
+    """Copy real numbers into a float64 array in C order, or raise SceneError."""
+    try:
+        raw = np.asarray(values)
+    except (TypeError, ValueError) as error:  # ragged rows, or an object that is no array
+        raise SceneError(f"{name} cannot be made an array of numbers: rows differ in length or type") from error
+    if raw.dtype.kind not in "iuf":
+        kind = {"b": "truth values", "c": "complex numbers", "U": "text", "S": "text"}.get(
+            raw.dtype.kind, str(raw.dtype)
+        )
+        raise SceneError(f"{name} hold {kind}; they must be real numbers")
+    return np.array(raw, dtype=np.float64, order="C")
+
+
+def _edges(box: ArrayLike, dim: int) -> Floats:
+    edges = _numbers(box, "box edges")
+    if edges.shape != (dim,):
+        raise SceneError(
+            f"box has shape {edges.shape}, but the positions are {dim}-dimensional; give {dim} edge lengths"
+        )
+    for axis, edge in enumerate(edges):
+        if not (math.isfinite(edge) and edge > 0):
+            raise SceneError(f"the box edge along {AXES[axis]} is {edge}; it must be positive and finite")
+    return edges
+
+
+def _require_finite(values: Floats, what: str) -> None:
+    if np.isfinite(values).all():
+        return
+    particle, axis = np.argwhere(~np.isfinite(values))[0]
+    raise SceneError(
+        f"the {what} of particle {particle} along {AXES[axis]} is {values[particle, axis]}; it must be finite"
+    )
+
+
+def _wrapped(positions: Floats, box: Floats, periodic: Bools) -> Floats:
+    """Positions with periodic coordinates in [0, L); those already there keep their bits."""
+    for axis in np.flatnonzero(periodic):
+        column = positions[:, axis]
+        outside = (column < 0) | (column >= box[axis])
+        folded = np.mod(column[outside], box[axis])
+        folded[folded >= box[axis]] = 0.0  # -1e-20 folds to L - 1e-20, which rounds to L
+        column[outside] = folded
+    return positions
+
+
+def _require_representable(
+    positions: Floats, velocities: Floats, radii: Floats, masses: Floats, box: Floats
+) -> None:
+    """Refuse units in which squares and products leave the range of doubles."""
+    dim = len(box)
+    with np.errstate(over="ignore", under="ignore"):
+        filled = float(np.sum(sphere_volume(radii, dim)))
+        energy = kinetic_energy(velocities, masses)
+        extent = math.prod(box.tolist())
+    tiny = float(np.finfo(np.float64).tiny)
+    if not (tiny <= extent < math.inf and tiny <= filled < math.inf):
+        raise SceneError(
+            "volumes of the box or the particles leave the range of double precision; choose another unit of length"
+        )
+    if not math.isfinite(energy):
+        raise SceneError(
+            "the kinetic energy leaves the range of double precision; choose other units of time or mass"
+        )
+
+
+def _require_long_axes(radii: Floats, box: Floats, periodic: Bools) -> None:
+    largest = 2 * float(radii.max())
+    for axis, edge in enumerate(box):
+        needed = 2 * largest if periodic[axis] else largest
+        if edge < needed:
+            kind, times = ("periodic", "two") if periodic[axis] else ("wall", "one")
+            plural = "s" if periodic[axis] else ""
+            raise SceneError(
+                f"the box edge along {AXES[axis]} is {edge:.17g}, but a {kind} axis must be at least {times} largest "
+                f"diameter{plural} long, {needed:.17g}"
+            )
+
+
+def _require_inside(positions: Floats, radii: Floats, box: Floats, periodic: Bools) -> None:
+    depth, particle, axis = worst_beyond_wall(positions, radii, box, periodic)
+    if depth > contact_tolerance(box):
+        raise SceneError(
+            f"particle {particle} reaches {depth:.6g} beyond a wall along {AXES[axis]}: its coordinate is "
+            f"{positions[particle, axis]:.17g}, and a radius {radii[particle]:.6g} leaves room from "
+            f"{radii[particle]:.17g} to {box[axis] - radii[particle]:.17g}"
+        )
+
+
+def worst_beyond_wall(
+    positions: Floats, radii: Floats, box: Floats, periodic: Bools
+) -> tuple[float, int, int]:
+    """How far a particle reaches beyond a wall at worst, which one, and along which axis; (-inf, 0, 0) without walls."""
+    worst = (-math.inf, 0, 0)
+    for axis in np.flatnonzero(~periodic):
+        beyond = np.maximum(radii - positions[:, axis], positions[:, axis] - (box[axis] - radii))
+        particle = int(np.argmax(beyond))
+        if beyond[particle] > worst[0]:
+            worst = (float(beyond[particle]), particle, int(axis))
+    return worst
+
+
+def _require_no_overlap(positions: Floats, radii: Floats, box: Floats, periodic: Bools) -> None:
+    i, j, depth = worst_overlap(positions, radii, box, periodic)
+    if depth > contact_tolerance(box):
+        contact = float(radii[i] + radii[j])
+        raise SceneError(
+            f"particles {i} and {j} overlap by {depth / contact:.4g} diameters (the worst overlap): they are "
+            f"{contact - depth:.17g} apart and touch at {contact:.17g}; move them apart or reduce their radii"
+        )
+
+
+def _kinds(masses: Floats, radii: Floats) -> NDArray[np.int32]:
+    """Number the distinct (mass, radius) pairs in the order in which they first appear."""
+    if masses.min() == masses.max() and radii.min() == radii.max():
+        return np.zeros(len(masses), dtype=np.int32)
+    pairs = np.empty(len(masses), dtype=np.complex128)  # sorts by mass, then radius
+    pairs.real, pairs.imag = masses, radii
+    _, first, kind = np.unique(pairs, return_index=True, return_inverse=True)
+    rank = np.empty(len(first), dtype=np.int32)
+    rank[np.argsort(first)] = np.arange(len(first), dtype=np.int32)
+    return rank[kind]

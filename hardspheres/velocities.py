@@ -1,0 +1,197 @@
+"""Velocities to start from: Maxwell, equal speeds, two temperatures, two beams; momentum removed, energy set exactly."""
+
+import math
+import operator
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hardspheres.errors import SceneError
+from hardspheres.scene import Scene, degrees_of_freedom, drift, thermal_energy
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Seed = int | np.random.SeedSequence
+
+POSITIONS, VELOCITIES = 0x706F7369, 0x76656C6F  # names of the two streams drawn from one seed
+
+
+def stream(seed: Seed, name: int) -> np.random.Generator:
+    """Return an independent stream of random numbers for each name; the same seed and name give the same stream.
+
+    Raises
+    ------
+    SceneError
+        When the seed is no integer >= 0 and no SeedSequence.
+    """
+    if not isinstance(seed, np.random.SeedSequence):
+        try:
+            number = -1 if isinstance(seed, bool) else operator.index(seed)
+        except TypeError:
+            number = -1
+        if number < 0:
+            raise SceneError(f"seed is {seed!r}; it must be an integer >= 0 or a numpy.random.SeedSequence")
+        seed = np.random.SeedSequence(number)
+    # Not seed.spawn, which would count, and so give other numbers when the same object comes a second time.
+    return np.random.default_rng(
+        np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, name), pool_size=seed.pool_size)
+    )
+
+
+def draw_velocities(
+    scene: Scene,
+    velocities: str = "maxwell",
+    *,
+    temperature: float = 1.0,
+    temperature_ratio: float = 3.0,
+    seed: Seed,
+) -> Floats:
+    """Draw velocities for the particles of a scene.
+
+    The momentum along periodic axes, where the dynamics conserves it, is removed; then all velocities are scaled so that
+    ``scene.replace(velocities=v).temperature`` equals `temperature` to rounding. Along walls momentum is not conserved and
+    is left as drawn. A single particle keeps its momentum.
+
+    Parameters
+    ----------
+    scene : Scene
+        Gives masses, species, dimension and boundaries. Its own velocities and positions do not matter.
+    velocities : str
+        ``"maxwell"``: each component normal with variance kT/m.
+
+        ``"equal-speeds"``: random directions, and for all particles of one mass one speed, sqrt(d kT/m) but for the
+        correction of the degrees of freedom. Particles of one mass move in opposite pairs drawn at random, an odd one
+        out in a trio at 120 degrees in a random plane, so that the momentum is zero to rounding and nothing has to be
+        removed. A mass that only one particle has cannot be paired: then the momentum is removed along periodic axes,
+        which spoils the equality of speeds by that much.
+
+        ``"two-temperatures"``: a hot and a cold gas, each Maxwell, T_hot / T_cold = `temperature_ratio` exactly, each
+        at rest along periodic axes. In a mixture the first species is hot and the others are cold; particles all alike
+        are divided at random into halves.
+
+        ``"beams"``: half of the particles, drawn at random (mass by mass), move along +x and half along -x, all with one
+        speed. On a lattice whose rows along x are more than a diameter apart they would only ever meet head-on; start
+        beams from `random_gas`.
+    temperature : float
+        kT of the whole, in units of energy, >= 0. Zero puts everything at rest.
+    temperature_ratio : float
+        T_hot / T_cold of ``"two-temperatures"``, positive.
+    seed : int or numpy.random.SeedSequence
+        Source of all random choices. The velocities are those that `lattice_gas` and `random_gas` draw from this seed.
+
+    Returns
+    -------
+    (N, d) float64 array
+        Velocities.
+
+    Raises
+    ------
+    SceneError
+        When an argument is not one of those above.
+    """
+    if not isinstance(velocities, str) or velocities not in DISTRIBUTIONS:
+        words = ", ".join(f'"{word}"' for word in DISTRIBUTIONS)
+        raise SceneError(f"velocities is {velocities!r}; it must be one of {words}")
+    if not (isinstance(temperature, (int, float)) and 0 <= temperature < math.inf):
+        raise SceneError(f"temperature is {temperature!r}; it must be a finite number >= 0")
+    if not (isinstance(temperature_ratio, (int, float)) and 0 < temperature_ratio < math.inf):
+        raise SceneError(f"temperature_ratio is {temperature_ratio!r}; it must be a positive finite number")
+    rng = stream(seed, VELOCITIES)
+    if velocities == "two-temperatures":
+        drawn = _two_temperatures(rng, scene, float(temperature_ratio))
+    else:
+        drawn = DISTRIBUTIONS[velocities](rng, scene)
+    for _ in range(2):  # the second pass takes out what the first one rounded
+        drawn = drawn - drift(drawn, scene.masses, scene.periodic)
+        drawn = _scaled_to(drawn, scene, float(temperature))
+    return drawn
+
+
+def _maxwell(rng: np.random.Generator, scene: Scene) -> Floats:
+    return rng.standard_normal((scene.n, scene.dim)) / np.sqrt(scene.masses)[:, None]
+
+
+def _equal_speeds(rng: np.random.Generator, scene: Scene) -> Floats:
+    directions = np.empty((scene.n, scene.dim))
+    for members in _shuffled_by_mass(rng, scene):
+        trio = 3 if len(members) % 2 and len(members) > 1 else 0
+        if trio:
+            directions[members[:3]] = _trio(rng, scene.dim)
+        pairs = (len(members) - trio) // 2
+        half = _unit_vectors(rng, pairs, scene.dim)
+        directions[members[trio : trio + pairs]] = half
+        directions[members[trio + pairs : trio + 2 * pairs]] = -half
+        if len(members) == 1:
+            directions[members] = _unit_vectors(rng, 1, scene.dim)
+    return directions / np.sqrt(scene.masses)[:, None]
+
+
+def _two_temperatures(rng: np.random.Generator, scene: Scene, ratio: float) -> Floats:
+    drawn = _maxwell(rng, scene)
+    shuffled = rng.permutation(scene.n)
+    if scene.species.any():
+        hot, cold = np.flatnonzero(scene.species == 0), np.flatnonzero(scene.species)
+    else:
+        hot, cold = shuffled[: (scene.n + 1) // 2], shuffled[(scene.n + 1) // 2 :]
+    for members, kT in ((hot, ratio), (cold, 1.0)):
+        if not len(members):
+            continue
+        masses = scene.masses[members]
+        part = drawn[members] - drift(drawn[members], masses, scene.periodic)
+        energy = thermal_energy(part, masses, scene.periodic)
+        freedom = degrees_of_freedom(len(members), scene.periodic)
+        drawn[members] = part * math.sqrt(freedom * kT / (2 * energy))
+    return drawn
+
+
+def _beams(rng: np.random.Generator, scene: Scene) -> Floats:
+    drawn = np.zeros((scene.n, scene.dim))
+    sign = 1.0  # an odd one out goes alternately this way and that
+    for members in _shuffled_by_mass(rng, scene):
+        half = (len(members) + 1) // 2
+        drawn[members[:half], 0] = sign
+        drawn[members[half:], 0] = -sign
+        sign = -sign if len(members) % 2 else sign
+    return drawn
+
+
+DISTRIBUTIONS: dict[str, Callable[[np.random.Generator, Scene], Floats]] = {
+    "maxwell": _maxwell,
+    "equal-speeds": _equal_speeds,
+    "two-temperatures": lambda rng, scene: _two_temperatures(rng, scene, 3.0),
+    "beams": _beams,
+}
+
+
+def _shuffled_by_mass(rng: np.random.Generator, scene: Scene) -> list[Ints]:
+    """Indices of the particles of each mass, in random order: partners are not neighbours on a lattice."""
+    shuffled = rng.permutation(scene.n)
+    if scene.masses.min() == scene.masses.max():
+        return [shuffled]
+    by_mass = shuffled[np.argsort(scene.masses[shuffled], kind="stable")]
+    return np.split(by_mass, np.flatnonzero(np.diff(scene.masses[by_mass])) + 1)
+
+
+def _unit_vectors(rng: np.random.Generator, n: int, dim: int) -> Floats:
+    """Directions distributed evenly over the sphere: normal vectors over their lengths."""
+    vectors = rng.standard_normal((n, dim))
+    unit: Floats = vectors / np.sqrt(np.sum(vectors * vectors, axis=1, keepdims=True))
+    return unit
+
+
+def _trio(rng: np.random.Generator, dim: int) -> Floats:
+    """Three unit vectors at 120 degrees in a random plane."""
+    first, other = _unit_vectors(rng, 2, dim)
+    second = other - first * np.sum(first * other)
+    second /= math.sqrt(np.sum(second * second))
+    across = math.sqrt(0.75) * second
+    return np.array([first, -0.5 * first + across, -0.5 * first - across])
+
+
+def _scaled_to(velocities: Floats, scene: Scene, temperature: float) -> Floats:
+    if temperature == 0:
+        return np.zeros_like(velocities)
+    energy = thermal_energy(velocities, scene.masses, scene.periodic)
+    wanted = 0.5 * degrees_of_freedom(scene.n, scene.periodic) * temperature
+    return velocities * math.sqrt(wanted / energy)
