@@ -169,7 +169,7 @@ class Engine:
             total=np.zeros(at.SUMS),
             **self._searching_arrays(count),
         )
-        self.prepare()
+        self._afresh = True
 
     def _searching_arrays(self, count: Any) -> dict[str, Any]:
         """Allocate everything that the search needs and that can be found again from the rows."""
@@ -189,37 +189,27 @@ class Engine:
             "agenda_entry": np.zeros(int(count[at.AGENDA_ROOM]), dtype=np.int64),
         }
 
-    def prepare(self) -> None:
-        """Find lists, events and calendar from the rows, making room where it runs out."""
-        self.kernels.prepare(self.arrays, self.cells, self.chunks)
-        while self._make_room():
-            self.kernels.prepare(self.arrays, self.cells, self.chunks)
-
-    def _make_room(self) -> bool:
-        """Double whatever ran out; False where nothing did."""
+    def _make_room(self) -> None:
+        """Double whatever ran out; the search then starts again from the rows."""
         at, count = self.layout, self.arrays.count
-        short = [bool(count[slot]) for slot in (at.SHORT_LISTS, at.SHORT_CELLS, at.SHORT_QUEUE)]
-        if not any(short):
-            return False
-        if short[0]:
+        if count[at.SHORT_LISTS]:
             count[at.LIST_ROOM] *= 2
-        if short[1]:
+        if count[at.SHORT_CELLS]:
             count[at.CELL_ROOM] *= 2
-        if short[2]:
+        if count[at.SHORT_QUEUE]:
             count[at.AGENDA_ROOM] *= 2
             self.chunks *= 2
         count[[at.SHORT_LISTS, at.SHORT_CELLS, at.SHORT_QUEUE]] = 0
         self.arrays = self.arrays._replace(**self._searching_arrays(count))
-        return True
 
     def run(self, stop_epoch: int, stop_time: float, stop_pairs: int, budget: int) -> bool:
         """Execute events up to a time or a number of pair collisions; False where the budget of work ran out first."""
         status = self.kernels.run(
-            self.arrays, self.cells, self.chunks, stop_epoch, stop_time, stop_pairs, budget
+            self.arrays, self.cells, self.chunks, self._afresh, stop_epoch, stop_time, stop_pairs, budget
         )
-        if status == self.kernels.NO_ROOM:
+        self._afresh = status == self.kernels.NO_ROOM
+        if self._afresh:
             self._make_room()
-            self.prepare()
         elif status == self.kernels.STANDS_STILL:
             raise SimulationError(
                 f"time stands still: {1000 * self.scene.n} events without progress at "

@@ -72,8 +72,7 @@ AGENDA_ROOM = 19
 SHORT_LISTS = 20  # set where room ran out: the run stops, makes room and starts its search again from the rows
 SHORT_CELLS = 21
 SHORT_QUEUE = 22
-POPPED = 23  # queue entries taken since the calendar was made, for its bucket width
-LAST_PAIR_EPOCH = 24  # epoch of the last pair collision
+LAST_PAIR_EPOCH = 23  # epoch of the last pair collision
 COUNTERS = 32
 
 # Calendar: chunks of 8 int64: the next chunk (-1: none) and how many entries, then 7 entries id << 32 | stamp.

@@ -20,7 +20,6 @@ from .layout import (
     PAIRS,
     PARTNER,
     PARTNER_VERSION,
-    POPPED,
     RENEW,
     SHORT_CELLS,
     SHORT_LISTS,
@@ -37,7 +36,7 @@ from .layout import (
 from .neighbours import make_all_lists, renew_list
 from .prediction import next_event
 
-__all__ = ["DONE", "NO_ROOM", "PAUSED", "STANDS_STILL", "layout", "prepare", "run"]
+__all__ = ["DONE", "NO_ROOM", "PAUSED", "STANDS_STILL", "layout", "run"]
 
 # What `run` returns.
 DONE = 0  # reached the time or the number of collisions asked for
@@ -65,84 +64,81 @@ def predict_all(s, now, chunks):
 
 
 @entry
-def prepare(arrays, cells, chunks):
-    """Find lists, events and calendar again from the rows, which stay as they are."""
-    s = pointers(arrays)
-    now = max(s.number[NOW], 0.0)
-    make_all_lists(s, now, cells)
-    if s.count[SHORT_CELLS] == 0 and s.count[SHORT_LISTS] == 0:
-        predict_all(s, now, chunks)
-
-
-@entry
-def run(arrays, cells, chunks, stop_epoch, stop_time, stop_pairs, budget):
+def run(arrays, cells, chunks, afresh, stop_epoch, stop_time, stop_pairs, budget):
     """Execute events in their order.
 
     Stops after the pair collision that makes PAIRS equal `stop_pairs`, or before the first event later than `stop_time` in
-    epoch `stop_epoch`. `budget` bounds the work of one call.
+    epoch `stop_epoch`. `budget` bounds the work of one call. `afresh`: first find lists, events and calendar from the rows.
     """
     s = pointers(arrays)
     n = s.count[N]
     length = s.number[EPOCH_LENGTH]
-    patience = 1000 * n
+    search = afresh
+    lists = afresh
     while budget > 0:
-        if s.count[PAIRS] >= stop_pairs:
+        if search:
+            now = max(s.number[NOW], 0.0)
+            if lists:
+                make_all_lists(s, now, cells)
+            if s.count[SHORT_CELLS] == 0 and s.count[SHORT_LISTS] == 0:
+                predict_all(s, now, chunks)
+            search = False
+            budget -= n
+        elif s.count[PAIRS] >= stop_pairs:
             return DONE
-        if s.count[AGENDA_LENGTH] == 0:
+        elif s.count[AGENDA_LENGTH] == 0:
             budget -= 1
             page_ends = (s.count[BUCKET] + 1) / s.number[INVERSE_WIDTH]
-            if s.count[EPOCH] == stop_epoch and page_ends > stop_time:
+            if s.count[EPOCH] == stop_epoch and (page_ends > stop_time or page_ends >= length):
                 return DONE
             if page_ends < length:
                 turn_page(s)
-            elif s.count[EPOCH] == stop_epoch:
-                return DONE
             else:
                 begin_epoch(s)
-                budget -= n
-                if s.count[IMAGES]:
-                    make_all_lists(s, 0.0, cells)
-                predict_all(s, 0.0, chunks)
+                search = True
+                lists = s.count[IMAGES] == 1
         else:
             time = s.agenda_time[0]
             if s.count[EPOCH] == stop_epoch and time > stop_time:
                 return DONE
             budget -= 1
-            entry_bits = s.agenda_entry[0]
+            first = s.agenda_entry[0]
             pop_agenda(s)
-            s.count[POPPED] += 1
-            i = entry_bits >> 32
-            event = i * EVENT
-            if s.event[event + STAMP] != entry_bits & STAMP_BITS:
-                continue
-            partner = s.event[event + PARTNER]
-            other = -1
-            if partner == RENEW:
-                renew_list(s, i, time)
-            elif partner >= n:
-                if WALLS:
-                    note_time(s, time)
-                    hit_wall(s, i, partner, time)
-            elif s.event[partner * EVENT + VERSION] == s.event[event + PARTNER_VERSION]:
-                note_time(s, time)
-                collide_pair(s, i, partner, time)
-                other = partner
-            else:
-                s.count[STALE] += 1
-            follow = i
-            while follow >= 0:
-                predict(s, follow, max(time, 0.0))
-                follow = other
-                other = -1
-            if s.count[LONE] > patience:
-                return STANDS_STILL
+            i = first >> 32
+            if s.event[i * EVENT + STAMP] == first & STAMP_BITS:
+                other = execute(s, i, time)
+                while i >= 0:
+                    predict(s, i, max(time, 0.0))
+                    i = other
+                    other = -1
+                if s.count[LONE] > 1000 * n:
+                    return STANDS_STILL
         if s.count[SHORT_QUEUE] or s.count[SHORT_LISTS] or s.count[SHORT_CELLS]:
             return NO_ROOM
     return PAUSED
 
 
 @jit
-def note_time(s, time):
+def execute(s, i, time):
+    """Let i's event happen. Returns the other particle that has changed, or -1."""
+    partner = s.event[i * EVENT + PARTNER]
+    if partner == RENEW:
+        renew_list(s, i, time)
+    elif partner >= s.count[N]:
+        if WALLS:
+            keep_clock(s, time)
+            hit_wall(s, i, partner, time)
+    elif s.event[partner * EVENT + VERSION] == s.event[i * EVENT + PARTNER_VERSION]:
+        keep_clock(s, time)
+        collide_pair(s, i, partner, time)
+        return partner
+    else:
+        s.count[STALE] += 1
+    return -1
+
+
+@jit
+def keep_clock(s, time):
     """Keep the clock, and count late events and events without progress."""
     now = s.number[NOW]
     if time < now - s.number[LATE_BY]:

@@ -175,8 +175,8 @@ def shell_exit(s, i):
         vv += v * v
     if vv == 0.0:
         return NEVER
-    left = max(s.number[SHELL] * s.number[SHELL] - uu, 0.0)
-    root = math.sqrt(uv * uv + vv * left)
+    left = s.number[SHELL] * s.number[SHELL] - uu  # negative where the row was written before i came into this shell
+    root = math.sqrt(max(uv * uv + vv * left, 0.0))
     if uv > 0.0:
         return row[ri + T] + left / (uv + root)
     return row[ri + T] + (root - uv) / vv

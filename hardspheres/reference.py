@@ -1,0 +1,163 @@
+"""The plain solver: all pairs, every event, any number type. Slow, short, and right: the oracle that the engine is tested against.
+
+To find the next event it looks at every pair in every image and at every wall, takes the earliest, and moves everybody there.
+No cells, no lists, no queue, nothing remembered. With `mpmath.mpf` numbers it is as exact as asked for.
+"""
+
+import itertools
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from hardspheres.collision import contact_time, elastic_collision
+from hardspheres.errors import SimulationError
+from hardspheres.scene import Scene
+
+__all__ = ["Event", "ReferenceSimulation"]
+
+Number = Any
+Collide = Callable[
+    [Number, Sequence[Number], Number, Sequence[Number], Sequence[Number]], tuple[list[Number], list[Number]]
+]
+
+
+@dataclass(frozen=True)
+class Event:
+    """One event: when, and who with whom.
+
+    Attributes
+    ----------
+    time : number
+        Simulated time.
+    first, second : int
+        The particles, first < second; a wall counts as particle n + 2 axis + side (side 0 at 0, 1 at L).
+    """
+
+    time: Number
+    first: int
+    second: int
+
+
+class ReferenceSimulation:
+    """The dynamics of a scene by exhaustive search, O(N^2) for each event.
+
+    Parameters
+    ----------
+    scene : Scene
+        Where to start.
+    number : callable
+        Turns a float into the number type to calculate with: `float`, `mpmath.mpf`.
+    sqrt : callable
+        Square root for that type: `math.sqrt`, `mpmath.sqrt`.
+    collide : callable
+        The collision rule, with the signature of `hardspheres.collision.elastic_collision`. Tests put a broken one here.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        number: Callable[[float], Number] = float,
+        sqrt: Callable[[Number], Number] = math.sqrt,
+        collide: Collide = elastic_collision,
+    ) -> None:
+        self.scene = scene
+        self.sqrt = sqrt
+        self.collide = collide
+        self.time = number(0.0)
+        self.collisions = 0
+        self.positions = [[number(x) for x in row] for row in scene.positions.tolist()]
+        self.velocities = [[number(v) for v in row] for row in scene.velocities.tolist()]
+        self.radii = [number(r) for r in scene.radii.tolist()]
+        self.masses = [number(m) for m in scene.masses.tolist()]
+        self.box = [number(edge) for edge in scene.box.tolist()]
+        self.periodic = [bool(p) for p in scene.periodic]
+
+    def separation(self, i: int, j: int) -> list[Number]:
+        """x_i - x_j to the nearest image."""
+        r = [x - y for x, y in zip(self.positions[i], self.positions[j], strict=True)]
+        return [
+            x - edge * math.floor(x / edge + 0.5) if periodic else x
+            for x, edge, periodic in zip(r, self.box, self.periodic, strict=True)
+        ]
+
+    def pair_time(self, i: int, j: int, horizon: Number) -> Number:
+        """Time until i and j touch, in whichever images; images that need longer than `horizon` are left out."""
+        sigma2 = (self.radii[i] + self.radii[j]) ** 2
+        near = self.separation(i, j)
+        v = [a - b for a, b in zip(self.velocities[i], self.velocities[j], strict=True)]
+        reach = [
+            int(abs(u) * horizon / edge) + 1 if periodic else 0
+            for u, edge, periodic in zip(v, self.box, self.periodic, strict=True)
+        ]
+        best = float("inf")
+        for image in itertools.product(*(range(-k, k + 1) for k in reach)):
+            r = [x + k * edge for x, k, edge in zip(near, image, self.box, strict=True)]
+            b = sum(x * u for x, u in zip(r, v, strict=True))
+            rr = sum(x * x for x in r)
+            cross = sum(
+                (r[a] * v[c] - r[c] * v[a]) ** 2 for a, c in itertools.combinations(range(len(r)), 2)
+            )
+            d = sum(u * u for u in v) * sigma2 - cross
+            best = min(best, contact_time(b, rr - sigma2, self.sqrt(d) if d > 0 else 0.0))
+        return best
+
+    def wall_time(self, i: int, axis: int) -> tuple[Number, int]:
+        """Time until i touches a wall of this axis, and on which side."""
+        v = self.velocities[i][axis]
+        if self.periodic[axis] or v == 0:
+            return float("inf"), 0
+        side = int(v > 0)
+        x = self.positions[i][axis]
+        gap = self.box[axis] - self.radii[i] - x if side else x - self.radii[i]
+        return max(gap, 0.0) / abs(v), side
+
+    def next_event(self, horizon: Number) -> tuple[Number, int, int]:
+        """Earliest event within the horizon: time from now, lower and higher id; equal times in the order of the ids."""
+        n = len(self.positions)
+        found = (horizon, n, n)
+        for i in range(n):
+            for j in range(i + 1, n):
+                found = min(found, (self.pair_time(i, j, horizon), i, j))
+            for axis in range(len(self.box)):
+                wait, side = self.wall_time(i, axis)
+                found = min(found, (wait, i, n + 2 * axis + side))
+        return found
+
+    def fly(self, wait: Number) -> None:
+        """Move everybody freely."""
+        self.time = self.time + wait
+        for x, v in zip(self.positions, self.velocities, strict=True):
+            x[:] = [a + b * wait for a, b in zip(x, v, strict=True)]
+
+    def step(self) -> Event:
+        """Go to the next event and execute it.
+
+        Raises
+        ------
+        SimulationError
+            When none comes within 1000 steps of the search, each of the time that the fastest particle needs for a box length.
+        """
+        n = len(self.positions)
+        fastest = self.sqrt(max(sum(u * u for u in v) for v in self.velocities))
+        horizon = min(self.box) / fastest if fastest > 0 else 1.0
+        for _ in range(1000):
+            wait, i, j = self.next_event(horizon)
+            self.fly(wait)
+            if i == n:
+                continue
+            if j >= n:
+                axis = (j - n) // 2
+                self.velocities[i][axis] = -self.velocities[i][axis]
+            else:
+                self.velocities[i], self.velocities[j] = self.collide(
+                    self.masses[i], self.velocities[i], self.masses[j], self.velocities[j], self.separation(i, j)
+                )
+                self.collisions += 1
+            return Event(self.time, i, j)
+        raise SimulationError("no event within 1000 flights through the box; these particles may never meet")
+
+    def events(self, count: int) -> Iterator[Event]:
+        """Execute and yield so many events."""
+        for _ in range(count):
+            yield self.step()
