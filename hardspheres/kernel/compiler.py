@@ -69,7 +69,7 @@ def cached_in(folder: Path | None):
 
 def jit(function):
     """Compile a part of a kernel: strict IEEE arithmetic, x/0 as in NumPy (checks would stop vectorisation)."""
-    return numba.njit(error_model="numpy")(function)
+    return numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
 
 
 def entry(function):
