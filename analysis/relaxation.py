@@ -1,0 +1,550 @@
+"""How a gas comes to equilibrium: cumulants, Kolmogorov-Smirnov distance and H per collision.
+
+The curve is an average over replicas, independent gases that differ in their random start only, so that every
+point has a standard error and all points together a covariance. What depends on the distribution as a whole
+(KS distance, H) is computed from the histograms of all replicas together, since a single small gas is
+dominated by its own noise.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis import theory
+from analysis.estimator import Estimator, axes_or_new
+from analysis.statistics import (
+    ChiSquare,
+    Estimate,
+    compare_with_theory,
+    estimate_from_jackknife,
+    jackknife,
+    replica_mean,
+)
+from analysis.velocities import cumulants, h_excess, reduced_velocities, species_labels
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from hardspheres import Frame
+
+__all__ = ["Comparison", "RelaxationCurve"]
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass
+class _Replica:
+    """What is kept of one replica: S sampled moments, k species, d dimensions, B speed bins."""
+
+    s: list[float]
+    time: list[float]
+    sizes: NDArray[np.int64]  # (k,) particles of each species
+    squares: list[FloatArray]  # S x (k, d) mean of c_x^2, c_y^2, ...
+    powers: list[FloatArray]  # S x (k, 3) mean of c^2, c^4, c^6
+    counts: list[NDArray[np.uint32]]  # S x (k, B) speed histogram
+    labels: list[str]
+    thermal: FloatArray  # (k,) sqrt(kT/m)
+    free_momenta: int
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A relaxation from equal speeds beside the Boltzmann equation.
+
+    Attributes
+    ----------
+    a2, ks, h : (S,) arrays
+        What theory expects, a2 with the finite-size correction; NaN where there is no theory.
+    a2_uncertainty, ks_uncertainty, h_uncertainty : (S,) arrays
+        Its standard uncertainty u.
+    a2_z, ks_z, h_z : (S,) arrays
+        Deviations (measured - theory)/sqrt(standard error^2 + u^2); NaN where either is unknown or nothing
+        fluctuates.
+    chi_square : ChiSquare or None
+        All points of a2 together, with their covariance; None with too few replicas.
+    """
+
+    a2: FloatArray
+    a2_uncertainty: FloatArray
+    a2_z: FloatArray
+    ks: FloatArray
+    ks_uncertainty: FloatArray
+    ks_z: FloatArray
+    h: FloatArray
+    h_uncertainty: FloatArray
+    h_z: FloatArray
+    chi_square: ChiSquare | None
+
+
+class RelaxationCurve(Estimator):
+    """Relaxation of the velocity distribution against s = 2 n_coll/N, averaged over replicas.
+
+    Add the frames of one replica in the order of s, then those of the next; a frame that does not advance in
+    s begins a new replica. All replicas must be sampled at the same s. Keeps moments and histograms, not
+    frames, and can be pickled, so that each replica may be measured in a process of its own and merged
+    afterwards.
+
+    Notes
+    -----
+    Velocities are reduced by kT of the whole and each particle's own mass (`velocities.reduced_velocities`);
+    all species are taken together unless a name says `by_species`. Speeds are counted on `theory.KS_BINS`
+    equal bins up to `theory.SPEED_LIMIT` thermal speeds, the last one open; H uses them joined to
+    `theory.H_BINS`.
+
+    Examples
+    --------
+    >>> curve = RelaxationCurve()
+    >>> for seed in range(10):  # doctest: +SKIP
+    ...     scene = random_gas(n=1000, packing_fraction=0.005, velocities="equal-speeds", seed=seed)
+    ...     for frame in Simulation(scene).frames(collisions_per_particle=[0, 1, 2, 5]):
+    ...         curve.add(frame)
+    >>> print(curve.fit_rate(window=(2, 5)))  # doctest: +SKIP
+    0.44(2)
+    """
+
+    def __init__(self) -> None:
+        self._replicas: list[_Replica] = []
+        self._dim = 0
+
+    # Collecting ---------------------------------------------------------------------------------------------
+
+    def add(self, frame: Frame) -> Self:
+        """Take in one frame.
+
+        Parameters
+        ----------
+        frame : Frame
+            The next frame of this replica, or the first of another.
+
+        Returns
+        -------
+        RelaxationCurve
+            The estimator itself.
+
+        Raises
+        ------
+        ValueError
+            If the gas has another dimension or other species than the first, or if nothing moves.
+        """
+        reduced, temperature = reduced_velocities(frame)
+        scene = frame.scene
+        kinds, first, sizes = np.unique(scene.species, return_index=True, return_counts=True)
+        if self._replicas and (scene.dim != self._dim or not np.array_equal(sizes, self._replicas[0].sizes)):
+            raise ValueError(
+                f"frame has {scene.dim} dimensions and species of {sizes.tolist()} particles; expected "
+                f"{self._dim} and {self._replicas[0].sizes.tolist()}, as in the first frame"
+            )
+        self._dim = scene.dim
+        s = frame.collisions_per_particle
+        if not self._replicas or s <= self._replicas[-1].s[-1]:
+            thermal = np.sqrt(temperature / scene.masses[first])
+            labels = species_labels(frame)
+            self._replicas.append(
+                _Replica([], [], sizes, [], [], [], labels, thermal, scene.degrees_of_freedom)
+            )
+        replica = self._replicas[-1]
+        components = reduced**2
+        square = components.sum(axis=1)
+        powers = np.stack([square, square**2, square**3], axis=1)
+        bins = np.minimum(
+            np.sqrt(square) * (theory.KS_BINS / theory.SPEED_LIMIT[scene.dim]), theory.KS_BINS - 1
+        )
+        bins = bins.astype(np.int64)
+        members = [scene.species == kind for kind in kinds]
+        replica.s.append(s)
+        replica.time.append(frame.time)
+        replica.squares.append(np.stack([components[own].mean(axis=0) for own in members]))
+        replica.powers.append(np.stack([powers[own].mean(axis=0) for own in members]))
+        replica.counts.append(
+            np.stack([np.bincount(bins[own], minlength=theory.KS_BINS) for own in members]).astype(np.uint32)
+        )
+        return self
+
+    def merge(self, other: RelaxationCurve) -> Self:
+        """Append the replicas of another curve, in their order, and return this one.
+
+        Parameters
+        ----------
+        other : RelaxationCurve
+            Of the same kind of gas, sampled at the same s.
+
+        Raises
+        ------
+        ValueError
+            If it is not.
+        """
+        if self._replicas and other._replicas:
+            mine, theirs = self._replicas[0], other._replicas[0]
+            if self._dim != other._dim or not np.array_equal(mine.sizes, theirs.sizes):
+                raise ValueError("the curves are of different gases and cannot be merged")
+        self._dim = other._dim or self._dim
+        self._replicas.extend(other._replicas)
+        return self
+
+    def _ready(self) -> list[_Replica]:
+        self._require(bool(self._replicas), "replicas", "add(frame)")
+        first = self._replicas[0].s
+        for index, replica in enumerate(self._replicas):
+            if len(replica.s) != len(first) or not np.allclose(
+                replica.s, first, rtol=0, atol=4.0 / self.n_per_replica
+            ):
+                raise ValueError(
+                    f"replica {index} was sampled at {len(replica.s)} values of s from {replica.s[0]:g} to "
+                    f"{replica.s[-1]:g}; expected the {len(first)} of replica 0"
+                )
+        return self._replicas
+
+    # What was sampled ---------------------------------------------------------------------------------------
+
+    @property
+    def dim(self) -> int:
+        """Dimension d."""
+        self._require(bool(self._replicas), "replicas", "add(frame)")
+        return self._dim
+
+    @property
+    def n_replicas(self) -> int:
+        """Number of replicas R."""
+        return len(self._replicas)
+
+    @property
+    def n_per_replica(self) -> int:
+        """Number of particles N of one replica."""
+        self._require(bool(self._replicas), "replicas", "add(frame)")
+        return int(self._replicas[0].sizes.sum())
+
+    @property
+    def labels(self) -> list[str]:
+        """One label per species; "all" for a single one."""
+        self._require(bool(self._replicas), "replicas", "add(frame)")
+        return list(self._replicas[0].labels)
+
+    @property
+    def thermal_speeds(self) -> FloatArray:
+        """sqrt(kT/m) of each species in the first replica, (k,), [speed]."""
+        self._require(bool(self._replicas), "replicas", "add(frame)")
+        return self._replicas[0].thermal.copy()
+
+    @property
+    def free_momenta(self) -> int:
+        """Number of free momenta D of one replica."""
+        self._require(bool(self._replicas), "replicas", "add(frame)")
+        return self._replicas[0].free_momenta
+
+    @property
+    def s(self) -> FloatArray:
+        """Collisions per particle at which the gas was sampled, (S,)."""
+        return np.asarray(np.mean([replica.s for replica in self._ready()], axis=0))
+
+    @property
+    def time(self) -> FloatArray:
+        """Mean time at which s was reached, (S,), [time]."""
+        return np.asarray(np.mean([replica.time for replica in self._ready()], axis=0))
+
+    # Cumulants ----------------------------------------------------------------------------------------------
+
+    def _powers(self) -> FloatArray:
+        """Means of c^2, c^4, c^6 over all species, (R, S, 3)."""
+        powers = np.array([replica.powers for replica in self._ready()])
+        return np.asarray(np.einsum("rskp,k->rsp", powers, self._replicas[0].sizes / self.n_per_replica))
+
+    @property
+    def a2_samples(self) -> FloatArray:
+        """a2 of each replica, (R, S)."""
+        return cumulants(self._powers(), self.dim)[0]
+
+    @property
+    def a3_samples(self) -> FloatArray:
+        """a3 of each replica, (R, S)."""
+        return cumulants(self._powers(), self.dim)[1]
+
+    @property
+    def a2(self) -> FloatArray:
+        """Fourth cumulant, mean over replicas, (S,); tends to `theory.equilibrium_a2`, not to 0."""
+        return replica_mean(self.a2_samples)[0]
+
+    @property
+    def a2_error(self) -> FloatArray:
+        """Standard error of `a2`, (S,).
+
+        Of a single replica: the noise of N independent Maxwellian particles, which is too large early.
+        """
+        return self._error(self.a2_samples, 2)
+
+    @property
+    def a3(self) -> FloatArray:
+        """Sixth cumulant, mean over replicas, (S,)."""
+        return replica_mean(self.a3_samples)[0]
+
+    @property
+    def a3_error(self) -> FloatArray:
+        """Standard error of `a3`, (S,), as for `a2_error`."""
+        return self._error(self.a3_samples, 3)
+
+    def _error(self, samples: FloatArray, order: int) -> FloatArray:
+        if len(samples) > 1:
+            return replica_mean(samples)[1]
+        noise = theory.cumulant_noise(self.n_per_replica, self.dim, 2 if order == 2 else 3)
+        return np.full(samples.shape[1], noise)
+
+    @property
+    def a2_covariance(self) -> FloatArray:
+        """Covariance of the points of `a2` (of the mean over replicas), (S, S).
+
+        Raises
+        ------
+        NoDataError
+            With a single replica.
+        """
+        samples = self.a2_samples
+        self._require(len(samples) > 1, "covariance", "add(frame) with a second replica")
+        return np.atleast_2d(np.cov(samples, rowvar=False)) / len(samples)
+
+    @property
+    def a2_by_species(self) -> FloatArray:
+        """a2 of each species about its own mean square velocity, mean over replicas, (S, k)."""
+        powers = np.array([replica.powers for replica in self._ready()])
+        return np.asarray(cumulants(powers, self.dim)[0].mean(axis=0))
+
+    @property
+    def temperature_by_species(self) -> FloatArray:
+        """Kinetic temperature of each species over that of the whole, (S, k); 1 + O(1/N) at equilibrium."""
+        powers = np.array([replica.powers for replica in self._ready()])[..., 0]
+        return np.asarray(powers.mean(axis=0) / self.dim)
+
+    @property
+    def temperature_by_axis(self) -> FloatArray:
+        """Mean m <v_k^2> / kT along each axis k, (S, d); 1 + O(1/N) at equilibrium, far from it for beams."""
+        squares = np.mean([replica.squares for replica in self._ready()], axis=0)
+        return np.asarray(np.einsum("ska,k->sa", squares, self._replicas[0].sizes / self.n_per_replica))
+
+    # The distribution as a whole ----------------------------------------------------------------------------
+
+    def _law(self) -> FloatArray:
+        """Maxwell and Boltzmann's probability below each edge, (B + 1,), the last bin open."""
+        edges = np.linspace(0.0, theory.SPEED_LIMIT[self.dim], theory.KS_BINS + 1)
+        return np.append(theory.speed_cdf(edges, self.dim)[:-1], 1.0)
+
+    def _counts(self) -> NDArray[np.uint32]:
+        """Speed histograms of all species together, (R, S, B)."""
+        return np.array([np.sum(replica.counts, axis=1, dtype=np.uint32) for replica in self._ready()])
+
+    def _ks(self) -> tuple[FloatArray, FloatArray]:
+        law = self._law()[1:]
+
+        def distance(counts: FloatArray) -> FloatArray:
+            shares = np.cumsum(counts, axis=-1) / counts.sum(axis=-1, keepdims=True)
+            return np.asarray(np.abs(shares - law).max(axis=-1))
+
+        return jackknife(self._counts(), distance)
+
+    def _h(self) -> tuple[FloatArray, FloatArray]:
+        joined = theory.KS_BINS // theory.H_BINS
+        probabilities = np.diff(self._law()[::joined])
+        counts = self._counts()
+        coarse = counts.reshape(*counts.shape[:2], theory.H_BINS, joined).sum(axis=-1)
+        return jackknife(coarse, lambda total: h_excess(total, probabilities))
+
+    @property
+    def ks(self) -> FloatArray:
+        """Kolmogorov-Smirnov distance of all replicas' speeds from Maxwell and Boltzmann's law, (S,).
+
+        The supremum is taken over the edges of `theory.KS_BINS` bins, which lowers it by less than the
+        probability of half a bin for a spike (0.002) and by less than 1e-5 for a smooth law. At equilibrium
+        it tends to `theory.ks_floor`, not to 0.
+        """
+        return self._ks()[0]
+
+    @property
+    def ks_error(self) -> FloatArray:
+        """Standard error of `ks` by the jackknife over replicas, (S,)."""
+        return self._ks()[1]
+
+    @property
+    def h(self) -> FloatArray:
+        """H - H_eq of the speeds of all replicas together, (S,).
+
+        On `theory.H_BINS` bins and with the bias removed, see `velocities.h_excess`.
+        """
+        return self._h()[0]
+
+    @property
+    def h_error(self) -> FloatArray:
+        """Standard error of `h` by the jackknife over replicas, (S,)."""
+        return self._h()[1]
+
+    def speed_histogram(self, index: int, bins: int = 64) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the speed distribution of each species at one of the sampled s, all replicas together.
+
+        Parameters
+        ----------
+        index : int
+            Which of the S moments.
+        bins : int, default 64
+            Number of bins; divides `theory.KS_BINS`.
+
+        Returns
+        -------
+        edges : (bins + 1,) array
+            In thermal speeds sqrt(kT/m) of the species.
+        density, error : (k, bins) arrays
+            Per thermal speed, with multinomial standard errors.
+
+        Raises
+        ------
+        ValueError
+            If `bins` does not divide `theory.KS_BINS`.
+        """
+        if theory.KS_BINS % bins:
+            raise ValueError(f"bins = {bins}; expected a divisor of {theory.KS_BINS}")
+        replicas = self._ready()
+        parts = np.array([replica.counts[index] for replica in replicas])
+        counts = parts.sum(axis=0, dtype=np.int64).reshape(parts.shape[1], bins, -1).sum(axis=-1)
+        total = counts.sum(axis=-1, keepdims=True)
+        edges = np.linspace(0.0, theory.SPEED_LIMIT[self.dim], bins + 1)
+        share = counts / total
+        return edges, share / np.diff(edges), np.sqrt(share * (1 - share) / total) / np.diff(edges)
+
+    # Statements ---------------------------------------------------------------------------------------------
+
+    @property
+    def starts_from_equal_speeds(self) -> bool:
+        """Whether the gas is of one species and starts with equal speeds that favour no axis."""
+        replicas = self._ready()
+        if len(replicas[0].sizes) > 1 or replicas[0].s[0] > 0.0:
+            return False
+        equal = np.abs(self.a2_samples[:, 0] + 2.0 / (self.dim + 2)).max() < 1e-6
+        spread = math.sqrt(2.0 * (self.dim - 1) / (self.dim + 2) / (self.n_per_replica * self.n_replicas))
+        along = self.temperature_by_axis[0]
+        return bool(equal and np.abs(along - along.mean()).max() < 6.0 * spread)
+
+    def fit_rate(self, window: tuple[float, float] = (2.0, 5.0)) -> Estimate:
+        """Return the mean rate at which a2 decays over a window of s.
+
+        The relative decay rate is not constant, so the number depends on the window; the mean over it is
+        ln[(a2(s1) - a_eq)/(a2(s2) - a_eq)]/(s2 - s1), a_eq = `theory.equilibrium_a2`, from the two ends
+        alone. The points between add next to nothing: the noise of a2 forgets as fast as a2 decays, and a
+        straight line through all of them has the same standard error within 5 % but a value that depends on
+        how they are spaced. From equal speeds and over (2, 5) theory says 0.4355 in 3D, 0.3797 in 2D
+        (`theory.equal_speeds_decay_rate`).
+
+        Parameters
+        ----------
+        window : (float, float), default (2, 5)
+            s1 < s2, both among the sampled s.
+
+        Returns
+        -------
+        Estimate
+            Per unit of s; error by the jackknife over replicas, the bias of order 1/R removed.
+
+        Raises
+        ------
+        ValueError
+            If the gas was not sampled at the ends of the window, or a2 is below three standard errors at one
+            of them.
+        """
+        s = self.s
+        ends = []
+        for end in window:
+            index = int(np.argmin(np.abs(s - end)))
+            if abs(s[index] - end) > 2.0 / self.n_per_replica + 1e-9:
+                raise ValueError(f"the gas was not sampled at s = {end:g}, an end of the window {window}")
+            ends.append(index)
+        length = float(s[ends[1]] - s[ends[0]])
+        if not length > 0.0:
+            raise ValueError(f"window = {window}; expected s1 < s2")
+        excess = self.a2_samples[:, ends] - theory.equilibrium_a2(self.free_momenta)
+        mean, error = excess.mean(axis=0), self.a2_error[ends]
+        if np.any(np.abs(mean) < 3.0 * error) or mean[0] * mean[1] < 0.0:
+            raise ValueError(
+                f"a2 is lost in the noise within the window {window}: {mean[0]:.2g} and {mean[1]:.2g} with "
+                f"standard errors {error[0]:.2g} and {error[1]:.2g}; use more particles or an earlier window"
+            )
+
+        def rate(pair: FloatArray) -> float:
+            return math.log(abs(float(pair[0] / pair[1]))) / length
+
+        return estimate_from_jackknife(excess, rate)
+
+    def compare(self) -> Comparison:
+        """Compare with the Boltzmann equation for a dilute gas that starts from equal speeds.
+
+        Theory: `theory.boltzmann_equal_speeds` with `theory.finite_size_relaxation`. The KS distance of N
+        particles in all exceeds the theory's by about floor^2/(2 ks), `theory.ks_floor`; twice that is added
+        to its uncertainty.
+
+        Returns
+        -------
+        Comparison
+        """
+        s = self.s
+        known = s <= 10.0
+        table = theory.boltzmann_equal_speeds(np.where(known, s, 0.0), self.dim)
+        finite = theory.finite_size_relaxation(table.a2, -2.0 / (self.dim + 2), self.free_momenta)
+
+        def clip(values: FloatArray) -> FloatArray:
+            return np.where(known, values, np.nan)
+
+        a2, a2_uncertainty = clip(finite.value), np.hypot(table.a2_error, finite.uncertainty)
+        floor = theory.ks_floor(self.n_per_replica * self.n_replicas, self.dim)
+        ks_uncertainty = np.hypot(table.ks_error, np.where(s > 0.0, floor**2 / table.ks, 0.0))
+        ks, ks_error = self._ks()
+        h, h_error = self._h()
+        fluctuates = known & (s > 0.0)
+        points = np.flatnonzero(fluctuates)
+        chi_square = None
+        if self.n_replicas > len(points) + 1 and len(points):
+            samples = self.a2_samples[:, points]
+            chi_square = compare_with_theory(samples, a2[points], a2_uncertainty[points])
+
+        def z(
+            measured: FloatArray, expected: FloatArray, error: FloatArray, uncertainty: FloatArray
+        ) -> FloatArray:
+            scale = np.hypot(error, uncertainty)
+            safe = np.where(fluctuates & (scale > 0.0), scale, np.nan)
+            return np.asarray((measured - expected) / safe)
+
+        return Comparison(
+            a2=a2,
+            a2_uncertainty=a2_uncertainty,
+            a2_z=z(self.a2, a2, self.a2_error, a2_uncertainty),
+            ks=clip(table.ks),
+            ks_uncertainty=ks_uncertainty,
+            ks_z=z(ks, table.ks, ks_error, ks_uncertainty),
+            h=clip(table.h),
+            h_uncertainty=table.h_error,
+            h_z=z(h, table.h, h_error, table.h_error),
+            chi_square=chi_square,
+        )
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw a2 with its standard errors against s, after equal speeds over the Boltzmann equation's.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where to draw; a new figure when absent.
+
+        Returns
+        -------
+        Axes
+        """
+        s = self.s
+        axes = axes_or_new(ax)
+        if self.starts_from_equal_speeds:
+            fine = np.linspace(0.0, min(float(s.max()), 10.0), 400)
+            table = theory.boltzmann_equal_speeds(fine, self.dim)
+            axes.plot(fine, table.a2, color="0.25", lw=1.5, label="Boltzmann equation")
+        else:
+            axes.axhline(0.0, color="0.25", lw=1.5, label="equilibrium")
+        axes.errorbar(s, self.a2, self.a2_error, fmt="o", ms=4, label="simulation")
+        axes.set_xlabel("collisions per particle s")
+        axes.set_ylabel("fourth cumulant $a_2$")
+        axes.legend()
+        return axes

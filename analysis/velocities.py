@@ -1,0 +1,583 @@
+"""How velocities are distributed, and how far that is from Maxwell and Boltzmann.
+
+All estimators work with reduced velocities c = (v - u) sqrt(m/kT), where u is the velocity of the common
+motion along periodic axes (zero along walls), m the particle's own mass and kT = 2 K_th / D the temperature
+of the whole gas, D its free momenta. At equilibrium every component of c is a standard normal number whatever
+the species. Since the energy of a simulated gas is fixed, <c^2> = D/N in every frame: kT is not a parameter
+that fluctuates, and each statement below says what that does to it.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from analysis import theory
+from analysis.estimator import Estimator, axes_or_new
+from analysis.statistics import ChiSquare, Estimate, estimate_from_replicas
+from hardspheres.scene import drift, thermal_energy
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from hardspheres import Frame
+
+__all__ = [
+    "ComponentDistribution",
+    "FourthCumulant",
+    "HFunction",
+    "KolmogorovSmirnov",
+    "SpeedDistribution",
+    "cumulants",
+    "h_excess",
+    "ks_distance",
+    "ks_p_value",
+    "reduced_velocities",
+    "species_labels",
+]
+
+FloatArray = NDArray[np.float64]
+
+
+def reduced_velocities(frame: Frame) -> tuple[FloatArray, float]:
+    """Return the velocities in thermal units and the temperature they refer to.
+
+    Parameters
+    ----------
+    frame : Frame
+        A moment of a simulation.
+
+    Returns
+    -------
+    c : (N, d) array
+        (v - u) sqrt(m/kT), dimensionless.
+    temperature : float
+        kT = 2 K_th / D, [energy].
+
+    Raises
+    ------
+    ValueError
+        If nothing moves.
+    """
+    scene = frame.scene
+    masses, periodic = scene.masses, scene.periodic
+    temperature = 2.0 * thermal_energy(frame.velocities, masses, periodic) / scene.degrees_of_freedom
+    if not temperature > 0.0:
+        raise ValueError(
+            "nothing moves in this frame; a gas without thermal motion has no velocity distribution"
+        )
+    peculiar = frame.velocities - drift(frame.velocities, masses, periodic)
+    return peculiar * np.sqrt(masses / temperature)[:, None], temperature
+
+
+def species_labels(frame: Frame) -> list[str]:
+    """Return one label per species of a frame's scene, with the mass and diameter that tell it apart."""
+    scene = frame.scene
+    kinds, first = np.unique(scene.species, return_index=True)
+    if len(kinds) == 1:
+        return ["all"]
+    return [f"m = {scene.masses[i]:.3g}, \u03c3 = {2 * scene.radii[i]:.3g}" for i in first]
+
+
+def cumulants(moments: FloatArray, dim: int) -> tuple[FloatArray, FloatArray]:
+    """Return the cumulants a2 and a3 of a speed distribution.
+
+    a2 = d <v^4>/((d+2) <v^2>^2) - 1 and a3 = -(d^2 <v^6>/((d+2)(d+4) <v^2>^3) - 1 - 3 a2), the coefficients
+    of the Sonine (Laguerre) expansion about Maxwell and Boltzmann's law; both vanish there. Over N particles
+    of fixed energy their mean at equilibrium is `theory.equilibrium_a2` = -2/(dN) and
+    `theory.equilibrium_a3`, of order 1/N^2.
+
+    Parameters
+    ----------
+    moments : (..., 3) array
+        <v^2>, <v^4>, <v^6>, in any one unit of speed.
+    dim : {2, 3}
+        Dimension d.
+
+    Returns
+    -------
+    a2, a3 : (...) arrays
+    """
+    second, fourth, sixth = moments[..., 0], moments[..., 1], moments[..., 2]
+    a2 = dim * fourth / ((dim + 2) * second**2) - 1.0
+    a3 = -(dim**2 * sixth / ((dim + 2) * (dim + 4) * second**3) - 1.0 - 3.0 * a2)
+    return a2, a3
+
+
+def ks_distance(speeds: FloatArray, dim: int) -> float:
+    """Return the Kolmogorov-Smirnov distance of reduced speeds from Maxwell and Boltzmann's law.
+
+    Parameters
+    ----------
+    speeds : (N,) array
+        |c|, dimensionless.
+    dim : {2, 3}
+        Dimension d.
+
+    Returns
+    -------
+    float
+        sup over v of |F_N(v) - F(v)|, F the law of the infinite gas.
+    """
+    law = theory.speed_cdf(np.sort(speeds), dim)
+    ranks = np.arange(len(law) + 1) / len(law)
+    return float(max((ranks[1:] - law).max(), (law - ranks[:-1]).max()))
+
+
+def ks_p_value(distance: float, n: int, dim: int) -> float:
+    """Return the probability that a gas at equilibrium lies further from its law than `distance`.
+
+    Kolmogorov's own distribution would be wrong: the scale of the law, kT, is that of the sample. The
+    distribution used is that of 4000 gases with velocities even on the sphere of fixed energy and zero
+    momentum, of min(N, 1000) particles, brought to N by Stephens' factor sqrt(N) + 0.12 + 0.11/sqrt(N)
+    (Stephens, J. Am. Stat. Assoc. 69, 730 (1974), doi 10.2307/2286009).
+
+    Parameters
+    ----------
+    distance : float
+        From `ks_distance`.
+    n : int
+        Number of particles N.
+    dim : {2, 3}
+        Dimension d.
+
+    Returns
+    -------
+    float
+        Never below 1/4001, the resolution of the sample.
+    """
+    sample = min(n, 1000)
+    null = _ks_null(sample, dim)
+    scaled = distance * (math.sqrt(n) + 0.12 + 0.11 / math.sqrt(n))
+    return float((np.count_nonzero(null >= scaled) + 1) / (len(null) + 1))
+
+
+@lru_cache(maxsize=16)
+def _ks_null(n: int, dim: int) -> FloatArray:
+    """Return 4000 scaled distances of equilibrium gases of n particles, always the same."""
+    rng = np.random.default_rng(np.random.SeedSequence([n, dim]))
+    distances = np.empty(4000)
+    for index in range(len(distances)):
+        velocity = rng.standard_normal((n, dim))
+        velocity -= velocity.mean(axis=0)
+        speed = np.sqrt(np.einsum("ik,ik->i", velocity, velocity))
+        distances[index] = ks_distance(speed * math.sqrt(dim * (n - 1) / (speed @ speed)), dim)
+    return distances * (math.sqrt(n) + 0.12 + 0.11 / math.sqrt(n))
+
+
+def h_excess(histogram: NDArray[np.generic], probabilities: FloatArray) -> FloatArray:
+    """Return H - H_eq of a histogram of speeds, with the bias of the finite sample removed.
+
+    H is the integral of f ln f over velocities, f isotropic; since <v^2> is conserved, H - H_eq is the
+    integral of f ln(f/f_MB). Coarse-grained on bins of probability q_b under Maxwell and Boltzmann's law it
+    is sum p_b ln(p_b/q_b) >= 0, here with p_b = n_b/N less (B - 1)/(2N), B the number of occupied bins
+    (Miller 1955, Madow): the leading bias of the plug-in value. A distribution with a spike, such as equal
+    speeds, has no limit for narrow bins: always state the bins.
+
+    Parameters
+    ----------
+    histogram : (..., B) array
+        Counts n_b.
+    probabilities : (B,) array
+        q_b > 0, summing to 1.
+
+    Returns
+    -------
+    (...) array
+        Dimensionless, per particle. Around 0, of either sign, at equilibrium; noise sqrt(B/2)/N there.
+    """
+    counts = np.asarray(histogram, dtype=np.float64)
+    total = counts.sum(axis=-1, keepdims=True)
+    share = counts / total
+    logarithm = np.log(np.where(counts > 0, share, 1.0) / probabilities)
+    occupied = np.count_nonzero(counts, axis=-1)
+    plug_in = np.where(counts > 0, share * logarithm, 0.0).sum(axis=-1)
+    return np.asarray(plug_in - (occupied - 1) / (2.0 * total[..., 0]))
+
+
+class _Histogram(Estimator):
+    """A histogram of a reduced quantity per species, beside its exact law."""
+
+    _quantity = ""
+
+    def __init__(self, bins: int, low: float, high: float) -> None:
+        if bins < 2 or not low < high:
+            raise ValueError(
+                f"bins = {bins}, range {low:g} to {high:g}; expected at least 2 bins and a range"
+            )
+        self.edges: FloatArray = np.linspace(low, high, bins + 1)
+        self._counts: NDArray[np.int64] | None = None
+        self._sizes: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
+        self._thermal: FloatArray = np.zeros(0)
+        self._dim = 3
+        self.labels: list[str] = []
+
+    def _values(self, reduced: FloatArray) -> FloatArray:
+        raise NotImplementedError
+
+    def _law(self, edges: FloatArray) -> FloatArray:
+        raise NotImplementedError
+
+    def add(self, frame: Frame) -> Self:
+        """Take in one frame.
+
+        Parameters
+        ----------
+        frame : Frame
+            All frames must have the species of the first.
+
+        Returns
+        -------
+        The estimator itself.
+        """
+        reduced, temperature = reduced_velocities(frame)
+        species = frame.scene.species
+        kinds, first = np.unique(species, return_index=True)
+        values = self._values(reduced)
+        counts = np.stack([np.histogram(values[species == kind], bins=self.edges)[0] for kind in kinds])
+        sizes = np.array([np.count_nonzero(species == kind) for kind in kinds])
+        if self._counts is None:
+            self._counts, self._sizes = np.zeros_like(counts), np.zeros_like(sizes)
+            self._thermal = np.sqrt(temperature / frame.scene.masses[first])
+            self._dim = frame.scene.dim
+            self.labels = species_labels(frame)
+        elif counts.shape != self._counts.shape:
+            raise ValueError(
+                f"frame has {len(kinds)} species; expected {len(self._counts)}, as in the first frame"
+            )
+        self._counts = self._counts + counts
+        self._sizes = self._sizes + sizes
+        return self
+
+    def _counted(self) -> NDArray[np.int64]:
+        self._require(self._counts is not None, "histogram", "add(frame)")
+        assert self._counts is not None
+        return self._counts
+
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """Counts, (k, bins) int64, one row per species; what lies outside the edges is not counted."""
+        return self._counted().copy()
+
+    @property
+    def thermal_speeds(self) -> FloatArray:
+        """Thermal speed sqrt(kT/m) of each species, (k,), [speed].
+
+        Multiply `edges` by it and divide `density` by it for absolute units.
+        """
+        self._counted()
+        return self._thermal.copy()
+
+    @property
+    def density(self) -> FloatArray:
+        """Probability densities, (k, bins), per thermal speed."""
+        return np.asarray(self._counted() / self._sizes[:, None] / np.diff(self.edges))
+
+    @property
+    def density_error(self) -> FloatArray:
+        """Standard errors of `density`, (k, bins): multinomial, as if the frames added were independent."""
+        share = self._counted() / self._sizes[:, None]
+        return np.asarray(np.sqrt(share * (1 - share) / self._sizes[:, None]) / np.diff(self.edges))
+
+    @property
+    def theory(self) -> FloatArray:
+        """The Maxwell-Boltzmann density averaged over each bin, (bins,), per thermal speed."""
+        self._counted()
+        return np.asarray(np.diff(self._law(self.edges)) / np.diff(self.edges))
+
+    @property
+    def chi_square(self) -> ChiSquare:
+        """Pearson's test of all species against Maxwell and Boltzmann's law.
+
+        Bins that expect fewer than 10 counts are joined into the tail. Each species has B - 1 degrees of
+        freedom, and one less for all together because the energy is fixed (slightly conservative: the
+        constraint acts on <c^2> exactly). Assumes independent frames, at least one collision per particle
+        apart.
+        """
+        counts = self._counted()
+        law = np.diff(self._law(self.edges))
+        statistic, freedom = 0.0, -1
+        for row, size in zip(counts, self._sizes, strict=True):
+            kept = law * size >= 10
+            expected = np.append(law[kept] * size, size * (1.0 - law[kept].sum()))
+            observed = np.append(row[kept], size - row[kept].sum())
+            if expected[-1] < 10:  # the tail is too thin to stand alone
+                expected = np.append(expected[:-2], expected[-2:].sum())
+                observed = np.append(observed[:-2], observed[-2:].sum())
+            statistic += float(((observed - expected) ** 2 / expected).sum())
+            freedom += len(expected) - 1
+        if freedom < 1:
+            self._require(False, "test: too few particles", "add(frame) with more particles")
+        return ChiSquare(statistic, freedom, 1, float(stats.chi2.sf(statistic, freedom)))
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the histogram of each species with its standard errors over the exact law.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where to draw; a new figure when absent.
+
+        Returns
+        -------
+        Axes
+        """
+        self._counted()
+        axes = axes_or_new(ax)
+        centres = (self.edges[1:] + self.edges[:-1]) / 2
+        fine = np.linspace(self.edges[0], self.edges[-1], 601)
+        step = 1e-4
+        law = (self._law(fine + step) - self._law(fine - step)) / (2 * step)
+        for index, (thermal, label) in enumerate(zip(self._thermal, self.labels, strict=True)):
+            name = "simulation" if label == "all" else label
+            colour = f"C{index}"
+            axes.plot(fine * thermal, law / thermal, color=colour, lw=1.5, zorder=1)
+            axes.errorbar(
+                centres * thermal,
+                self.density[index] / thermal,
+                self.density_error[index] / thermal,
+                fmt=".",
+                color=colour,
+                label=name,
+            )
+        axes.plot([], [], color="0.4", lw=1.5, label="Maxwell\u2013Boltzmann")
+        axes.set_xlabel(self._quantity)
+        axes.set_ylabel("probability density")
+        axes.legend()
+        return axes
+
+
+class SpeedDistribution(_Histogram):
+    """Histogram of speeds |v - u| per species, beside the exact Maxwell-Boltzmann law of the infinite gas.
+
+    Parameters
+    ----------
+    bins : int, default 60
+        Number of equal bins.
+    maximum : float, default 5
+        Upper edge in thermal speeds sqrt(kT/m).
+
+    Notes
+    -----
+    At N particles of fixed energy the exact law differs from the curve by O(1/N), see `theory.energy_share`;
+    with N > 1000 that is below the noise of a single frame.
+    """
+
+    _quantity = "speed"
+
+    def __init__(self, bins: int = 60, maximum: float = 5.0) -> None:
+        super().__init__(bins, 0.0, maximum)
+
+    def _values(self, reduced: FloatArray) -> FloatArray:
+        return np.asarray(np.sqrt(np.einsum("ik,ik->i", reduced, reduced)))
+
+    def _law(self, edges: FloatArray) -> FloatArray:
+        return theory.speed_cdf(edges, self._dim)
+
+
+class ComponentDistribution(_Histogram):
+    """Histogram of one velocity component per species, beside the exact normal law of variance kT/m.
+
+    Parameters
+    ----------
+    axis : int, default 0
+        Which component.
+    bins : int, default 60
+        Number of equal bins.
+    maximum : float, default 4
+        The histogram spans -maximum to maximum, in thermal speeds sqrt(kT/m).
+    """
+
+    def __init__(self, axis: int = 0, bins: int = 60, maximum: float = 4.0) -> None:
+        super().__init__(bins, -maximum, maximum)
+        self.axis = axis
+        self._quantity = f"velocity along {'xyz'[axis]}"
+
+    def _values(self, reduced: FloatArray) -> FloatArray:
+        if self.axis >= reduced.shape[1]:
+            raise ValueError(f"axis = {self.axis} in a gas of {reduced.shape[1]} dimensions")
+        return reduced[:, self.axis]
+
+    def _law(self, edges: FloatArray) -> FloatArray:
+        return theory.component_cdf(edges)
+
+
+class _PerFrame(Estimator):
+    """One number per frame."""
+
+    _ylabel = ""
+
+    def __init__(self) -> None:
+        self._s: list[float] = []
+        self._values: list[float] = []
+        self._n = 0
+        self._dim = 3
+
+    def _measure(self, frame: Frame) -> float:
+        raise NotImplementedError
+
+    def add(self, frame: Frame) -> Self:
+        """Take in one frame and return the estimator itself."""
+        value = self._measure(frame)
+        self._values.append(value)
+        self._s.append(frame.collisions_per_particle)
+        self._n, self._dim = frame.scene.n, frame.scene.dim
+        return self
+
+    @property
+    def values(self) -> FloatArray:
+        """The value in each frame, (frames,)."""
+        self._require(bool(self._values), "values", "add(frame)")
+        return np.array(self._values)
+
+    @property
+    def collisions_per_particle(self) -> FloatArray:
+        """Collisions per particle s of each frame, (frames,)."""
+        self._require(bool(self._values), "values", "add(frame)")
+        return np.array(self._s)
+
+    def _line(self) -> float:
+        return 0.0
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the value of every frame against collisions per particle, over its value at equilibrium."""
+        values = self.values
+        axes = axes_or_new(ax)
+        axes.axhline(self._line(), color="0.4", lw=1.5, label="equilibrium")
+        axes.plot(self._s, values, ".", label="simulation")
+        axes.set_xlabel("collisions per particle s")
+        axes.set_ylabel(self._ylabel)
+        axes.legend()
+        return axes
+
+
+class FourthCumulant(_PerFrame):
+    """Fourth cumulant a2 (and sixth, a3) of the reduced velocities of all particles; see `cumulants`.
+
+    In a mixture the particles of all species are taken together in units of their own kT/m, with one kT for
+    all; `by_species` refers each species to its own mean square instead.
+
+    Notes
+    -----
+    Bias: at equilibrium the mean is `theory.equilibrium_a2`(D) = -2/(D + 2) and not 0 because the energy is
+    fixed; it is not removed here. `expected` gives it.
+    """
+
+    _ylabel = "fourth cumulant $a_2$"
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._sixth: list[float] = []
+        self._species: list[FloatArray] = []
+        self._freedom = 1
+
+    def _measure(self, frame: Frame) -> float:
+        reduced, _ = reduced_velocities(frame)
+        square = np.einsum("ik,ik->i", reduced, reduced)
+        powers = np.stack([square, square**2, square**3], axis=1)
+        dim = frame.scene.dim
+        a2, a3 = cumulants(powers.mean(axis=0), dim)
+        species = frame.scene.species
+        self._sixth.append(float(a3))
+        self._species.append(
+            np.array([cumulants(powers[species == kind].mean(axis=0), dim)[0] for kind in np.unique(species)])
+        )
+        self._freedom = frame.scene.degrees_of_freedom
+        return float(a2)
+
+    def _line(self) -> float:
+        return self.expected
+
+    @property
+    def a2(self) -> Estimate:
+        """Mean over frames as if independent; the error of one frame is the noise of N particles."""
+        return self._estimate(self.values, 2)
+
+    @property
+    def a3(self) -> Estimate:
+        """Mean of a3 over frames, with its error as for `a2`."""
+        self._require(bool(self._values), "values", "add(frame)")
+        return self._estimate(np.array(self._sixth), 3)
+
+    def _estimate(self, values: FloatArray, order: int) -> Estimate:
+        if len(values) > 1:
+            return estimate_from_replicas(values)
+        noise = theory.cumulant_noise(self._n, self._dim, 2 if order == 2 else 3)
+        return Estimate(float(values[0]), noise, float(self._n))
+
+    @property
+    def by_species(self) -> FloatArray:
+        """a2 of each species about its own mean square velocity, averaged over frames, (k,)."""
+        self._require(bool(self._species), "values", "add(frame)")
+        return np.asarray(np.mean(self._species, axis=0))
+
+    @property
+    def expected(self) -> float:
+        """What an equilibrium gas of this size gives on average: -2/(D + 2)."""
+        self._require(bool(self._values), "values", "add(frame)")
+        return float(theory.equilibrium_a2(self._freedom))
+
+
+class KolmogorovSmirnov(_PerFrame):
+    """Largest distance of the reduced speeds' distribution from Maxwell and Boltzmann's, frame by frame.
+
+    Notes
+    -----
+    Even at equilibrium the distance of N particles is `theory.ks_floor`, about 0.72/sqrt(N), and not 0.
+    """
+
+    _ylabel = "Kolmogorov\u2013Smirnov distance"
+
+    def _measure(self, frame: Frame) -> float:
+        reduced, _ = reduced_velocities(frame)
+        return ks_distance(np.sqrt(np.einsum("ik,ik->i", reduced, reduced)), frame.scene.dim)
+
+    def _line(self) -> float:
+        return theory.ks_floor(self._n, self._dim)
+
+    @property
+    def distance(self) -> Estimate:
+        """Mean distance over frames; the error takes them as independent, NaN for one frame."""
+        return estimate_from_replicas(self.values)
+
+    @property
+    def p_value(self) -> float:
+        """Probability of a larger distance at equilibrium, for the last frame; see `ks_p_value`."""
+        return ks_p_value(float(self.values[-1]), self._n, self._dim)
+
+
+class HFunction(_PerFrame):
+    """Boltzmann's H less its equilibrium value, from a histogram of each frame; see `h_excess`.
+
+    All particles of a mixture are taken together, in units of their own sqrt(kT/m). f is taken as isotropic:
+    an anisotropy at equal speeds, such as of two beams, does not count.
+
+    Parameters
+    ----------
+    bins : int, default 60
+        Number of equal bins, the last one open above. The bias removed is (B - 1)/(2N): use few bins for one
+        small gas, and `analysis.relaxation.RelaxationCurve` to take all replicas together.
+    maximum : float, default 5
+        Start of the open bin in thermal speeds.
+    """
+
+    _ylabel = r"$H - H_\mathrm{eq}$"
+
+    def __init__(self, bins: int = 60, maximum: float = 5.0) -> None:
+        super().__init__()
+        self.edges: FloatArray = np.append(np.linspace(0.0, maximum, bins + 1)[:-1], np.inf)
+
+    def _measure(self, frame: Frame) -> float:
+        reduced, _ = reduced_velocities(frame)
+        counts = np.histogram(np.sqrt(np.einsum("ik,ik->i", reduced, reduced)), bins=self.edges)[0]
+        return float(h_excess(counts, np.diff(theory.speed_cdf(self.edges, frame.scene.dim))))
+
+    @property
+    def excess(self) -> Estimate:
+        """Mean of H - H_eq over frames; the error takes them as independent, NaN for one frame."""
+        return estimate_from_replicas(self.values)

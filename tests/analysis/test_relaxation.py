@@ -1,0 +1,155 @@
+"""The relaxation curve: bookkeeping of replicas, and the physics of a Boltzmann gas of known fate."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+from analysis import theory
+from analysis.estimator import NoDataError
+from analysis.relaxation import RelaxationCurve
+from analysis.velocities import FourthCumulant, ks_distance, reduced_velocities
+
+S = [0.0, 1.0, 2.0, 5.0]
+
+
+@pytest.fixture(scope="module")
+def curve(boltzmann, gas):
+    rng = np.random.default_rng(1)
+    curve = RelaxationCurve()
+    for replica in range(20):
+        for frame in boltzmann(gas.equal_speeds(rng, 4000, 3), S, seed=replica):
+            curve.add(frame)
+    return curve
+
+
+def test_replicas_are_told_apart_by_s(curve):
+    assert (curve.n_replicas, curve.n_per_replica, curve.dim, curve.labels) == (20, 4000, 3, ["all"])
+    np.testing.assert_allclose(curve.s, S)
+    assert curve.a2_samples.shape == (20, 4)
+    assert curve.a2_covariance.shape == (4, 4)
+    np.testing.assert_allclose(np.sqrt(np.diag(curve.a2_covariance)), curve.a2_error)
+
+
+def test_moments_are_those_of_the_frames(gas):
+    rng = np.random.default_rng(2)
+    masses = np.repeat([1.0, 4.0], [300, 500])
+    frames = [gas.frame(gas.maxwell(rng, 800, 3, masses), masses, s=0.0) for _ in range(3)]
+    curve = RelaxationCurve()
+    for frame in frames:
+        curve.add(frame)
+    assert curve.n_replicas == 3
+    for row, frame in zip(curve.a2_samples, frames, strict=True):
+        assert row[0] == pytest.approx(FourthCumulant().add(frame).a2.value, rel=1e-12)
+    speeds = np.concatenate([np.linalg.norm(reduced_velocities(frame)[0], axis=1) for frame in frames])
+    assert curve.ks[0] == pytest.approx(ks_distance(speeds, 3), abs=1.1 / len(speeds) + 1e-3)
+    assert curve.temperature_by_species.shape == (1, 2)
+    share = curve.temperature_by_species[0] @ [300, 500] / 800
+    assert share == pytest.approx(curve.free_momenta / 2400, rel=1e-12)
+    assert curve.temperature_by_axis[0].sum() == pytest.approx(3 * share, rel=1e-12)
+    edges, density, error = curve.speed_histogram(0, bins=32)
+    assert density.shape == error.shape == (2, 32)
+    np.testing.assert_allclose((density * np.diff(edges)).sum(axis=1), 1.0)
+    with pytest.raises(ValueError, match="bins = 33"):
+        curve.speed_histogram(0, bins=33)
+
+
+def test_merging_and_pickling_change_nothing(curve, boltzmann, gas):
+    rng = np.random.default_rng(1)
+    merged = RelaxationCurve()
+    for replica in range(20):
+        part = RelaxationCurve()
+        for frame in boltzmann(gas.equal_speeds(rng, 4000, 3), S, seed=replica):
+            part.add(frame)
+        merged.merge(pickle.loads(pickle.dumps(part)))
+    for name in ("s", "a2", "a2_error", "a3", "ks", "ks_error", "h", "h_error"):
+        np.testing.assert_array_equal(getattr(merged, name), getattr(curve, name), err_msg=name)
+    assert len(pickle.dumps(part)) < 40_000  # 6 kB for each frame of 4000 particles, which has 192 kB
+
+
+def test_equal_speeds_relax_as_the_boltzmann_equation_says(curve):
+    assert curve.starts_from_equal_speeds
+    comparison = curve.compare()
+    assert comparison.chi_square.p_value > 1e-3
+    assert comparison.chi_square.degrees_of_freedom == 3
+    assert np.isnan(comparison.a2_z[0])
+    rate = curve.fit_rate((2, 5))
+    assert abs(rate.deviation(theory.equal_speeds_decay_rate(3).value)) < 4
+    assert rate.standard_error < 0.05
+
+
+def test_the_rate_of_the_table_is_the_stated_one():
+    """The estimator's definition of the rate, applied to the table itself, gives 0.4355 and 0.3797."""
+    for dim, expected in ((3, 0.4355), (2, 0.3797)):
+        table = theory.boltzmann_equal_speeds([2.0, 5.0], dim)
+        assert np.log(table.a2[0] / table.a2[1]) / 3 == pytest.approx(expected, abs=5e-5)
+
+
+def test_a_wrong_collision_rule_is_rejected(gas):
+    """Every collision exchanges the velocities: energy and momentum are kept, speeds are not touched, nothing relaxes."""
+    rng = np.random.default_rng(3)
+    curve = RelaxationCurve()
+    for _ in range(10):
+        v = gas.equal_speeds(rng, 1000, 3)
+        for s in S:
+            curve.add(gas.frame(rng.permutation(v), s=s))
+    comparison = curve.compare()
+    assert np.abs(comparison.a2_z[1:]).min() > 100
+    assert comparison.chi_square.p_value < 1e-6
+
+
+def test_fewer_than_two_replicas(curve, boltzmann, gas):
+    one = RelaxationCurve()
+    for frame in boltzmann(gas.equal_speeds(np.random.default_rng(4), 4000, 3), S, seed=99):
+        one.add(frame)
+    np.testing.assert_allclose(one.a2_error, theory.cumulant_noise(4000, 3))
+    assert np.isnan(one.ks_error).all() and np.isnan(one.fit_rate().standard_error)
+    assert one.compare().chi_square is None
+    with pytest.raises(NoDataError, match="second replica"):
+        _ = one.a2_covariance
+
+
+def test_equilibrium_has_no_rate(gas):
+    rng = np.random.default_rng(5)
+    curve = RelaxationCurve()
+    for _ in range(10):
+        for s in S:
+            curve.add(gas.frame(gas.maxwell(rng, 1000, 3), s=s))
+    assert not curve.starts_from_equal_speeds
+    with pytest.raises(ValueError, match="lost in the noise"):
+        curve.fit_rate()
+    assert np.abs(curve.a2 / curve.a2_error).max() < 4
+    assert np.abs(curve.h / curve.h_error).max() < 5
+
+
+def test_beams_are_not_taken_for_random_directions(gas):
+    v = np.zeros((1000, 3))
+    v[:, 0] = np.repeat([1.0, -1.0], 500)
+    curve = RelaxationCurve().add(gas.frame(v))
+    assert not curve.starts_from_equal_speeds
+    assert curve.temperature_by_axis[0, 0] == pytest.approx(3, rel=2e-3)
+
+
+def test_misuse_is_named(curve, gas):
+    empty = RelaxationCurve()
+    with pytest.raises(NoDataError, match=r"no replicas yet; call add\(frame\) first"):
+        _ = empty.a2
+    with pytest.raises(ValueError, match="not sampled at s = 3"):
+        curve.fit_rate((3, 5))
+    rng = np.random.default_rng(6)
+    uneven = RelaxationCurve().add(gas.frame(gas.maxwell(rng, 100, 3), s=0.0))
+    uneven.add(gas.frame(gas.maxwell(rng, 100, 3), s=1.0)).add(gas.frame(gas.maxwell(rng, 100, 3), s=0.0))
+    with pytest.raises(ValueError, match="replica 1 was sampled at 1 values of s"):
+        _ = uneven.a2
+    with pytest.raises(ValueError, match="frame has 2 dimensions"):
+        uneven.add(gas.frame(gas.maxwell(rng, 100, 2), s=1.0))
+    with pytest.raises(ValueError, match="different gases"):
+        uneven.merge(RelaxationCurve().add(gas.frame(gas.maxwell(rng, 100, 2))))
+
+
+def test_plot(curve):
+    from matplotlib.figure import Figure
+
+    axes = Figure().subplots()
+    assert curve.plot(axes) is axes
+    assert "Boltzmann equation" in axes.get_legend_handles_labels()[1]
