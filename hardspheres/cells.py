@@ -1,7 +1,8 @@
 """Which pairs of points are near: a cell grid in NumPy, for checks and placements outside the event loop.
 
 Cells are never smaller than the cutoff, so every pair closer than it lies in the same or in touching cells. Only occupied
-cells are stored (sorted numbers, found by bisection), so cost and memory grow with the particles and not with the box.
+cells are stored (found through a table, or by bisection where the box is mostly empty), so cost and memory grow with the
+particles and not with the box.
 """
 
 import itertools
@@ -17,6 +18,7 @@ Bools = NDArray[np.bool_]
 
 CELLS_PER_AXIS = 1 << 20  # three axes then fill 60 bits of a cell number
 PAIRS_AT_ONCE = 1 << 18  # keeps the working arrays within the processor's cache
+MOST_EMPTY = 8  # cells for each particle up to which a table of all cells is kept
 MOST_PAIRS = 2e8  # more than these come only from particles heaped on one another
 
 
@@ -45,32 +47,43 @@ class CellGrid:
         self.cells, self._first = np.unique(numbers[self.order], return_index=True)
         self._count = np.diff(np.append(self._first, len(points)))
         self.points = points
+        total = math.prod(self.shape.tolist())
+        self._table: Ints | None = None  # from the number of a cell to its place among the occupied ones
+        if total <= MOST_EMPTY * len(points) + PAIRS_AT_ONCE:
+            self._table = np.full(total, -1)
+            self._table[self.cells] = np.arange(len(self.cells))
 
     @property
     def occupancy(self) -> Ints:
         """Points in each occupied cell."""
         return self._count
 
+    def cell_of(self, points: Floats) -> Ints:
+        """Return the number of the cell of each point."""
+        return self._number(self._coordinates(points))
+
     def members(self, cell: int) -> Ints:
-        """Indices of the points in the `cell`-th occupied cell, ascending."""
+        """Return the indices of the points in the `cell`-th occupied cell, ascending."""
         first = self._first[cell]
         return self.order[first : first + self._count[cell]]
 
-    def pairs_with(self, others: Floats) -> Iterator[tuple[Ints, Ints]]:
-        """Pairs (index into `others`, index of a stored point) in touching cells, in batches; some come twice.
+    def pairs_with(self, others: Floats, offset: tuple[int, ...]) -> Iterator[tuple[Ints, Ints]]:
+        """Yield pairs (index into `others`, index of a stored point in the cell at this offset from it), in batches.
 
-        A pair comes twice only where a periodic axis has fewer than three cells.
+        Over all of `offsets` every near pair comes, twice where a periodic axis has fewer than three cells.
         """
-        coordinates = self._coordinates(others)
-        home = np.argsort(self._number(coordinates), kind="stable")  # neighbours in memory are neighbours in space
-        coordinates = coordinates[home]
-        for offset in itertools.product((-1, 0, 1), repeat=len(self.box)):
-            first, count = self._look_up(coordinates, offset)
-            for i, slot in _expand(first, count):
-                yield home[i], self.order[slot]
+        first, count = self._look_up(self._coordinates(others), offset)
+        for i, slot in _expand(first, count):
+            yield i, self.order[slot]
+
+    @property
+    def offsets(self) -> list[tuple[int, ...]]:
+        """Steps to the cell itself and to those that touch it, the nearest first."""
+        steps = itertools.product((-1, 0, 1), repeat=len(self.box))
+        return sorted(steps, key=lambda step: sum(map(abs, step)))
 
     def pairs(self) -> Iterator[tuple[Ints, Ints]]:
-        """Pairs of stored points in the same or touching cells, in batches; some come twice, none with itself."""
+        """Yield pairs of stored points in the same or touching cells, in batches; some come twice, none with itself."""
         coordinates = self._coordinates(self.points[self.order])
         place = np.arange(len(self.order))
         last = np.repeat(self._first + self._count, self._count)
@@ -111,14 +124,19 @@ class CellGrid:
                 outside |= low | high
             number *= self.shape[axis]
             number += moved
-        cell = np.searchsorted(self.cells, number)
-        cell[cell == len(self.cells)] = 0
-        missing = outside | (self.cells[cell] != number)
+        number[outside] = 0
+        if self._table is not None:
+            cell = self._table[number]
+            missing = outside | (cell < 0)
+        else:
+            cell = np.searchsorted(self.cells, number)
+            cell[cell == len(self.cells)] = 0
+            missing = outside | (self.cells[cell] != number)
         return self._first[cell], np.where(missing, 0, self._count[cell])
 
 
 def _expand(first: Ints, count: Ints) -> Iterator[tuple[Ints, Ints]]:
-    """All (i, first[i] + k) with 0 <= k < count[i], in batches of about `PAIRS_AT_ONCE`."""
+    """Yield all (i, first[i] + k) with 0 <= k < count[i], in batches of about `PAIRS_AT_ONCE`."""
     keep = np.flatnonzero(count)
     ends = np.cumsum(count[keep])
     done = 0
@@ -134,7 +152,7 @@ def _expand(first: Ints, count: Ints) -> Iterator[tuple[Ints, Ints]]:
 
 
 def distances(a: Floats, b: Floats, i: Ints, j: Ints, box: Floats, periodic: Bools) -> Floats:
-    """Distances between points a[i] and b[j], to the nearest image on periodic axes."""
+    """Return the distances between points a[i] and b[j], to the nearest image on periodic axes."""
     square = np.zeros(len(i))
     for axis in range(len(box)):
         step = np.abs(a[i, axis] - b[j, axis])
@@ -146,7 +164,7 @@ def distances(a: Floats, b: Floats, i: Ints, j: Ints, box: Floats, periodic: Boo
 
 
 def size_classes(radii: Floats) -> list[Ints]:
-    """Indices of the particles by octaves of the radius, largest first: within one, sizes differ at most twofold."""
+    """Divide the particles by octaves of the radius, largest first: within one, sizes differ at most twofold."""
     if radii.min() == radii.max():
         return [np.arange(len(radii))]
     octave = np.floor(np.log2(radii.max() / radii)).astype(np.int64)
@@ -154,7 +172,7 @@ def size_classes(radii: Floats) -> list[Ints]:
 
 
 def most_that_fit(edges: Floats, radius: float) -> int:
-    """No more than this many spheres of at least this radius have their centres in a cell with these edges."""
+    """Bound a count: no more than this many spheres of at least this radius have their centres in a cell with these edges."""
     dim = len(edges)
     one = math.pi ** (dim / 2) / math.gamma(dim / 2 + 1) * radius**dim
     return int(math.prod(edges + 2 * radius) / one) + 1
@@ -191,14 +209,15 @@ def worst_overlap(positions: Floats, radii: Floats, box: Floats, periodic: Bools
             limit = most_that_fit(box / grid.shape, float(sizes.min()))
             if grid.occupancy.max() > limit:
                 part = members[grid.members(int(np.argmax(grid.occupancy)))[: limit + 1]]
-                i, j, depth = worst_overlap(positions[part], radii[part], box, periodic)
-                return int(part[i]), int(part[j]), depth
+                a, b, depth = worst_overlap(positions[part], radii[part], box, periodic)
+                return int(part[a]), int(part[b]), depth
         grids.append(grid)
         for i, j in grid.pairs():
             worst = _deeper(worst, members[i], members[j], positions, radii, box, periodic)
     for large, small in itertools.combinations(range(len(classes)), 2):
-        for i, j in grids[large].pairs_with(positions[classes[small]]):
-            worst = _deeper(worst, classes[small][i], classes[large][j], positions, radii, box, periodic)
+        for offset in grids[large].offsets:
+            for i, j in grids[large].pairs_with(positions[classes[small]], offset):
+                worst = _deeper(worst, classes[small][i], classes[large][j], positions, radii, box, periodic)
     return worst
 
 
@@ -211,7 +230,7 @@ def _deeper(
     box: Floats,
     periodic: Bools,
 ) -> tuple[int, int, float]:
-    """The deeper of the worst overlap so far and the worst of these pairs; of equals the first found."""
+    """Return the deeper of the worst overlap so far and the worst of these pairs; of equals the first found."""
     if not len(i):
         return worst
     depth = radii[i] + radii[j] - distances(positions, positions, i, j, box, periodic)

@@ -34,7 +34,7 @@ class Lattice:
     close_packing: float
 
     def sites(self, planes: Planes) -> int:
-        """Number of lattice sites on this many planes along each axis."""
+        """Count the lattice sites on this many planes along each axis."""
         crossings = math.prod(planes)
         return (crossings + 1) // 2 if self.every_second else crossings
 
@@ -107,8 +107,8 @@ def lattice_gas(
     n, dim, filled, sizes, weights = _checked(n, packing_fraction, dim, radii, masses)
     kinds = LATTICES[dim]
     if lattice is not None and lattice not in kinds:
-        words = " or ".join(f'"{word}"' for word in kinds)
-        raise SceneError(f"lattice is {lattice!r}; in {dim}D it must be {words}")
+        names = " or ".join(f'"{name}"' for name in kinds)
+        raise SceneError(f"lattice is {lattice!r}; in {dim}D it must be {names}")
     chosen = kinds[lattice] if lattice is not None else next(iter(kinds.values()))
     words = boundary_words(boundary, dim)
     periodic = np.array([word == "periodic" for word in words])
@@ -261,12 +261,13 @@ def _candidates(lattice: Lattice, n: int, periodic: Bools) -> list[Planes]:
     dim = len(periodic)
     crossings = 2 * n if lattice.every_second else n
     scale = (crossings * math.prod(lattice.proportions)) ** (1 / dim)
-    step = [2 if lattice.every_second and wraps else 1 for wraps in periodic]  # a chessboard wraps in even numbers
+    # A chessboard wraps around in even numbers only.
+    step = [2 if lattice.every_second and wraps else 1 for wraps in periodic]
 
     def rounded(planes: float, axis: int) -> int:
         return max(1, math.ceil(planes / step[axis] - 1e-9)) * step[axis]
 
-    if periodic.all() and len(set(lattice.proportions)) == 1:  # equal planes along all axes: a cube, undistorted
+    if periodic.all() and len(set(lattice.proportions)) == 1:  # a cube, undistorted
         planes = rounded(scale, 0)
         while lattice.sites((planes,) * dim) < n:
             planes += step[0]
@@ -289,12 +290,13 @@ def _candidates(lattice: Lattice, n: int, periodic: Bools) -> list[Planes]:
 
 
 def _box(lattice: Lattice, planes: Planes, volume: float, periodic: Bools) -> Floats:
-    """A cube (square) of this volume; for a periodic triangular lattice the rectangle that keeps its proportions."""
+    """Return a cube (square) of this volume; for a periodic triangular lattice the rectangle that keeps its proportions."""
     dim = len(periodic)
     if not periodic.all():
         return np.full(dim, volume ** (1 / dim))
     shape = np.array(planes) * np.array(lattice.proportions)
-    return shape * (volume / math.prod(shape.tolist())) ** (1 / dim)
+    box: Floats = shape * (volume / math.prod(shape.tolist())) ** (1 / dim)
+    return box
 
 
 def _spacings(planes: Planes, box: Floats, periodic: Bools, radius: float) -> Floats:
@@ -302,23 +304,25 @@ def _spacings(planes: Planes, box: Floats, periodic: Bools, radius: float) -> Fl
     count = np.array(planes)
     even = box / count
     inside = (box - 2 * radius) / np.maximum(count - 1, 1)
-    return np.where(periodic | (count == 1), even, np.minimum(even, inside))
+    spacings: Floats = np.where(periodic | (count == 1), even, np.minimum(even, inside))
+    return spacings
 
 
 def _nearest(lattice: Lattice, planes: Planes, box: Floats, periodic: Bools, radius: float) -> float:
     """Smallest distance between sites; infinity where there is only one."""
-    spacing = np.where((np.array(planes) == 1) & ~periodic, math.inf, _spacings(planes, box, periodic, radius))
+    alone = (np.array(planes) == 1) & ~periodic
+    spacing = np.where(alone, math.inf, _spacings(planes, box, periodic, radius))
     if not lattice.every_second:
         return float(spacing.min())
     diagonal = min(math.hypot(a, b) for a, b in itertools.combinations(spacing, 2))
     straight = [2 * h for h, count in zip(spacing, planes, strict=True) if count > 2]
-    return min([diagonal, *straight])
+    return float(min([diagonal, *straight]))
 
 
 def _reachable(
     lattice: Lattice, n: int, filled: float, refused: float, periodic: Bools, radius: float
 ) -> float:
-    """The largest packing fraction at which the lattice fits, by bisection below the refused one."""
+    """Find the largest packing fraction at which the lattice fits, by bisection below the refused one."""
     low, high = 0.0, refused
     for _ in range(30):
         middle = 0.5 * (low + high)
@@ -338,4 +342,5 @@ def _sites(lattice: Lattice, planes: Planes, box: Floats, periodic: Bools, radiu
     span = (np.array(planes) - 1) * spacing
     margin = 0.5 * (box - span)  # half a spacing, or a radius where planes touch walls
     sites = margin + indices * spacing
-    return np.where(periodic, sites, np.clip(sites, radius, box - radius))
+    kept: Floats = np.where(periodic, sites, np.clip(sites, radius, box - radius))
+    return kept

@@ -8,6 +8,7 @@ placement has jammed, and that is known and not guessed (Zhang, Torquato 2013, d
 """
 
 import itertools
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,22 +57,25 @@ def place_at_random(radii: Floats, box: Floats, periodic: Bools, rng: np.random.
         placed.append(members[:0])
         room = _Room(float(radii[members].min()), box, periodic)
         waiting = members[np.argsort(-radii[members], kind="stable")]
-        idle = 0
+        idle = tried = 0
         while len(waiting):
-            trials = np.resize(waiting, max(len(waiting), FEWEST_TRIALS))
+            trials = np.resize(waiting, max(len(waiting), FEWEST_TRIALS, sum(map(len, placed)) // 4))
             places = room.draw(rng, len(trials))
             free = np.flatnonzero(_inside(places, radii[trials], box, periodic))
             for old in filter(len, placed):
                 grid = CellGrid(positions[old], box, periodic, 2 * float(radii[old].max()))
-                free = free[~_hit(grid, radii[old], places[free], radii[trials[free]])]
-            rare = len(free) < RARE * len(trials)
-            free = free[np.sort(np.unique(trials[free], return_index=True)[1])]  # one success for each particle
+                free = free[_unhit(grid, radii[old], places[free], radii[trials[free]])]
+            tried += len(trials)
+            rare = len(free) < RARE * len(trials) and tried > room.cost_of_shrinking
+            _, first = np.unique(trials[free], return_index=True)
+            free = free[np.sort(first)]  # one success for each particle
             stay = free[_first_come(places[free], radii[trials[free]], box, periodic)]
             positions[trials[stay]] = places[stay]
             placed[-1] = np.concatenate([placed[-1], trials[stay]])
             waiting = waiting[~np.isin(waiting, trials[stay])]
             idle = 0 if len(stay) else idle + 1
             if rare and len(waiting):
+                tried = 0
                 room.shrink([(positions[old], radii[old]) for old in filter(len, placed)])
             if len(waiting) and (room.is_full or idle >= MOST_IDLE_ROUNDS):
                 raise _jammed(radii, np.concatenate(placed), box)
@@ -87,6 +91,19 @@ class _Room:
         self.extent = box - 2 * self.low
         self.edges = self.extent
         self.voxels = np.zeros((1, len(box)), dtype=np.int64)  # corners, in units of the edges
+        self.mapped = False
+
+    @property
+    def cost_of_shrinking(self) -> int:
+        """Work of dividing the voxels, in trials: about one for each new voxel."""
+        return len(self.voxels) * 2 ** len(self.box) if self.mapped else math.prod(self._counts().tolist())
+
+    def _counts(self) -> Ints:
+        """Voxels along each axis at first: about a radius wide, but not more than the most."""
+        widest = math.prod(self.extent.tolist()) / MOST_VOXELS
+        edge = max(self.radius, widest ** (1 / len(self.box)))
+        counts: Ints = np.maximum(np.ceil(self.extent / edge), 1).astype(np.int64)
+        return counts
 
     @property
     def is_full(self) -> bool:
@@ -96,18 +113,17 @@ class _Room:
     def draw(self, rng: np.random.Generator, n: int) -> Floats:
         """Return n places, evenly distributed over the room."""
         inside = rng.random((n, len(self.box)))
-        if len(self.voxels) > 1:
+        if self.mapped:
             inside += self.voxels[rng.integers(len(self.voxels), size=n)]
-        elif len(self.voxels) == 1:
-            inside += self.voxels[0]
-        return np.minimum(self.low + inside * self.edges, np.nextafter(self.low + self.extent, 0.0))
+        places: Floats = np.minimum(self.low + inside * self.edges, np.nextafter(self.low + self.extent, 0.0))
+        return places
 
     def shrink(self, placed: list[tuple[Floats, Floats]]) -> None:
         """Divide the voxels and drop those where no centre fits beside the placed (centres, radii)."""
         dim = len(self.box)
-        if np.array_equal(self.edges, self.extent):
-            coarse = max(self.radius, float(np.prod(self.extent / MOST_VOXELS ** (1 / dim))) ** (1 / dim))
-            counts = np.maximum(np.ceil(self.extent / coarse), 2).astype(np.int64)
+        if not self.mapped:
+            counts = self._counts()
+            self.mapped = True
             self.voxels = np.stack(
                 [axis.ravel() for axis in np.meshgrid(*map(np.arange, counts), indexing="ij")], axis=1
             )
@@ -118,23 +134,30 @@ class _Room:
             self.edges = self.edges / 2
         else:
             return
-        covered = np.zeros(len(self.voxels), dtype=np.bool_)
-        centres = self.low + (self.voxels + 0.5) * self.edges
         for points, radii in placed:
             grid = CellGrid(points, self.box, self.periodic, float(radii.max()) + self.radius)
-            open_ = np.flatnonzero(~covered)
-            for i, j in grid.pairs_with(centres[open_]):
-                reach = _farthest_corner(centres[open_[i]], points[j], self.edges, self.box, self.periodic)
-                covered[open_[i[reach <= radii[j] + self.radius]]] = True
-        self.voxels = self.voxels[~covered]
+            for offset in grid.offsets:
+                covered = np.zeros(len(self.voxels), dtype=np.bool_)
+                centres = self.low + (self.voxels + 0.5) * self.edges
+                for i, j in grid.pairs_with(centres, offset):
+                    reach = _farthest_corner(centres, points, i, j, self.edges, self.box, self.periodic)
+                    covered[i[reach <= radii[j] + self.radius]] = True
+                self.voxels = self.voxels[~covered]
 
 
-def _farthest_corner(centres: Floats, points: Floats, edges: Floats, box: Floats, periodic: Bools) -> Floats:
-    """Distance from each point to the farthest corner of the voxel with this centre."""
-    step = np.abs(centres - points)
-    step = np.where(periodic, np.minimum(step, np.abs(box - step)), step) + 0.5 * edges
-    farthest: Floats = np.sqrt(np.sum(step * step, axis=1))
-    return farthest
+def _farthest_corner(
+    centres: Floats, points: Floats, i: Ints, j: Ints, edges: Floats, box: Floats, periodic: Bools
+) -> Floats:
+    """Distances from points[j] to the farthest corner of the voxel around centres[i]."""
+    square = np.zeros(len(i))
+    for axis in range(len(box)):
+        step = np.abs(centres[i, axis] - points[j, axis])
+        if periodic[axis]:
+            np.minimum(step, np.abs(box[axis] - step), out=step)
+        step += 0.5 * edges[axis]
+        step *= step
+        square += step
+    return np.sqrt(square)
 
 
 def _inside(places: Floats, radii: Floats, box: Floats, periodic: Bools) -> Bools:
@@ -144,12 +167,16 @@ def _inside(places: Floats, radii: Floats, box: Floats, periodic: Bools) -> Bool
     return inside
 
 
-def _hit(grid: CellGrid, old: Floats, places: Floats, radii: Floats) -> Bools:
-    """Which of the spheres at these places overlap a sphere of the grid, whose radii are `old`."""
-    hit = np.zeros(len(places), dtype=np.bool_)
-    for i, j in grid.pairs_with(places):
-        hit[i[distances(places, grid.points, i, j, grid.box, grid.periodic) < radii[i] + old[j]]] = True
-    return hit
+def _unhit(grid: CellGrid, old: Floats, places: Floats, radii: Floats) -> Ints:
+    """Which of the spheres at these places overlap no sphere of the grid, whose radii are `old`."""
+    home = np.argsort(grid.cell_of(places), kind="stable")  # neighbours in memory are neighbours in space
+    for offset in grid.offsets:
+        points, sizes = places[home], radii[home]
+        hit = np.zeros(len(home), dtype=np.bool_)
+        for i, j in grid.pairs_with(points, offset):
+            hit[i[distances(points, grid.points, i, j, grid.box, grid.periodic) < sizes[i] + old[j]]] = True
+        home = home[~hit]
+    return np.sort(home)
 
 
 def _first_come(places: Floats, radii: Floats, box: Floats, periodic: Bools) -> Bools:

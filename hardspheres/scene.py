@@ -95,7 +95,9 @@ class Scene:
             raise SceneError("a scene needs at least one particle; positions are empty")
         speeds = _numbers(velocities, "velocities")
         if speeds.shape != places.shape:
-            raise SceneError(f"velocities have shape {speeds.shape}; they need that of positions, {places.shape}")
+            raise SceneError(
+                f"velocities have shape {speeds.shape}; they need that of positions, {places.shape}"
+            )
         edges = _edges(box, dim)
         words = boundary_words(boundary, dim)
         _require_finite(places, "position")
@@ -126,17 +128,17 @@ class Scene:
     @property
     def n(self) -> int:
         """Number of particles N."""
-        return self.positions.shape[0]
+        return len(self.positions)
 
     @property
     def dim(self) -> int:
         """Dimension d of space, 2 or 3."""
-        return self.positions.shape[1]
+        return len(self.box)
 
     @property
     def volume(self) -> float:
         """Volume of the box (area in 2D), length^d."""
-        return math.prod(self.box.tolist())
+        return float(math.prod(self.box.tolist()))
 
     @property
     def number_density(self) -> float:
@@ -216,7 +218,9 @@ class Scene:
         here = np.array(positions, dtype=np.float64, order="C")
         there = np.array(velocities, dtype=np.float64, order="C")
         if here.shape != self.positions.shape or there.shape != self.positions.shape:
-            raise SceneError(f"a state of this scene has positions and velocities of shape {self.positions.shape}")
+            raise SceneError(
+                f"a state of this scene has positions and velocities of shape {self.positions.shape}"
+            )
         scene._store(
             here, there, self.radii, self.masses, self.box, self.boundary, self.periodic, self.species
         )
@@ -253,7 +257,8 @@ def sphere_volume(radii: Floats, dim: int) -> Floats:
 
 def total_momentum(velocities: Floats, masses: Floats) -> Floats:
     """Total momentum sum of m v, shape (d,)."""
-    return np.sum(masses[:, None] * velocities, axis=0)
+    total: Floats = np.sum(masses[:, None] * velocities, axis=0)
+    return total
 
 
 def kinetic_energy(velocities: Floats, masses: Floats) -> float:
@@ -302,7 +307,9 @@ def boundary_words(boundary: str | Sequence[str], dim: int) -> tuple[str, ...]:
             f'boundary is {boundary!r}; it must be "periodic" or "wall", or a sequence of one of them for each axis'
         )
     if len(words) != dim:
-        raise SceneError(f"boundary has {len(words)} words for {dim} axes; give one word, or one for each axis")
+        raise SceneError(
+            f"boundary has {len(words)} words for {dim} axes; give one word, or one for each axis"
+        )
     return tuple(words)
 
 
@@ -329,7 +336,9 @@ def _numbers(values: ArrayLike, name: str) -> Floats:
     try:
         raw = np.asarray(values)
     except (TypeError, ValueError) as error:  # ragged rows, or an object that is no array
-        raise SceneError(f"{name} cannot be made an array of numbers: rows differ in length or type") from error
+        raise SceneError(
+            f"{name} cannot be made an array of numbers: rows differ in length or type"
+        ) from error
     if raw.dtype.kind not in "iuf":
         kind = {"b": "truth values", "c": "complex numbers", "U": "text", "S": "text"}.get(
             raw.dtype.kind, str(raw.dtype)
@@ -437,7 +446,7 @@ def _require_no_overlap(positions: Floats, radii: Floats, box: Floats, periodic:
 
 
 def _kinds(masses: Floats, radii: Floats) -> NDArray[np.int32]:
-    """Number the distinct (mass, radius) pairs in the order in which they first appear."""
+    """Count the distinct (mass, radius) pairs in the order in which they first appear."""
     if masses.min() == masses.max() and radii.min() == radii.max():
         return np.zeros(len(masses), dtype=np.int32)
     pairs = np.empty(len(masses), dtype=np.complex128)  # sorts by mass, then radius

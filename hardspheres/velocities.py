@@ -165,7 +165,7 @@ DISTRIBUTIONS: dict[str, Callable[[np.random.Generator, Scene], Floats]] = {
 
 
 def _shuffled_by_mass(rng: np.random.Generator, scene: Scene) -> list[Ints]:
-    """Indices of the particles of each mass, in random order: partners are not neighbours on a lattice."""
+    """Group the particles by mass, each group in random order: partners are not neighbours on a lattice."""
     shuffled = rng.permutation(scene.n)
     if scene.masses.min() == scene.masses.max():
         return [shuffled]
