@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,12 +54,12 @@ class _Replica:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A relaxation from equal speeds beside the Boltzmann equation.
+    """A measured relaxation beside its theory.
 
     Attributes
     ----------
     a2, ks, h : (S,) arrays
-        What theory expects, a2 with the finite-size correction; NaN where there is no theory.
+        What theory expects, a2 with the finite-size correction; NaN where nothing is known.
     a2_uncertainty, ks_uncertainty, h_uncertainty : (S,) arrays
         Its standard uncertainty u.
     a2_z, ks_z, h_z : (S,) arrays
@@ -472,55 +472,63 @@ class RelaxationCurve(Estimator):
 
         return estimate_from_jackknife(excess, rate)
 
-    def compare(self) -> Comparison:
-        """Compare with the Boltzmann equation for a dilute gas that starts from equal speeds.
+    def compare(self, start: Literal["equal speeds", "equilibrium"] = "equal speeds") -> Comparison:
+        """Compare with theory, point by point and a2 as a whole.
 
-        Theory: `theory.boltzmann_equal_speeds` with `theory.finite_size_relaxation`. The KS distance of N
-        particles in all exceeds the theory's by about floor^2/(2 ks), `theory.ks_floor`; twice that is added
-        to its uncertainty.
+        Parameters
+        ----------
+        start : {"equal speeds", "equilibrium"}
+            Equal speeds: `theory.boltzmann_equal_speeds` for a dilute gas, with
+            `theory.finite_size_relaxation`. Equilibrium: a gas that starts Maxwellian and stays so, a2 =
+            `theory.equilibrium_a2`, H = H_eq, KS = `theory.ks_floor`.
 
         Returns
         -------
         Comparison
+
+        Notes
+        -----
+        The KS distance of N particles in all exceeds that of the infinite gas by about floor^2/(2 ks); twice
+        that is added to its uncertainty.
         """
         s = self.s
-        known = s <= 10.0
-        table = theory.boltzmann_equal_speeds(np.where(known, s, 0.0), self.dim)
-        finite = theory.finite_size_relaxation(table.a2, -2.0 / (self.dim + 2), self.free_momenta)
-
-        def clip(values: FloatArray) -> FloatArray:
-            return np.where(known, values, np.nan)
-
-        a2, a2_uncertainty = clip(finite.value), np.hypot(table.a2_error, finite.uncertainty)
         floor = theory.ks_floor(self.n_per_replica * self.n_replicas, self.dim)
-        ks_uncertainty = np.hypot(table.ks_error, np.where(s > 0.0, floor**2 / table.ks, 0.0))
-        ks, ks_error = self._ks()
-        h, h_error = self._h()
-        fluctuates = known & (s > 0.0)
+        if start == "equal speeds":
+            known = s <= 10.0
+            table = theory.boltzmann_equal_speeds(np.where(known, s, 0.0), self.dim)
+            finite = theory.finite_size_relaxation(table.a2, -2.0 / (self.dim + 2), self.free_momenta)
+            a2, a2_uncertainty = finite.value, np.hypot(table.a2_error, finite.uncertainty)
+            ks, ks_uncertainty = (
+                table.ks,
+                np.hypot(table.ks_error, np.where(s > 0.0, floor**2 / table.ks, 0.0)),
+            )
+            h, h_uncertainty = table.h, table.h_error
+            fluctuates = known & (s > 0.0)
+        else:
+            known = fluctuates = np.ones(len(s), dtype=bool)
+            a2, a2_uncertainty = np.full(len(s), theory.equilibrium_a2(self.free_momenta)), np.zeros(len(s))
+            ks, ks_uncertainty = (
+                np.full(len(s), floor),
+                np.full(len(s), 0.3 * floor),
+            )  # its spread, see `ks_floor`
+            h, h_uncertainty = np.zeros(len(s)), np.zeros(len(s))
+
+        def against(
+            measured: tuple[FloatArray, FloatArray], expected: FloatArray, uncertainty: FloatArray
+        ) -> tuple[FloatArray, FloatArray, FloatArray]:
+            scale = np.hypot(measured[1], uncertainty)
+            z = (measured[0] - expected) / np.where(fluctuates & (scale > 0.0), scale, np.nan)
+            return np.where(known, expected, np.nan), uncertainty, z
+
         points = np.flatnonzero(fluctuates)
         chi_square = None
         if self.n_replicas > len(points) + 1 and len(points):
-            samples = self.a2_samples[:, points]
-            chi_square = compare_with_theory(samples, a2[points], a2_uncertainty[points])
-
-        def z(
-            measured: FloatArray, expected: FloatArray, error: FloatArray, uncertainty: FloatArray
-        ) -> FloatArray:
-            scale = np.hypot(error, uncertainty)
-            safe = np.where(fluctuates & (scale > 0.0), scale, np.nan)
-            return np.asarray((measured - expected) / safe)
-
+            chi_square = compare_with_theory(self.a2_samples[:, points], a2[points], a2_uncertainty[points])
         return Comparison(
-            a2=a2,
-            a2_uncertainty=a2_uncertainty,
-            a2_z=z(self.a2, a2, self.a2_error, a2_uncertainty),
-            ks=clip(table.ks),
-            ks_uncertainty=ks_uncertainty,
-            ks_z=z(ks, table.ks, ks_error, ks_uncertainty),
-            h=clip(table.h),
-            h_uncertainty=table.h_error,
-            h_z=z(h, table.h, h_error, table.h_error),
-            chi_square=chi_square,
+            *against((self.a2, self.a2_error), a2, a2_uncertainty),
+            *against(self._ks(), ks, ks_uncertainty),
+            *against(self._h(), h, h_uncertainty),
+            chi_square,
         )
 
     def plot(self, ax: Axes | None = None) -> Axes:

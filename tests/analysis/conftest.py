@@ -51,8 +51,7 @@ def collide_at_random(v, collisions, fastest):
     while done < collisions:
         i, j = np.random.randint(n), np.random.randint(n)
         g = math.sqrt(((v[i] - v[j]) ** 2).sum())
-        if g > fastest:
-            fastest = g
+        fastest = max(fastest, g)
         if i == j or np.random.random() * fastest > g:
             continue
         k = np.empty(dim)

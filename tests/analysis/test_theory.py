@@ -1,5 +1,6 @@
 """Closed forms against independent numbers: tables, expansions, quadrature, Monte Carlo."""
 
+import itertools
 import math
 
 import numpy as np
@@ -233,7 +234,7 @@ def test_stated_relaxation_rates():
         slowest = theory.near_equilibrium_rate(dim)
         assert all(
             a.value < b.value + 3 * (a.uncertainty + b.uncertainty)
-            for a, b in zip(rates, rates[1:], strict=False)
+            for a, b in itertools.pairwise(rates)
         )
         assert all(r.value < slowest.value + 3 * r.uncertainty for r in rates)
 

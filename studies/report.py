@@ -1,0 +1,228 @@
+"""What every study leaves behind: an output folder, tables, figures of one style, and summary.json.
+
+Files appear whole or not at all: each is written under another name in the same folder and renamed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import json
+import math
+import os
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from hardspheres.errors import HardSpheresError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["COLOURS", "OutputError", "OutputFolder", "Screen", "figure_style", "jsonable"]
+
+COLOURS = {
+    "theory": "#1d2733",
+    "simulation": "#1f77b4",
+    "band": "#9aa7b5",
+    "warm": "#d1495b",
+    "other": "#e0a030",
+}
+"""Colours of all figures: theory is a dark line, simulation is blue points, a second species is red."""
+
+_STYLE: Any = {
+    "figure.dpi": 100,
+    "savefig.dpi": 160,
+    "font.family": "DejaVu Sans",
+    "font.size": 10,
+    "axes.titlesize": 10.5,
+    "axes.titlelocation": "left",
+    "axes.labelsize": 10,
+    "axes.labelcolor": "#1d2733",
+    "axes.edgecolor": "#6b7785",
+    "axes.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.prop_cycle": "cycler('color', ['#1f77b4', '#d1495b', '#e0a030', '#3a8f6b', '#7b5ea7'])",
+    "xtick.color": "#4a5562",
+    "ytick.color": "#4a5562",
+    "xtick.labelsize": 9,
+    "ytick.labelsize": 9,
+    "legend.frameon": False,
+    "legend.fontsize": 9,
+    "lines.linewidth": 1.6,
+    "errorbar.capsize": 0,
+    "mathtext.fontset": "dejavusans",
+}
+
+
+class OutputError(HardSpheresError, OSError):
+    """The output folder cannot be made or written."""
+
+
+@contextlib.contextmanager
+def figure_style() -> Iterator[None]:
+    """Draw and save figures in the style of the package while the context lasts."""
+    import matplotlib
+
+    with matplotlib.rc_context(_STYLE):
+        yield
+
+
+def jsonable(value: Any) -> Any:
+    """Return a value as JSON can hold it: arrays as lists, NaN and infinities as null, paths as text."""
+    if isinstance(value, Mapping):
+        return {str(key): jsonable(entry) for key, entry in value.items()}
+    if isinstance(value, np.ndarray):
+        return jsonable(value.tolist())
+    if isinstance(value, (list, tuple)):
+        return [jsonable(entry) for entry in value]
+    if isinstance(value, np.generic):
+        return jsonable(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    return value
+
+
+class OutputFolder:
+    """The folder that a study writes into.
+
+    Parameters
+    ----------
+    path : str or path-like
+        Where; nothing is touched before `create`.
+
+    Attributes
+    ----------
+    path : Path
+        The folder.
+    files : list of str
+        Names of the files written so far.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+        self.files: list[str] = []
+
+    def check(self) -> None:
+        """Raise OutputError if the folder cannot be used; create nothing."""
+        if self.path.exists() and not self.path.is_dir():
+            raise OutputError(f"{self.path} exists and is not a folder; give another one with --out")
+        parent = next(p for p in [self.path, *self.path.absolute().parents] if p.exists())
+        if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
+            raise OutputError(f"{parent} cannot be written to; give another folder with --out")
+
+    def create(self) -> None:
+        """Make the folder and its parents."""
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise OutputError(f"{self.path} cannot be made: {error.strerror}") from error
+
+    @contextlib.contextmanager
+    def partial(self, name: str) -> Iterator[Path]:
+        """Yield a temporary path that becomes the file `name` when the context ends well.
+
+        Parameters
+        ----------
+        name : str
+            File name within the folder; the temporary one has the same extension.
+        """
+        temporary = self.path / f".partial-{name}"
+        try:
+            yield temporary
+            os.replace(temporary, self.path / name)
+        except OSError as error:
+            raise OutputError(f"{self.path / name} cannot be written: {error.strerror or error}") from error
+        finally:
+            temporary.unlink(missing_ok=True)
+        if name not in self.files:
+            self.files.append(name)
+
+    def write_json(self, name: str, content: Mapping[str, Any]) -> None:
+        """Write a JSON object, see `jsonable`."""
+        with self.partial(name) as path:
+            path.write_text(json.dumps(jsonable(content), indent=2) + "\n", encoding="utf-8")
+
+    def write_csv(self, name: str, columns: Mapping[str, Any]) -> None:
+        """Write columns of equal length under their names, numbers as the shortest text that reads back."""
+        arrays = {key: np.asarray(column).tolist() for key, column in columns.items()}
+        with self.partial(name) as path, path.open("w", encoding="utf-8", newline="") as handle:
+            writer = csv.writer(handle, lineterminator="\n")
+            writer.writerow(arrays)
+            writer.writerows(zip(*arrays.values(), strict=True))
+
+    def save_figure(self, name: str, figure: Figure) -> None:
+        """Write a figure as PNG."""
+        with self.partial(name) as path:
+            figure.savefig(path, format="png")
+
+
+class Screen:
+    """Where a study talks to a person: results on standard output, progress and notes on standard error.
+
+    Parameters
+    ----------
+    json_output : bool, default False
+        Keep standard output free for one JSON object; then everything else goes to standard error.
+    """
+
+    def __init__(self, json_output: bool = False) -> None:
+        self.json_output = json_output
+        self.errors = Console(stderr=True, highlight=False, soft_wrap=True)
+        self.results = self.errors if json_output else Console(highlight=False, soft_wrap=True)
+
+    def say(self, text: str = "") -> None:
+        """Print a line of results."""
+        self.results.print(text, markup=False)
+
+    def note(self, text: str) -> None:
+        """Print a line about what is going on."""
+        self.errors.print(text, markup=False, style="dim")
+
+    def table(self, title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+        """Print a table of right-aligned columns."""
+        table = Table(
+            title=title,
+            title_justify="left",
+            title_style="bold",
+            box=None,
+            pad_edge=False,
+            padding=(0, 2, 0, 0),
+        )
+        for column in columns:
+            table.add_column(column, justify="right", no_wrap=True)
+        for row in rows:
+            table.add_row(*row)
+        wide = max(self.results.width, 120) if not self.results.is_terminal else self.results.width
+        self.results.print(table, width=wide)
+
+    @contextlib.contextmanager
+    def progress(self, text: str, total: int) -> Iterator[Progress]:
+        """Show a progress bar on standard error, nothing when that is not a terminal.
+
+        Yields
+        ------
+        Progress
+            Call `advance(0)` on it for each step done.
+        """
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+        with Progress(
+            *columns, console=self.errors, disable=not self.errors.is_terminal, transient=True
+        ) as progress:
+            progress.add_task(text, total=total)
+            yield progress
+
+    def finish(self, summary: Mapping[str, Any]) -> None:
+        """Print the summary as the one JSON object on standard output, if that was asked for."""
+        if self.json_output:
+            sys.stdout.write(json.dumps(jsonable(summary), indent=2) + "\n")
+            sys.stdout.flush()
