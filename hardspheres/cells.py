@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-CELLS_PER_AXIS = 1 << 20  # three axes then fill 60 bits of a cell number
+CELL_BITS = 62  # of the number of a cell, shared by the axes
 PAIRS_AT_ONCE = 1 << 18  # keeps the working arrays within the processor's cache
 MOST_EMPTY = 8  # cells for each particle up to which a table of all cells is kept
 MOST_PAIRS = 2e8  # more than these come only from particles heaped on one another
@@ -40,7 +40,7 @@ class CellGrid:
     def __init__(self, points: Floats, box: Floats, periodic: Bools, cutoff: float) -> None:
         self.box = box
         self.periodic = periodic
-        cells = np.floor(np.minimum(box / cutoff, CELLS_PER_AXIS)).astype(np.int64)
+        cells = np.floor(np.minimum(box / cutoff, 2 ** (CELL_BITS // len(box)))).astype(np.int64)
         self.shape = np.maximum(cells, 1)
         numbers = self._number(self._coordinates(points))
         self.order = np.argsort(numbers, kind="stable")
@@ -207,7 +207,7 @@ def worst_overlap(positions: Floats, radii: Floats, box: Floats, periodic: Bools
         grid = CellGrid(positions[members], box, periodic, 2 * sizes.max())
         if np.sum(grid.occupancy.astype(np.float64) ** 2) > MOST_PAIRS:
             limit = most_that_fit(box / grid.shape, float(sizes.min()))
-            if grid.occupancy.max() > limit:
+            if grid.occupancy.max() > limit + 1:
                 part = members[grid.members(int(np.argmax(grid.occupancy)))[: limit + 1]]
                 a, b, depth = worst_overlap(positions[part], radii[part], box, periodic)
                 return int(part[a]), int(part[b]), depth
