@@ -168,6 +168,8 @@ class Simulation:
         self._epoch, self._moment = max((self._epoch, self._moment), here)
 
     def _run_until(self, epoch: int, moment: float) -> None:
+        if self._energy == 0.0:  # nobody moves: there is no need to pass through empty epochs
+            self._engine.arrays.count[self._at.EPOCH] = epoch
         try:
             while not self._slice(epoch, moment, FOREVER):
                 pass
