@@ -101,7 +101,8 @@ class CellGrid:
 
     def _coordinates(self, points: Floats) -> Ints:
         cells = (points * (self.shape / self.box)).astype(np.int64)
-        return np.clip(cells, 0, self.shape - 1)
+        inside: Ints = np.clip(cells, 0, self.shape - 1)
+        return inside
 
     def _number(self, coordinates: Ints) -> Ints:
         number = coordinates[:, 0].copy()

@@ -5,6 +5,7 @@ import math
 import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -123,8 +124,8 @@ def lattice_gas(
         reach = _reachable(chosen, n, filled, packing_fraction, periodic, largest)
         advice = "ask for less" if sizes.min() == largest else "ask for less, or use random_gas"
         raise SceneError(
-            f"{n} particles at packing fraction {packing_fraction} do not fit on a {chosen.name} lattice in this box; "
-            f"with this number of particles {reach:.6f} is the most, {advice}"
+            f"n = {n} at packing fraction {packing_fraction} does not fit on the {chosen.name} lattice; with this "
+            f"number of particles {reach:.6f} is the most, {advice}"
         )
     box, planes = fit
     rng = stream(seed, POSITIONS)
@@ -195,8 +196,8 @@ def random_gas(
     needed = 2 * float(sizes.max()) * (2 if periodic.any() else 1)
     if box[0] < needed:
         raise SceneError(
-            f"{n} particles at packing fraction {packing_fraction} make a box of edge {box[0]:.6g}, too short for the "
-            f"largest: it needs {needed:.6g}; ask for more particles or a lower packing fraction"
+            f"n = {n} at packing fraction {packing_fraction} gives a box of edge {box[0]:.6g}, too short for the "
+            f"largest particle: it needs {needed:.6g}; ask for more particles or a lower packing fraction"
         )
     positions = place_at_random(sizes, box, periodic, stream(seed, POSITIONS))
     return _with_velocities(positions, sizes, weights, box, words, velocities, temperature, seed)
@@ -229,7 +230,7 @@ def _checked(
         raise SceneError(f"n is {n}; a scene needs at least one particle")
     if dim not in (2, 3):
         raise SceneError(f"dim is {dim!r}; it must be 2 or 3")
-    if not (isinstance(packing_fraction, (int, float)) and 0 < packing_fraction < 1):
+    if not (isinstance(packing_fraction, Real) and 0 < packing_fraction < 1):
         raise SceneError(f"packing_fraction is {packing_fraction!r}; it must be a number between 0 and 1")
     sizes = one_per_particle(radii, "radii", n)
     weights = one_per_particle(masses, "masses", n)

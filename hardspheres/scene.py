@@ -407,8 +407,8 @@ def _require_long_axes(radii: Floats, box: Floats, periodic: Bools) -> None:
             kind, times = ("periodic", "two") if periodic[axis] else ("wall", "one")
             plural = "s" if periodic[axis] else ""
             raise SceneError(
-                f"the box edge along {AXES[axis]} is {edge:.17g}, but a {kind} axis must be at least {times} largest "
-                f"diameter{plural} long, {needed:.17g}"
+                f"the box edge along {AXES[axis]} is {edge}, but a {kind} axis must be at least {times} largest "
+                f"diameter{plural} long, {needed}"
             )
 
 
@@ -417,8 +417,8 @@ def _require_inside(positions: Floats, radii: Floats, box: Floats, periodic: Boo
     if depth > contact_tolerance(box):
         raise SceneError(
             f"particle {particle} reaches {depth:.6g} beyond a wall along {AXES[axis]}: its coordinate is "
-            f"{positions[particle, axis]:.17g}, and a radius {radii[particle]:.6g} leaves room from "
-            f"{radii[particle]:.17g} to {box[axis] - radii[particle]:.17g}"
+            f"{positions[particle, axis]}, and a radius {radii[particle]:.6g} leaves room from "
+            f"{radii[particle]} to {box[axis] - radii[particle]}"
         )
 
 
@@ -441,7 +441,7 @@ def _require_no_overlap(positions: Floats, radii: Floats, box: Floats, periodic:
         contact = float(radii[i] + radii[j])
         raise SceneError(
             f"particles {i} and {j} overlap by {depth / contact:.4g} diameters (the worst overlap): they are "
-            f"{contact - depth:.17g} apart and touch at {contact:.17g}; move them apart or reduce their radii"
+            f"{contact - depth} apart and touch at {contact}; move them apart or reduce their radii"
         )
 
 

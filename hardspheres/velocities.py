@@ -3,6 +3,8 @@
 import math
 import operator
 from collections.abc import Callable
+from functools import partial
+from numbers import Real
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,7 +69,7 @@ def draw_velocities(
         which spoils the equality of speeds by that much.
 
         ``"two-temperatures"``: a hot and a cold gas, each Maxwell, T_hot / T_cold = `temperature_ratio` exactly, each
-        at rest along periodic axes. In a mixture the first species is hot and the others are cold; particles all alike
+        at rest along periodic axes (one particle alone cannot be, and shifts the ratio a little). In a mixture the first species is hot and the others are cold; particles all alike
         are divided at random into halves.
 
         ``"beams"``: half of the particles, drawn at random (mass by mass), move along +x and half along -x, all with one
@@ -90,18 +92,20 @@ def draw_velocities(
     SceneError
         When an argument is not one of those above.
     """
-    if not isinstance(velocities, str) or velocities not in DISTRIBUTIONS:
-        words = ", ".join(f'"{word}"' for word in DISTRIBUTIONS)
-        raise SceneError(f"velocities is {velocities!r}; it must be one of {words}")
-    if not (isinstance(temperature, (int, float)) and 0 <= temperature < math.inf):
+    if not (isinstance(temperature, Real) and 0 <= temperature < math.inf):
         raise SceneError(f"temperature is {temperature!r}; it must be a finite number >= 0")
-    if not (isinstance(temperature_ratio, (int, float)) and 0 < temperature_ratio < math.inf):
+    if not (isinstance(temperature_ratio, Real) and 0 < temperature_ratio < math.inf):
         raise SceneError(f"temperature_ratio is {temperature_ratio!r}; it must be a positive finite number")
-    rng = stream(seed, VELOCITIES)
-    if velocities == "two-temperatures":
-        drawn = _two_temperatures(rng, scene, float(temperature_ratio))
-    else:
-        drawn = DISTRIBUTIONS[velocities](rng, scene)
+    distributions: dict[str, Callable[[np.random.Generator, Scene], Floats]] = {
+        "maxwell": _maxwell,
+        "equal-speeds": _equal_speeds,
+        "two-temperatures": partial(_two_temperatures, ratio=float(temperature_ratio)),
+        "beams": _beams,
+    }
+    if not isinstance(velocities, str) or velocities not in distributions:
+        words = ", ".join(f'"{word}"' for word in distributions)
+        raise SceneError(f"velocities is {velocities!r}; it must be one of {words}")
+    drawn = distributions[velocities](stream(seed, VELOCITIES), scene)
     for _ in range(2):  # the second pass takes out what the first one rounded
         drawn = drawn - drift(drawn, scene.masses, scene.periodic)
         drawn = _scaled_to(drawn, scene, float(temperature))
@@ -154,14 +158,6 @@ def _beams(rng: np.random.Generator, scene: Scene) -> Floats:
         drawn[members[half:], 0] = -sign
         sign = -sign if len(members) % 2 else sign
     return drawn
-
-
-DISTRIBUTIONS: dict[str, Callable[[np.random.Generator, Scene], Floats]] = {
-    "maxwell": _maxwell,
-    "equal-speeds": _equal_speeds,
-    "two-temperatures": lambda rng, scene: _two_temperatures(rng, scene, 3.0),
-    "beams": _beams,
-}
 
 
 def _shuffled_by_mass(rng: np.random.Generator, scene: Scene) -> list[Ints]:

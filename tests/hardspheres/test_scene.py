@@ -149,8 +149,11 @@ BAD = [
     ({"box": (10, 10, math.inf)}, "the box edge along z is inf"),
     ({"box": (10, 10, math.nan)}, "the box edge along z is nan"),
     ({"box": (1e200, 1e200, 1e200)}, "choose another unit of length"),
-    ({"box": (10, 10, 1.9)}, "edge along z is 1.8.*a periodic axis must .* two largest diameters long, 2"),
-    ({"box": (10, 0.9, 10), "boundary": "wall"}, "edge along y is 0.9.*a wall axis must .* one largest"),
+    (
+        {"box": (10, 10, 1.9)},
+        "edge along z is 1.9, but a periodic axis must .* two largest diameters long, 2",
+    ),
+    ({"box": (10, 0.9, 10), "boundary": "wall"}, "edge along y is 0.9, but a wall axis must .* one largest"),
     ({"boundary": "open"}, "boundary is 'open'"),
     ({"boundary": None}, "boundary is None"),
     ({"boundary": 3}, "boundary is 3"),
@@ -166,7 +169,7 @@ BAD = [
     ),
     ({"positions": [[1, 1, 1], [1.5, 1, 1]]}, "particles 0 and 1 overlap by 0.5 diameters"),
     ({"positions": [[0.2, 1, 1], [9.7, 1, 1]]}, "particles 0 and 1 overlap by 0.5 diameters"),
-    ({"positions": [[1, 1, 1], [1, 1, 1]]}, "overlap by 1 diameters .*: they are 0 apart and touch at 1"),
+    ({"positions": [[1, 1, 1], [1, 1, 1]]}, "overlap by 1 diameters .*: they are 0.0 apart and touch at 1.0"),
 ]
 
 

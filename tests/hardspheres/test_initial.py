@@ -1,0 +1,367 @@
+"""Lattices, random placement and velocities: exact where they promise it, distributed as they should be.
+
+Statistical tests are seeded. Each states its false-alarm rate: how often a new seed would fail it by chance.
+"""
+
+import math
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial import cKDTree
+from scipy.stats import chi2, kstest
+
+import hardspheres as hs
+from hardspheres import placement
+from hardspheres.scene import drift, thermal_energy
+
+FCC, TRIANGULAR = math.pi / math.sqrt(18), math.pi / math.sqrt(12)
+KINDS = ["maxwell", "equal-speeds", "two-temperatures", "beams"]
+
+
+# Lattices.
+
+
+@pytest.mark.parametrize(
+    ("dim", "lattice", "n", "neighbours"),
+    [(3, "fcc", 256, 12), (3, "cubic", 216, 6), (2, "triangular", 120, 6), (2, "square", 100, 4)],
+)
+def test_a_full_lattice_has_its_coordination_number(dim, lattice, n, neighbours):
+    scene = hs.lattice_gas(n, 0.3, dim=dim, lattice=lattice, seed=1)
+    tree = cKDTree(scene.positions, boxsize=scene.box)
+    nearest = tree.query(scene.positions, k=2)[0][:, 1]
+    assert np.ptp(nearest) < 1e-14 * scene.box.max()
+    shell = tree.query_ball_point(scene.positions, nearest[0] * 1.01, return_length=True) - 1
+    assert set(shell) == {neighbours}
+    assert (
+        np.ptp(scene.box) == 0
+        if lattice != "triangular"
+        else scene.box[0] / scene.box[1] == pytest.approx(1, abs=0.2)
+    )
+
+
+@pytest.mark.parametrize(
+    ("dim", "lattice", "n", "most"),
+    [
+        (3, None, 4000, FCC),
+        (3, "cubic", 1000, math.pi / 6),
+        (2, None, 4080, TRIANGULAR),
+        (2, "square", 900, math.pi / 4),
+    ],
+)
+def test_close_packing_is_reached_and_not_passed(dim, lattice, n, most):
+    scene = hs.lattice_gas(n, most, dim=dim, lattice=lattice, seed=1)
+    assert scene.packing_fraction == pytest.approx(most, rel=1e-14)
+    with pytest.raises(hs.SceneError, match=f"above close packing of the .* lattice, {most:.6f}"):
+        hs.lattice_gas(n, most + 1e-6, dim=dim, lattice=lattice, seed=1)
+
+
+@settings(max_examples=150)
+@given(
+    n=st.integers(1, 300),
+    eta=st.floats(1e-9, 0.9),
+    dim=st.sampled_from([2, 3]),
+    words=st.lists(st.sampled_from(["periodic", "wall"]), min_size=3, max_size=3),
+    which=st.integers(0, 1),
+    scale=st.sampled_from([1e-3, 0.5, 7.0]),
+)
+def test_a_lattice_fits_or_says_what_would(n, eta, dim, words, which, scale):
+    lattice = [["triangular", "square"], ["fcc", "cubic"]][dim - 2][which]
+    more = {"dim": dim, "lattice": lattice, "boundary": words[:dim], "radii": scale, "seed": 5}
+    try:
+        scene = hs.lattice_gas(n, eta, **more)
+    except hs.SceneError as error:
+        found = re.search(r"with this number of particles (0\.\d+) is the most", str(error))
+        if not found:
+            assert "above close packing" in str(error)
+            return
+        reach = float(found[1])
+        assert reach < eta
+        if reach > 1e-5:
+            hs.lattice_gas(n, reach * (1 - 1e-5), **more)
+            with pytest.raises(hs.SceneError):
+                hs.lattice_gas(n, reach + 2e-6, **more)
+    else:  # a Scene is legal by construction
+        assert scene.n == n
+        assert scene.packing_fraction == pytest.approx(eta, rel=1e-14)
+        if "wall" in words[:dim] or lattice != "triangular":
+            assert np.ptp(scene.box) == 0
+
+
+def test_vacancies_are_drawn_from_the_seed():
+    one, two, again = (hs.lattice_gas(3999, 0.3, seed=seed) for seed in (1, 2, 1))
+    assert np.array_equal(one.positions, again.positions)
+    assert not np.array_equal(one.positions, two.positions)
+    cut = hs.lattice_gas(3000, 0.3, seed=1)  # 1000 of 4000 sites empty, evenly over the box
+    left = np.count_nonzero(cut.positions < cut.box / 2, axis=0)
+    error = math.sqrt(3000 * 0.25 * 1000 / 3999)  # hypergeometric
+    assert np.all(np.abs(left - 1500) < 4 * error)  # false alarm 2e-4
+
+
+@pytest.mark.parametrize("make", [hs.lattice_gas, hs.random_gas])
+def test_kinds_are_dealt_to_places_at_random(make):
+    masses = np.repeat([1.0, 100.0], 500)
+    scene = make(1000, 0.1, masses=masses, radii=np.repeat([0.5, 0.4], 500), seed=3)
+    assert np.array_equal(scene.masses, masses)
+    light, heavy = scene.positions[:500].mean(axis=0), scene.positions[500:].mean(axis=0)
+    error = scene.box[0] / math.sqrt(12) * math.sqrt(2 / 500)
+    assert np.all(np.abs(light - heavy) < 4.5 * error)  # false alarm 2e-5
+
+
+def test_polydisperse_particles_fit_by_the_largest_or_are_sent_elsewhere():
+    radii = np.linspace(0.1, 0.5, 256)
+    scene = hs.lattice_gas(256, 0.15, radii=radii, seed=1)
+    assert scene.packing_fraction == pytest.approx(0.15, rel=1e-14)
+    assert np.array_equal(scene.radii, radii)
+    with pytest.raises(hs.SceneError, match="does not fit on the fcc lattice; .* or use random_gas"):
+        hs.lattice_gas(256, 0.5, radii=radii, seed=1)
+
+
+# Random placement.
+
+
+@pytest.mark.parametrize("make", [hs.lattice_gas, hs.random_gas])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_one_seed_one_scene_and_velocities_leave_positions(make, dim):
+    gases = {kind: make(150, 0.1, dim=dim, velocities=kind, seed=11) for kind in KINDS}
+    first = gases["maxwell"]
+    for kind, gas in gases.items():
+        assert np.array_equal(gas.positions, first.positions)
+        assert np.array_equal(gas.velocities, hs.draw_velocities(first, kind, seed=11))
+    other = make(150, 0.1, dim=dim, seed=12)
+    assert not np.array_equal(other.velocities, first.velocities)
+
+
+def test_a_seed_sequence_gives_the_same_scene_each_time():
+    sequence = np.random.SeedSequence(4)
+    one, two = hs.random_gas(50, 0.1, seed=sequence), hs.random_gas(50, 0.1, seed=sequence)
+    assert np.array_equal(one.positions, two.positions)
+    assert np.array_equal(one.positions, hs.random_gas(50, 0.1, seed=4).positions)
+    assert sequence.n_children_spawned == 0
+    child = hs.random_gas(50, 0.1, seed=sequence.spawn(1)[0])
+    assert not np.array_equal(child.positions, one.positions)
+
+
+@settings(max_examples=60)
+@given(
+    n=st.integers(1, 200),
+    dim=st.sampled_from([2, 3]),
+    words=st.lists(st.sampled_from(["periodic", "wall"]), min_size=3, max_size=3),
+    ratio=st.sampled_from([1.0, 3.0, 30.0]),
+    seed=st.integers(0, 2**40),
+)
+def test_random_placement_is_legal_between_walls_and_in_mixtures(n, dim, words, ratio, seed):
+    rng = np.random.default_rng(seed)
+    radii = 0.5 * ratio ** -rng.random(n) if ratio > 1 else 0.5
+    try:
+        scene = hs.random_gas(n, 0.2, dim=dim, boundary=words[:dim], radii=radii, seed=seed)
+    except hs.SceneError as error:
+        assert "too short for the largest" in str(error) or "jammed at packing fraction" in str(error)
+    else:
+        assert scene.packing_fraction == pytest.approx(0.2, rel=1e-14)
+
+
+def test_random_places_are_even_and_independent_where_spheres_are_rare():
+    scene = hs.random_gas(20_000, 1e-6, seed=8)
+    counts = np.histogramdd(scene.positions / scene.box, bins=(10, 10, 10), range=[(0, 1)] * 3)[0]
+    statistic = np.sum((counts - 20) ** 2 / 20)
+    assert 1e-4 < chi2.sf(statistic, 999) < 1 - 1e-4  # false alarm 2e-4
+
+
+def saturation(dim, n, seeds):
+    """Packing fractions at which placement finds no room left: mean and standard error."""
+    found = []
+    for seed in seeds:
+        with pytest.raises(hs.SceneError, match="random placement jammed") as caught:
+            hs.random_gas(n, 0.6 if dim == 2 else 0.45, dim=dim, seed=seed)
+        found.append(float(re.search(r"fraction (0\.\d+),", str(caught.value))[1]))
+    return np.mean(found), np.std(found, ddof=1) / math.sqrt(len(found))
+
+
+# Zhang, Torquato 2013 (doi 10.1103/PhysRevE.88.053312), table I.
+SATURATION = {2: 0.5470735, 3: 0.3841307}
+
+
+@pytest.mark.parametrize(("dim", "n"), [(2, 2000), (3, 1000)])
+def test_placement_jams_at_the_saturation_of_the_literature(dim, n):
+    mean, error = saturation(dim, n, range(8))
+    assert error < 0.002
+    assert (
+        abs(mean - SATURATION[dim]) < 5.4 * error
+    )  # Student's t with 7 degrees of freedom: false alarm 1e-3
+
+
+def test_a_placement_that_drops_room_too_early_is_caught(monkeypatch):
+    exact = placement._farthest_corner
+
+    def careless(centres, points, i, j, edges, box, periodic):
+        return exact(
+            centres, points, i, j, 0 * edges, box, periodic
+        )  # a voxel counts as covered by its centre alone
+
+    monkeypatch.setattr(placement, "_farthest_corner", careless)
+    mean, error = saturation(2, 2000, range(8))
+    assert mean < SATURATION[2] - 5.4 * error
+
+
+def test_a_placement_that_does_not_jam_is_quick_and_dense():
+    assert hs.random_gas(1000, 0.37, seed=2).packing_fraction == pytest.approx(0.37, rel=1e-14)
+    assert hs.random_gas(1000, 0.53, dim=2, seed=2).packing_fraction == pytest.approx(0.53, rel=1e-14)
+
+
+# Arguments.
+
+
+@pytest.mark.parametrize("make", [hs.lattice_gas, hs.random_gas])
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"n": 0}, "n is 0"),
+        ({"n": -3}, "n is -3"),
+        ({"n": 2.5}, "n is 2.5"),
+        ({"packing_fraction": 0}, "packing_fraction is 0"),
+        ({"packing_fraction": 1.0}, "packing_fraction is 1.0"),
+        ({"packing_fraction": math.nan}, "packing_fraction is nan"),
+        ({"packing_fraction": "0.3"}, "packing_fraction is '0.3'"),
+        ({"packing_fraction": 0.75}, "above close packing"),
+        ({"dim": 4}, "dim is 4"),
+        ({"boundary": "open"}, "boundary is 'open'"),
+        ({"velocities": "fast"}, "velocities is 'fast'; it must be one of \"maxwell\""),
+        ({"temperature": -1}, "temperature is -1"),
+        ({"temperature": math.inf}, "temperature is inf"),
+        ({"radii": [0.5, 0.5]}, r"radii have shape \(2,\)"),
+        ({"masses": -1}, "mass of particle 0 is -1.0"),
+        ({"seed": -1}, "seed is -1"),
+        ({"seed": None}, "seed is None"),
+        ({"seed": 1.5}, "seed is 1.5"),
+        ({"n": 1, "packing_fraction": 0.3}, "n = 1 at packing fraction 0.3"),
+    ],
+)
+def test_bad_arguments_get_one_clear_sentence(make, change, message):
+    with pytest.raises(hs.SceneError, match=message) as caught:
+        make(**{"n": 10, "packing_fraction": 0.1, "seed": 1} | change)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_lattice_of_the_other_dimension_is_refused():
+    with pytest.raises(hs.SceneError, match='in 2D it must be "triangular" or "square"'):
+        hs.lattice_gas(10, 0.1, dim=2, lattice="fcc", seed=1)
+
+
+# Velocities.
+
+MIXTURES = {
+    "equal": 1.0,
+    "two masses": np.repeat([1.0, 25.0], [61, 40]),
+    "all different": np.linspace(0.5, 3.0, 101),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("boundary", [("periodic",) * 3, ("wall", "periodic", "wall"), ("wall",) * 3])
+@pytest.mark.parametrize("masses", MIXTURES.values(), ids=MIXTURES)
+def test_energy_is_exact_and_momentum_removed_where_it_is_conserved(kind, dim, boundary, masses):
+    scene = hs.lattice_gas(
+        101, 0.1, dim=dim, boundary=boundary[:dim], velocities=kind, temperature=2.5, masses=masses, seed=9
+    )
+    assert scene.temperature == pytest.approx(2.5, rel=1e-14)
+    size = np.sum(scene.masses[:, None] * np.abs(scene.velocities))
+    assert np.all(np.abs(scene.momentum[scene.periodic]) < 1e-15 * size)
+    if kind == "maxwell" and not scene.periodic.all():
+        assert np.all(np.abs(scene.momentum[~scene.periodic]) > 1e-6 * size)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("dim", [2, 3])
+def test_one_two_three_particles_and_no_motion(kind, dim):
+    for n in (1, 2, 3):
+        scene = hs.lattice_gas(n, 0.01, dim=dim, velocities=kind, temperature=3.0, seed=2)
+        assert scene.temperature == pytest.approx(3.0, rel=1e-14)
+        rest = hs.lattice_gas(n, 0.01, dim=dim, velocities=kind, temperature=0, seed=2)
+        assert not rest.velocities.any() and rest.temperature == 0
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("n", [2, 3, 4, 5, 1000, 1001])
+def test_equal_speeds_are_equal_and_sum_to_nothing(dim, n):
+    scene = hs.lattice_gas(n, 0.01, dim=dim, velocities="equal-speeds", seed=6)
+    speed = np.sqrt(np.sum(scene.velocities**2, axis=1))
+    expected = math.sqrt(scene.degrees_of_freedom / n)  # sqrt(D kT / (N m))
+    assert np.allclose(speed, expected, rtol=4e-15, atol=0)
+    assert np.all(np.abs(scene.momentum) < 1e-14 * max(1, math.sqrt(n)))
+
+
+def test_equal_speeds_pair_particles_of_one_mass():
+    masses = np.repeat([1.0, 4.0], [301, 200])
+    scene = hs.lattice_gas(501, 0.01, masses=masses, velocities="equal-speeds", seed=6)
+    energy = masses * np.sum(scene.velocities**2, axis=1)
+    assert np.ptp(energy) < 1e-14 * energy.mean()
+    for mass in (1.0, 4.0):
+        assert np.all(np.abs(scene.velocities[masses == mass].sum(axis=0)) < 1e-13)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_directions_are_even_and_partners_not_neighbours(dim):
+    n = 20_000
+    v = hs.lattice_gas(n, 0.01, dim=dim, velocities="equal-speeds", seed=6).velocities
+    v = v / np.sqrt(np.mean(np.sum(v**2, axis=1)))
+    second = v.T @ v / n  # pairs: only n / 2 directions are independent
+    variance = 2 * (dim - 1) / (dim**2 * (dim + 2)) / (n / 2)  # of cos^2
+    assert np.all(np.abs(np.diag(second) - 1 / dim) < 4.5 * math.sqrt(variance))  # false alarm 2e-5
+    along = np.sum(v[1:] * v[:-1], axis=1)
+    assert abs(along.mean()) < 4.5 / math.sqrt(dim * n / 2)  # false alarm 7e-6
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_maxwell_components_and_speeds(dim):
+    n = 50_000
+    masses = np.repeat([1.0, 9.0], n // 2)
+    scene = hs.lattice_gas(n, 0.01, dim=dim, masses=masses, temperature=2.0, seed=10)
+    for mass in (1.0, 9.0):
+        scaled = scene.velocities[masses == mass] * math.sqrt(mass / 2.0)
+        assert kstest(scaled.ravel(), "norm").pvalue > 1e-4  # false alarm 1e-4
+        assert kstest(np.sum(scaled**2, axis=1), chi2(dim).cdf).pvalue > 1e-4
+        assert kstest(1.05 * scaled.ravel(), "norm").pvalue < 1e-4  # five per cent faster is seen
+
+
+@pytest.mark.parametrize("masses", [1.0, np.repeat([1.0, 7.0], [30, 70])], ids=["halves", "species"])
+@pytest.mark.parametrize("boundary", ["periodic", "wall"])
+def test_two_temperatures_have_exactly_their_ratio(masses, boundary):
+    scene = hs.random_gas(100, 0.05, masses=masses, boundary=boundary, seed=1)
+    v = hs.draw_velocities(scene, "two-temperatures", temperature=1.5, temperature_ratio=4.0, seed=7)
+    both = scene.replace(velocities=v)
+    assert both.temperature == pytest.approx(1.5, rel=1e-14)
+    if np.ndim(masses):
+        hot = scene.masses == 1.0
+    else:  # which half is hot is drawn: the hot one is that which makes the numbers work
+        rng = hs.velocities.stream(7, hs.velocities.VELOCITIES)
+        rng.standard_normal((100, 3))
+        hot = np.isin(np.arange(100), rng.permutation(100)[:50])
+    kT = []
+    for part in (hot, ~hot):
+        freedom = 3 * np.count_nonzero(part) - (3 if boundary == "periodic" else 0)
+        kT.append(2 * thermal_energy(v[part], scene.masses[part], scene.periodic) / freedom)
+        assert np.all(np.abs(drift(v[part], scene.masses[part], scene.periodic)) < 1e-14)
+    assert kT[0] / kT[1] == pytest.approx(4.0, rel=1e-13)
+
+
+def test_beams_are_two_and_opposite():
+    for n in (100, 101):
+        v = hs.random_gas(n, 0.05, velocities="beams", seed=1).velocities
+        assert not v[:, 1:].any()
+        right = np.count_nonzero(v[:, 0] > 0)
+        assert right in (n // 2, n - n // 2)
+        assert len(np.unique(np.round(v[:, 0], 12))) == 2
+    assert not np.array_equal(
+        np.sort(v[:50, 0]), v[:50, 0]
+    )  # not the first half of the box against the second
+
+
+@pytest.mark.parametrize("ratio", [0, -1, math.nan, "3"])
+def test_a_ratio_of_temperatures_is_positive(ratio):
+    scene = hs.lattice_gas(10, 0.1, seed=1)
+    with pytest.raises(hs.SceneError, match="temperature_ratio is"):
+        hs.draw_velocities(scene, "two-temperatures", temperature_ratio=ratio, seed=1)
