@@ -11,7 +11,7 @@ import json
 import math
 import os
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -166,6 +166,14 @@ class OutputFolder:
             figure.savefig(path, format="png")
 
 
+def _console(stderr: bool = False) -> Console:
+    """Return a console that never breaks lines, wide enough for any table where it writes into a file."""
+    console = Console(stderr=stderr, highlight=False, soft_wrap=True)
+    return (
+        console if console.is_terminal else Console(stderr=stderr, highlight=False, soft_wrap=True, width=120)
+    )
+
+
 class Screen:
     """Where a study talks to a person: results on standard output, progress and notes on standard error.
 
@@ -177,8 +185,8 @@ class Screen:
 
     def __init__(self, json_output: bool = False) -> None:
         self.json_output = json_output
-        self.errors = Console(stderr=True, highlight=False, soft_wrap=True)
-        self.results = self.errors if json_output else Console(highlight=False, soft_wrap=True)
+        self.errors = _console(stderr=True)
+        self.results = self.errors if json_output else _console()
 
     def say(self, text: str = "") -> None:
         """Print a line of results."""
@@ -190,36 +198,39 @@ class Screen:
 
     def table(self, title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
         """Print a table of right-aligned columns."""
+        gap = 2 if self.results.width >= 100 else 1
         table = Table(
-            title=title,
-            title_justify="left",
-            title_style="bold",
-            box=None,
-            pad_edge=False,
-            padding=(0, 2, 0, 0),
+            title=title or None, title_justify="left", box=None, pad_edge=False, padding=(0, gap, 0, 0)
         )
         for column in columns:
             table.add_column(column, justify="right", no_wrap=True)
         for row in rows:
             table.add_row(*row)
-        wide = max(self.results.width, 120) if not self.results.is_terminal else self.results.width
-        self.results.print(table, width=wide)
+        self.results.print(table)
 
     @contextlib.contextmanager
-    def progress(self, text: str, total: int) -> Iterator[Progress]:
+    def working(self, text: str) -> Iterator[None]:
+        """Show on a terminal what is going on while the context lasts; silent elsewhere."""
+        if not self.errors.is_terminal:
+            yield
+            return
+        with self.errors.status(text):
+            yield
+
+    @contextlib.contextmanager
+    def progress(self, text: str, total: int) -> Iterator[Callable[[], None]]:
         """Show a progress bar on standard error, nothing when that is not a terminal.
 
         Yields
         ------
-        Progress
-            Call `advance(0)` on it for each step done.
+        callable
+            To be called after each step, without arguments.
         """
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-        with Progress(
-            *columns, console=self.errors, disable=not self.errors.is_terminal, transient=True
-        ) as progress:
-            progress.add_task(text, total=total)
-            yield progress
+        hidden = not self.errors.is_terminal
+        with Progress(*columns, console=self.errors, disable=hidden, transient=True) as progress:
+            task = progress.add_task(text, total=total)
+            yield lambda: progress.advance(task)
 
     def finish(self, summary: Mapping[str, Any]) -> None:
         """Print the summary as the one JSON object on standard output, if that was asked for."""

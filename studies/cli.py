@@ -1,0 +1,194 @@
+"""The console script `hardspheres`: options in, a study run, an exit code out.
+
+Exit codes: 0 done, 1 a check failed, 2 bad input, 130 interrupted, 143 terminated. Nothing heavy is imported
+before a study starts, so that `hardspheres --help` answers at once.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any, NoReturn
+
+import typer
+
+from hardspheres.errors import HardSpheresError, SceneError
+
+__all__ = ["app", "main"]
+
+app = typer.Typer(
+    name="hardspheres",
+    help="Event-driven gases of hard spheres: ask a question, get numbers with error bars beside their theory.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+class Velocities(StrEnum):
+    """Words for `--velocities`."""
+
+    maxwell = "maxwell"
+    equal_speeds = "equal-speeds"
+    two_temperatures = "two-temperatures"
+    beams = "beams"
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from hardspheres import __version__
+
+        typer.echo(f"hardspheres {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _everywhere(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    pass
+
+
+Out = Annotated[Path | None, typer.Option(help="Folder for the results.", show_default="runs/<study>-<seed>")]
+Seed = Annotated[
+    int, typer.Option(min=0, help="Source of every random choice: the same seed gives the same results.")
+]
+Workers = Annotated[
+    int | None,
+    typer.Option(min=1, help="Processes; the results do not depend on it.", show_default="all cores"),
+]
+Json = Annotated[
+    bool, typer.Option("--json", help="Print summary.json on standard output, the rest on standard error.")
+]
+
+
+@app.command()
+def thermalise(
+    n: Annotated[
+        int | None, typer.Option(min=1, help="Particles in each replica.", show_default="4000")
+    ] = None,
+    dim: Annotated[int | None, typer.Option(min=2, max=3, help="Dimension.", show_default="3")] = None,
+    packing_fraction: Annotated[
+        float | None, typer.Option(help="Share of the box that the spheres fill.", show_default="0.005")
+    ] = None,
+    boundary: Annotated[
+        str | None,
+        typer.Option(
+            help="periodic, wall, or one word per axis, as in periodic,periodic,wall.",
+            show_default="periodic",
+        ),
+    ] = None,
+    velocities: Annotated[
+        Velocities | None, typer.Option(help="Start of the velocities.", show_default="equal-speeds")
+    ] = None,
+    temperature: Annotated[float | None, typer.Option(help="kT of the gas.", show_default="1")] = None,
+    mass_ratio: Annotated[
+        float | None,
+        typer.Option(help="Mass of a second species over the first's.", show_default="one species"),
+    ] = None,
+    diameter_ratio: Annotated[
+        float | None,
+        typer.Option(help="Diameter of a second species over the first's.", show_default="one species"),
+    ] = None,
+    fraction: Annotated[
+        float | None,
+        typer.Option(min=0, max=1, help="Number fraction of the second species.", show_default="0.5"),
+    ] = None,
+    collisions_per_particle: Annotated[
+        float, typer.Option(help="How long to run, s = 2 collisions / n.")
+    ] = 10.0,
+    replicas: Annotated[int, typer.Option(min=1, help="Independent gases to average over.")] = 100,
+    seed: Seed = 1,
+    workers: Workers = None,
+    source: Annotated[
+        Path | None, typer.Option("--from", help="Start from a structure in any file that ASE reads.")
+    ] = None,
+    radius: Annotated[
+        float | None, typer.Option(help="Radius of all particles of --from, if the file has none.")
+    ] = None,
+    frames: Annotated[int, typer.Option(min=0, help="Frames in trajectory.xyz, of the first replica.")] = 21,
+    animate: Annotated[
+        bool, typer.Option("--animate", help="Write gas.gif, the first replica in motion.")
+    ] = False,
+    out: Out = None,
+    json: Json = False,
+) -> None:
+    """Watch a gas relax to Maxwell and Boltzmann's velocities.
+
+    Measures the fourth cumulant a2, the Kolmogorov-Smirnov distance and Boltzmann's H against collisions per
+    particle, averaged over replicas, beside the Boltzmann equation. Writes a summary, a table, pictures and a
+    trajectory.
+    """
+    from studies.report import OutputFolder, Screen
+    from studies.thermalisation import Recipe, Thermalisation, thermalise
+
+    made = {"n": n, "dim": dim, "packing_fraction": packing_fraction, "boundary": _boundary(boundary)}
+    made |= {"mass_ratio": mass_ratio, "diameter_ratio": diameter_ratio, "fraction": fraction}
+    given = {key: value for key, value in made.items() if value is not None}
+    _require(
+        collisions_per_particle > 0.0,
+        f"--collisions-per-particle {collisions_per_particle:g} must be positive",
+    )
+    common: dict[str, Any] = {
+        "collisions_per_particle": collisions_per_particle,
+        "replicas": replicas,
+        "seed": seed,
+    }
+    common |= {"workers": workers, "frames": frames, "animate": animate}
+    word = velocities.value if velocities else None
+    if source is not None:
+        for name in given:
+            raise SceneError(
+                f"--{name.replace('_', '-')} has no effect with --from, which gives the whole structure"
+            )
+        study = Thermalisation.from_file(str(source), radius, word, temperature, **common)
+    else:
+        _require(radius is None, "--radius goes with --from; the spheres made here have diameter 1")
+        two = "mass_ratio" in given or "diameter_ratio" in given
+        _require(two or fraction is None, "--fraction needs --mass-ratio or --diameter-ratio")
+        given |= {} if word is None else {"velocities": word}
+        given |= {} if temperature is None else {"temperature": temperature}
+        study = Thermalisation(recipe=Recipe(**given), **common)  # type: ignore[arg-type]
+    screen = Screen(json)
+    summary, sound = thermalise(study, OutputFolder(out or Path("runs") / f"thermalise-{seed}"), screen)
+    screen.finish(summary)
+    if not sound:
+        raise typer.Exit(1)
+
+
+def _boundary(words: str | None) -> str | tuple[str, ...] | None:
+    """Return the boundary as Scene takes it: one word, or one per axis."""
+    if words is None or "," not in words:
+        return words
+    return tuple(word.strip() for word in words.split(","))
+
+
+def _require(condition: bool, sentence: str) -> None:
+    if not condition:
+        raise SceneError(sentence)
+
+
+def _terminated(*_: object) -> NoReturn:
+    raise SystemExit(143)
+
+
+def main() -> None:
+    """Run the command line and exit with its code."""
+    signal.signal(signal.SIGTERM, _terminated)
+    try:
+        app()
+    except HardSpheresError as error:
+        print(f"error: {error}", file=sys.stderr)
+        raise SystemExit(2) from None
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        raise SystemExit(130) from None
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,583 @@
+"""A gas thermalises: from a start far from equilibrium to Maxwell and Boltzmann, beside the theory."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import hardspheres as hs
+from analysis import theory
+from analysis.relaxation import Comparison, RelaxationCurve
+from analysis.statistics import Estimate
+from hardspheres.trajectory import has_velocities, read_structure
+from studies.ensemble import available_cores, replica_seeds, run_replicas
+from studies.report import OutputFolder, Screen
+
+__all__ = ["Recipe", "ReplicaResult", "Replicas", "Thermalisation", "sampling_points", "thermalise"]
+
+FloatArray = NDArray[np.float64]
+
+RATE_WINDOW = (2.0, 5.0)
+MOVIE_FRAMES = 96
+MOVIE_END = 6.0  # in collisions per particle
+RANDOM_UP_TO = {
+    2: 0.45,
+    3: 0.30,
+}  # packing fractions above start from a lattice: random placement nears its limit
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How to make the gas of one replica from its seed.
+
+    Attributes
+    ----------
+    n, dim, packing_fraction, boundary, temperature
+        As in `hardspheres.random_gas`; the first species has diameter 1 and mass 1.
+    velocities : str or None
+        Word of `hardspheres.draw_velocities`; None keeps those of `base`.
+    mass_ratio, diameter_ratio : float
+        Mass and diameter of the second species over the first's.
+    fraction : float
+        Number fraction of the second species; without effect when both ratios are 1.
+    base : Scene or None
+        Positions, radii, masses and box to use instead of making any.
+    """
+
+    n: int = 4000
+    dim: int = 3
+    packing_fraction: float = 0.005
+    boundary: str | tuple[str, ...] = "periodic"
+    velocities: str | None = "equal-speeds"
+    temperature: float = 1.0
+    mass_ratio: float = 1.0
+    diameter_ratio: float = 1.0
+    fraction: float = 0.5
+    base: hs.Scene | None = None
+
+    @property
+    def placement(self) -> str:
+        """Where the particles start: "file", "random" or "lattice"."""
+        if self.base is not None:
+            return "file"
+        return "random" if self.packing_fraction <= RANDOM_UP_TO.get(self.dim, 0.0) else "lattice"
+
+    def scene(self, seed: np.random.SeedSequence) -> hs.Scene:
+        """Return the scene that belongs to a seed.
+
+        Raises
+        ------
+        SceneError
+            If there is none.
+        """
+        if self.base is not None:
+            if self.velocities is None:
+                return self.base
+            drawn = hs.draw_velocities(self.base, self.velocities, temperature=self.temperature, seed=seed)
+            return self.base.replace(velocities=drawn)
+        make = hs.random_gas if self.placement == "random" else hs.lattice_gas
+        radii: Any = 0.5
+        masses: Any = 1.0
+        if (self.mass_ratio, self.diameter_ratio) != (1.0, 1.0):
+            second = np.arange(self.n) >= self.n - round(self.fraction * self.n)
+            radii = np.where(second, 0.5 * self.diameter_ratio, 0.5)
+            masses = np.where(second, self.mass_ratio, 1.0)
+        return make(
+            n=self.n,
+            packing_fraction=self.packing_fraction,
+            dim=self.dim,
+            boundary=self.boundary,
+            velocities=self.velocities or "maxwell",
+            temperature=self.temperature,
+            radii=radii,
+            masses=masses,
+            seed=seed,
+        )
+
+
+@dataclass(frozen=True)
+class Movie:
+    """Positions and speeds of one replica, for the animation: (F,), (F, N, d), (F, N) in thermal speeds."""
+
+    s: FloatArray
+    positions: NDArray[np.float32]
+    speeds: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class ReplicaResult:
+    """What one replica hands back.
+
+    Attributes
+    ----------
+    curve : RelaxationCurve
+        Of this replica alone.
+    status : dict
+        `Simulation.status` at the end.
+    seconds : float
+        Wall time of making, running and measuring it.
+    failure : str or None
+        What `Simulation.check` found broken at the end.
+    movie : Movie or None
+        Of the first replica, when asked for.
+    """
+
+    curve: RelaxationCurve
+    status: dict[str, Any]
+    seconds: float
+    failure: str | None
+    movie: Movie | None
+
+
+@dataclass(frozen=True)
+class Replicas:
+    """The task that turns an index and a seed into a `ReplicaResult`; the first writes the trajectory.
+
+    Attributes
+    ----------
+    recipe : Recipe
+        The gas.
+    s : tuple of float
+        Where to measure.
+    trajectory : Path or None, trajectory_s : tuple of float
+        Where to write, and at which s.
+    movie_s : tuple of float
+        Where to record the animation.
+    """
+
+    recipe: Recipe
+    s: tuple[float, ...]
+    trajectory: Path | None = None
+    trajectory_s: tuple[float, ...] = ()
+    movie_s: tuple[float, ...] = ()
+
+    def __call__(self, item: tuple[int, np.random.SeedSequence]) -> ReplicaResult:
+        """Run one replica."""
+        index, seed = item
+        began = time.perf_counter()
+        simulation = hs.Simulation(self.recipe.scene(seed))
+        first = index == 0
+        written = set(self.trajectory_s) if first and self.trajectory is not None else set()
+        filmed = set(self.movie_s) if first else set()
+        curve, film = RelaxationCurve(), []
+        writer = hs.TrajectoryWriter(self.trajectory) if written and self.trajectory is not None else None
+        try:
+            moments = sorted({*self.s, *written, *filmed})
+            frames = simulation.frames(collisions_per_particle=moments)
+            for s, frame in zip(moments, frames, strict=True):
+                if s in self.s:
+                    curve.add(frame)
+                if s in written and writer is not None:
+                    writer.write(frame)
+                if s in filmed:
+                    film.append(frame)
+        finally:
+            if writer is not None:
+                writer.close()
+        try:
+            simulation.check()
+            failure = None
+        except hs.InvariantError as error:
+            failure = str(error)
+        return ReplicaResult(
+            curve, simulation.status(), time.perf_counter() - began, failure, _movie(film) if film else None
+        )
+
+
+def _movie(film: Sequence[Any]) -> Movie:
+    from analysis.velocities import reduced_velocities
+
+    speeds = [np.linalg.norm(reduced_velocities(frame)[0], axis=1) for frame in film]
+    return Movie(
+        np.array([frame.collisions_per_particle for frame in film]),
+        np.array([frame.positions for frame in film], dtype=np.float32),
+        np.array(speeds, dtype=np.float32),
+    )
+
+
+def sampling_points(end: float) -> tuple[float, ...]:
+    """Return where to measure up to `end` collisions per particle, dense early.
+
+    Parameters
+    ----------
+    end : float
+        Largest s, positive.
+
+    Returns
+    -------
+    tuple of float
+        From 0 to `end`, 17 points for 10; beyond 10 by steps of a sixth.
+    """
+    if end < 1.0:
+        return tuple(float(s) for s in np.linspace(0.0, end, 9))
+    points = [0.0, 0.25, 0.5, 0.75, *np.arange(1.0, 4.01, 0.5), *np.arange(5.0, 10.01)]
+    while points[-1] < end:
+        points.append(float(f"{points[-1] * 7 / 6:.2g}"))
+    return tuple(float(s) for s in points if s < end - 1e-9) + (float(end),)
+
+
+@dataclass(frozen=True)
+class Thermalisation:
+    """Options of the study, as on the command line (`hardspheres thermalise --help`)."""
+
+    recipe: Recipe = Recipe()
+    collisions_per_particle: float = 10.0
+    replicas: int = 100
+    seed: int = 1
+    workers: int | None = None
+    frames: int = 21
+    animate: bool = False
+    source: str | None = None
+
+    @classmethod
+    def from_file(
+        cls,
+        path: str,
+        radius: float | None,
+        velocities: str | None,
+        temperature: float | None,
+        **options: Any,
+    ) -> Thermalisation:
+        """Return the study of a structure from a file.
+
+        Velocities are those of the file unless there are none or a distribution is named; positions are the
+        same in all replicas.
+
+        Parameters
+        ----------
+        path : str
+            Any file that ASE reads.
+        radius : float, optional
+            Radius of all particles, for a file that has none.
+        velocities : str, optional
+            Draw velocities, whatever the file has.
+        temperature : float, optional
+            kT of drawn velocities, 1 by default.
+        **options
+            Other fields of this class.
+
+        Raises
+        ------
+        TrajectoryError, SceneError
+            If the file gives no legal scene.
+        """
+        atoms = read_structure(path)
+        scene = hs.Scene.from_atoms(atoms, radius)
+        moving = has_velocities(atoms) and bool(np.any(scene.velocities))
+        keep = moving and velocities is None
+        if keep and temperature is not None:
+            raise hs.SceneError(f"{path} has velocities; --temperature needs --velocities to draw others")
+        recipe = Recipe(
+            n=scene.n,
+            dim=scene.dim,
+            packing_fraction=scene.packing_fraction,
+            boundary=scene.boundary,
+            velocities=None if keep else velocities or "equal-speeds",
+            temperature=scene.temperature if keep else (1.0 if temperature is None else temperature),
+            base=scene,
+        )
+        study = cls(recipe=recipe, source=str(path), **options)
+        return replace(study, replicas=1) if keep else study
+
+
+def thermalise(study: Thermalisation, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:
+    """Run the study, print its results and write its files.
+
+    Parameters
+    ----------
+    study : Thermalisation
+        What to do.
+    out : OutputFolder
+        Where the files go; made only after everything has been checked.
+    screen : Screen
+        Where results and progress are shown.
+
+    Returns
+    -------
+    summary : dict
+        The content of summary.json.
+    sound : bool
+        Whether energy, momentum and non-overlap held in every replica.
+
+    Raises
+    ------
+    HardSpheresError
+        If the gas cannot be made or never collides, or the folder cannot be written.
+    """
+    began = time.perf_counter()
+    recipe = study.recipe
+    if recipe.base is not None and recipe.velocities is None:
+        screen.note(
+            "the file has velocities, so all replicas would be the same: running one, without error bars"
+        )
+    out.check()
+    seeds = replica_seeds(study.seed, study.replicas)
+    first = recipe.scene(seeds[0])
+    with screen.working("compiling the engine (once for each kind of gas on this machine)"):
+        hs.Simulation(first).run(collisions=1)
+    ready = time.perf_counter()
+    out.create()
+
+    s = sampling_points(study.collisions_per_particle)
+    with out.partial("trajectory.xyz") as path:
+        task = Replicas(
+            recipe,
+            s,
+            trajectory=path.absolute(),
+            trajectory_s=_evenly(study.collisions_per_particle, study.frames),
+            movie_s=_evenly(min(MOVIE_END, study.collisions_per_particle), MOVIE_FRAMES)
+            if study.animate
+            else (),
+        )
+        with screen.progress("replicas", study.replicas) as advance:
+            results = run_replicas(task, list(enumerate(seeds)), workers=study.workers, done=advance)
+    ran = time.perf_counter()
+
+    curve = RelaxationCurve()
+    for result in results:
+        curve.merge(result.curve)
+    reference = _reference(study, curve)
+    out.write_csv("relaxation.csv", _columns(curve, reference))
+    from studies import thermalisation_figures as figures
+
+    with screen.working("drawing"):
+        out.save_figure("distributions.png", figures.distributions(curve))
+        out.save_figure("relaxation.png", figures.relaxation(curve, reference))
+        if results[0].movie is not None:
+            with out.partial("gas.gif") as path:
+                figures.animation(results[0].movie, first, curve, path)
+    summary = _summary(study, first, curve, reference, results, out)
+    summary["seconds"] = {
+        "setup_and_compilation": ready - began,
+        "replicas": ran - ready,
+        "analysis_and_figures": time.perf_counter() - ran,
+        "total": time.perf_counter() - began,
+    }
+    out.write_json("summary.json", summary)
+    _print(screen, study, curve, reference, summary, out)
+    return summary, bool(summary["checks"]["passed"])
+
+
+def _evenly(end: float, count: int) -> tuple[float, ...]:
+    return tuple(float(s) for s in np.linspace(0.0, end, count)) if count > 1 else (0.0,) * count
+
+
+def _reference(study: Thermalisation, curve: RelaxationCurve) -> Comparison | None:
+    """Return the theory that applies to this start, None where there is none at every s."""
+    if curve.starts_from_equal_speeds:
+        return curve.compare()
+    if study.recipe.velocities == "maxwell":
+        return curve.compare("equilibrium")
+    return None
+
+
+def _columns(curve: RelaxationCurve, reference: Comparison | None) -> dict[str, FloatArray]:
+    """Return the columns of relaxation.csv."""
+    unknown = np.full(len(curve.s), np.nan)
+
+    def theory_of(name: str) -> FloatArray:
+        return unknown if reference is None else np.asarray(getattr(reference, name))
+
+    columns = {"s": curve.s, "time": curve.time}
+    for name in ("a2", "ks", "h"):
+        columns[name] = getattr(curve, name)
+        columns[f"{name}_error"] = getattr(curve, f"{name}_error")
+        columns[f"{name}_boltzmann"] = theory_of(name)
+        columns[f"{name}_boltzmann_error"] = theory_of(f"{name}_uncertainty")
+        columns[f"{name}_z"] = theory_of(f"{name}_z")
+    columns["a3"], columns["a3_error"] = curve.a3, curve.a3_error
+    if len(curve.labels) > 1:
+        for index, (kT, a2) in enumerate(
+            zip(curve.temperature_by_species.T, curve.a2_by_species.T, strict=True), 1
+        ):
+            columns[f"temperature_{index}"], columns[f"a2_{index}"] = kT, a2
+    for axis, share in zip("xyz", curve.temperature_by_axis.T, strict=False):
+        columns[f"temperature_{axis}"] = share
+    return columns
+
+
+def _rate(curve: RelaxationCurve) -> Estimate | str:
+    """Return the fitted rate, or the reason why there is none."""
+    try:
+        return curve.fit_rate(RATE_WINDOW)
+    except ValueError as error:
+        return str(error)
+
+
+def _summary(
+    study: Thermalisation,
+    scene: hs.Scene,
+    curve: RelaxationCurve,
+    reference: Comparison | None,
+    results: Sequence[ReplicaResult],
+    out: OutputFolder,
+) -> dict[str, Any]:
+    options = {key: value for key, value in asdict(replace(study.recipe, base=None)).items() if key != "base"}
+    options |= {"from": study.source, "placement": study.recipe.placement}
+    options |= {
+        name: getattr(study, name)
+        for name in ("collisions_per_particle", "replicas", "seed", "frames", "animate")
+    }
+    workers = available_cores() if study.workers is None else study.workers
+    rate = _rate(curve)
+    measured: dict[str, Any] = {"window": RATE_WINDOW}
+    if isinstance(rate, Estimate):
+        measured |= {"value": rate.value, "standard_error": rate.standard_error}
+    else:
+        measured["reason"] = rate
+    if curve.starts_from_equal_speeds:
+        expected = theory.equal_speeds_decay_rate(curve.dim, RATE_WINDOW)
+        measured |= {"boltzmann": expected.value, "boltzmann_error": expected.uncertainty}
+        if isinstance(rate, Estimate):
+            measured["z"] = rate.deviation(expected.value, expected.uncertainty)
+    chi_square = reference.chi_square if reference is not None else None
+    failures = [
+        f"replica {index}: {result.failure}" for index, result in enumerate(results) if result.failure
+    ]
+    statuses = [result.status for result in results]
+    collisions = sum(status["collisions"] for status in statuses)
+    seconds = sum(result.seconds for result in results)
+    return {
+        "study": "thermalise",
+        "version": hs.__version__,
+        "seed": study.seed,
+        "options": options,
+        "workers": workers,
+        "n": scene.n,
+        "dim": scene.dim,
+        "packing_fraction": scene.packing_fraction,
+        "box": scene.box,
+        "boundary": list(scene.boundary),
+        "species": curve.labels,
+        "replicas": curve.n_replicas,
+        "particles_in_all": curve.n_replicas * curve.n_per_replica,
+        "collisions": collisions,
+        "collisions_per_second_and_core": collisions / seconds,
+        "theory": _theory_name(study, curve, reference),
+        "relaxation": _columns(curve, reference),
+        "a2_chi_square": None if chi_square is None else asdict(chi_square),
+        "decay_rate": measured,
+        "equilibrium_a2": float(theory.equilibrium_a2(curve.free_momenta)),
+        "ks_floor": theory.ks_floor(curve.n_replicas * curve.n_per_replica, curve.dim),
+        "h_bins": theory.H_BINS,
+        "h_bin_width": theory.SPEED_LIMIT[curve.dim] / theory.H_BINS,
+        "checks": {
+            "passed": not failures,
+            "failures": failures,
+            "worst_energy_drift": max(abs(status["energy_drift"]) for status in statuses),
+            "worst_momentum_drift": max(abs(status["momentum_drift"]) for status in statuses),
+            "late_events": sum(status["late_events"] for status in statuses),
+        },
+        "engine": statuses[0],
+        "files": sorted({*out.files, "summary.json"}),
+        "seconds": {},
+    }
+
+
+def _theory_name(study: Thermalisation, curve: RelaxationCurve, reference: Comparison | None) -> str:
+    if reference is None:
+        return "none for this start; at equilibrium a2 and H - H_eq vanish but for noise, and KS tends to ks_floor"
+    if study.recipe.velocities == "maxwell":
+        return "equilibrium at fixed energy"
+    name, density = "Boltzmann equation, equal speeds, dilute gas", study.recipe.packing_fraction
+    return (
+        name
+        if density <= 0.01
+        else f"{name}; this gas is not dilute, expect deviations of order {density:.2g}"
+    )
+
+
+def _print(
+    screen: Screen,
+    study: Thermalisation,
+    curve: RelaxationCurve,
+    reference: Comparison | None,
+    summary: Mapping[str, Any],
+    out: OutputFolder,
+) -> None:
+    recipe = study.recipe
+    words = recipe.boundary if isinstance(recipe.boundary, str) else ",".join(dict.fromkeys(recipe.boundary))
+    kind = "spheres" if curve.dim == 3 else "discs"
+    start = recipe.velocities or "the file's velocities"
+    screen.say(
+        f"{curve.n_replicas} x {curve.n_per_replica} hard {kind}, packing fraction {summary['packing_fraction']:.4g}, "
+        f"{words} box, start: {start}"
+    )
+    if len(curve.labels) > 1:
+        screen.say("species: " + "; ".join(f"{k}: {label}" for k, label in enumerate(curve.labels, 1)))
+    screen.say()
+    header, rows = _table(curve, reference)
+    screen.table("", header, rows)
+    screen.say()
+    screen.say(f"theory: {summary['theory']}")
+    screen.say(
+        f"a2: mean over replicas with its standard error; KS, H - Heq: all replicas together, H on {theory.H_BINS} bins of "
+        f"{summary['h_bin_width']:.4g} thermal speeds; z: deviation in standard errors"
+    )
+    screen.say(
+        f"at equilibrium {summary['particles_in_all']} particles give a2 = {summary['equilibrium_a2']:.1e} +- "
+        f"{theory.cumulant_noise(summary['particles_in_all'], curve.dim):.1e}, KS = {summary['ks_floor']:.1e}"
+    )
+    chi_square = reference.chi_square if reference is not None else None
+    if chi_square is not None:
+        screen.say(f"a2(s) as a whole against theory, with the covariance of its points: {chi_square}")
+    elif reference is not None:
+        screen.say(f"a2(s) as a whole: too few replicas for a covariance of {len(curve.s) - 1} points")
+    rate = summary["decay_rate"]
+    if "value" in rate:
+        text = f"decay rate of a2 over 2 <= s <= 5: {Estimate(rate['value'], rate['standard_error'])}"
+        if "boltzmann" in rate:
+            text += f", Boltzmann equation {Estimate(rate['boltzmann'], rate['boltzmann_error'])}"
+            text += f", z = {rate['z']:+.1f}" if math.isfinite(rate.get("z", math.nan)) else ""
+        screen.say(text)
+    elif recipe.velocities != "maxwell":
+        screen.say(f"no decay rate: {rate['reason']}")
+    checks, seconds = summary["checks"], summary["seconds"]
+    screen.say(
+        f"{summary['collisions']} collisions in {seconds['total']:.0f} s ({summary['collisions_per_second_and_core']:.2g} per "
+        f"second and core); worst energy drift {checks['worst_energy_drift']:.1e}, late events {checks['late_events']}"
+    )
+    for failure in checks["failures"]:
+        screen.say(f"CHECK FAILED, {failure}")
+    screen.say(f"written to {out.path}: {', '.join(summary['files'])}")
+
+
+def _table(curve: RelaxationCurve, reference: Comparison | None) -> tuple[list[str], list[list[str]]]:
+    """Return header and rows of the table of results."""
+    header, columns = ["s"], [[f"{s:.4g}" for s in curve.s]]
+    for name, title in (("a2", "a2"), ("ks", "KS"), ("h", "H - Heq")):
+        values, errors = getattr(curve, name), getattr(curve, f"{name}_error")
+        header.append(title)
+        columns.append([_estimate(value, error) for value, error in zip(values, errors, strict=True)])
+        if reference is not None:
+            header += ["theory", "z"]
+            columns.append([_number(value) for value in getattr(reference, name)])
+            columns.append([f"{z:+.1f}" if math.isfinite(z) else "" for z in getattr(reference, f"{name}_z")])
+    if len(curve.labels) > 1:
+        for index, kT in enumerate(curve.temperature_by_species.T, 1):
+            header.append(f"T{index}/T")
+            columns.append([f"{value:.4f}" for value in kT])
+    if np.abs(curve.temperature_by_axis[0] - 1.0).max() > 0.3:
+        header.append("Tx/T")
+        columns.append([f"{value:.4f}" for value in curve.temperature_by_axis[:, 0]])
+    return header, [list(row) for row in itertools.zip_longest(*columns)]
+
+
+def _estimate(value: float, error: float) -> str:
+    if not math.isfinite(error) or error < 1e-12:  # unknown, or nothing fluctuates
+        return f"{value:.4f}"
+    return str(Estimate(value, error))
+
+
+def _number(value: float) -> str:
+    if not math.isfinite(value):
+        return ""
+    return f"{value:.4f}" if value == 0.0 or abs(value) >= 1e-3 else f"{value:.1e}"

@@ -1,0 +1,324 @@
+"""The pictures of the thermalisation study: speed histograms, relaxation, and the moving gas."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib import colormaps, patheffects
+from matplotlib.animation import PillowWriter
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import EllipseCollection
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from analysis import theory
+from analysis.relaxation import Comparison, RelaxationCurve
+from studies.report import COLOURS, figure_style
+
+if TYPE_CHECKING:
+    from hardspheres import Scene
+    from studies.thermalisation import Movie
+
+__all__ = ["animation", "distributions", "relaxation"]
+
+FloatArray = NDArray[np.float64]
+
+
+def distributions(
+    curve: RelaxationCurve, moments: Sequence[float] = (0.0, 0.5, 1.0, 2.0, 4.0, 10.0)
+) -> Figure:
+    """Draw histograms of speeds at several s over the equilibrium curve, one row per species.
+
+    Parameters
+    ----------
+    curve : RelaxationCurve
+        What was measured.
+    moments : sequence of float
+        Where; the nearest sampled s are taken, each once, and the last one always.
+
+    Returns
+    -------
+    Figure
+    """
+    s = curve.s
+    chosen = sorted({int(np.argmin(np.abs(s - moment))) for moment in moments} | {len(s) - 1})
+    colours = colormaps["viridis"](np.linspace(0.12, 0.82, len(chosen)))
+    rows, thermal = len(curve.labels), curve.thermal_speeds
+    with figure_style():
+        figure = Figure(figsize=(1.0 + 1.85 * len(chosen), 0.85 + 1.9 * rows), layout="constrained")
+        panels = figure.subplots(rows, len(chosen), sharey="row", sharex="row", squeeze=False)
+        bins = _bins(curve)
+        for row, (label, unit) in enumerate(zip(curve.labels, thermal, strict=True)):
+            limit = 4.2 * unit
+            v = np.linspace(0.0, limit, 300)
+            law = theory.speed_pdf(v, curve.dim, mass=1.0 / unit**2)
+            for column, (index, colour) in enumerate(zip(chosen, colours, strict=True)):
+                axes = panels[row, column]
+                edges, density, _ = curve.speed_histogram(index, bins)
+                axes.stairs(density[row] / unit, edges * unit, fill=True, color=colour, alpha=0.75, lw=0)
+                axes.plot(v, law, color=COLOURS["theory"], lw=1.4)
+                axes.set_xlim(0.0, limit)
+                axes.set_ylim(0.0, 1.75 * law.max())
+                axes.set_yticks([])
+                axes.spines["left"].set_visible(False)
+                if row == 0:
+                    axes.set_title(f"s = {s[index]:.3g}", color=COLOURS["theory"])
+                if row == rows - 1:
+                    axes.set_xlabel("speed")
+                if (density[row] / unit).max() > 1.75 * law.max():
+                    _mark_spike(axes, edges * unit, density[row])
+            panels[row, 0].set_ylabel("probability density" if label == "all" else label)
+        panels[0, -1].plot([], [], color=COLOURS["theory"], lw=1.4, label="Maxwell\u2013\nBoltzmann")
+        panels[0, -1].legend(loc="upper right", borderaxespad=0.0, handlelength=1.2, fontsize=8)
+    return figure
+
+
+def _bins(curve: RelaxationCurve) -> int:
+    """Return how many bins the histograms bear: some 30 particles in each."""
+    fewest = curve.n_replicas * curve.n_per_replica / max(len(curve.labels), 1)
+    return 80 if fewest > 20000 else 40 if fewest > 1000 else 20
+
+
+def _mark_spike(axes: Axes, edges: FloatArray, density: FloatArray) -> None:
+    """Say that a bar is cut off, and how much of the gas it holds."""
+    peak = int(np.argmax(density))
+    share = density[peak] / density.sum()
+    axes.annotate(
+        f"{100 * share:.0f} % in\nthis bar",
+        ((edges[peak] + edges[peak + 1]) / 2, 0.985),
+        xycoords=("data", "axes fraction"),
+        xytext=(5, 0),
+        textcoords="offset points",
+        va="top",
+        fontsize=8,
+        color="#4a5562",
+    )
+
+
+def relaxation(curve: RelaxationCurve, reference: Comparison | None) -> Figure:
+    """Draw a2(s) and H(s) with their standard errors over the theory, and the deviations below.
+
+    Parameters
+    ----------
+    curve : RelaxationCurve
+        What was measured.
+    reference : Comparison, optional
+        The theory of this start; without it the approach to equilibrium is drawn alone.
+
+    Returns
+    -------
+    Figure
+    """
+    s = curve.s
+    with figure_style():
+        figure = Figure(figsize=(9.4, 4.6 if reference is not None else 3.6), layout="constrained")
+        if reference is not None:
+            panels = figure.subplots(2, 2, sharex=True, height_ratios=[3.2, 1])
+            upper, lower = panels[0], panels[1]
+        else:
+            upper, lower = figure.subplots(1, 2, sharex=True), []
+        _draw_a2(upper[0], curve, reference)
+        _draw_h(upper[1], curve, reference)
+        for axes, z in zip(
+            lower, (reference.a2_z, reference.h_z) if reference is not None else (), strict=True
+        ):
+            axes.axhspan(-2, 2, color=COLOURS["band"], alpha=0.25, lw=0)
+            axes.axhline(0.0, color=COLOURS["theory"], lw=1.0)
+            axes.plot(s, z, "o", ms=3.5, color=COLOURS["simulation"])
+            extent = max(3.5, float(np.nanmax(np.abs(z), initial=0.0)) * 1.15)
+            axes.set_ylim(-extent, extent)
+            axes.set_ylabel("deviation\nin std. errors", fontsize=8.5)
+        for axes in lower if len(lower) else upper:
+            axes.set_xlabel("collisions per particle s")
+    return figure
+
+
+def _fine(curve: RelaxationCurve) -> FloatArray:
+    return np.linspace(0.0, min(float(curve.s.max()), 10.0), 500)
+
+
+def _draw_a2(axes: Axes, curve: RelaxationCurve, reference: Comparison | None) -> None:
+    if reference is not None and curve.starts_from_equal_speeds:
+        s = _fine(curve)
+        table = theory.boltzmann_equal_speeds(s, curve.dim)
+        axes.plot(s, table.a2, color=COLOURS["theory"], label="Boltzmann equation", zorder=2)
+        near = -2.0 / (curve.dim + 2) * np.exp(-theory.sonine_rate(curve.dim) * s)
+        rate = "8s/15" if curve.dim == 3 else "s/2"
+        axes.plot(
+            s,
+            near,
+            color=COLOURS["band"],
+            lw=1.2,
+            ls=(0, (4, 2)),
+            label=f"exp(\u2212{rate}), first Sonine approximation",
+        )
+    else:
+        axes.axhline(0.0, color=COLOURS["theory"], lw=1.2, label="equilibrium")
+    name = "simulation" if len(curve.labels) == 1 else "all species"
+    _points(axes, curve.s, curve.a2, curve.a2_error, COLOURS["simulation"], name)
+    if len(curve.labels) > 1:
+        for label, a2, colour in zip(curve.labels, curve.a2_by_species.T, _species_colours(), strict=False):
+            axes.plot(curve.s, a2, "s", ms=3.5, mfc="none", color=colour, label=label)
+    axes.set_ylabel("fourth cumulant $a_2$")
+    axes.set_title("How far the speeds are from Maxwell\u2013Boltzmann")
+    axes.legend(loc="best")
+
+
+def _draw_h(axes: Axes, curve: RelaxationCurve, reference: Comparison | None) -> None:
+    h, error = curve.h, curve.h_error
+    floor = math.sqrt(theory.H_BINS / 2) / (curve.n_replicas * curve.n_per_replica)
+    if reference is not None and curve.starts_from_equal_speeds:
+        s = _fine(curve)
+        table = theory.boltzmann_equal_speeds(s, curve.dim)
+        axes.plot(s, table.h, color=COLOURS["theory"], label="Boltzmann equation", zorder=2)
+    seen = h > floor
+    low = np.minimum(np.nan_to_num(error), h * 0.9)
+    axes.errorbar(
+        curve.s[seen],
+        h[seen],
+        np.array([low[seen], np.nan_to_num(error[seen])]),
+        fmt="o",
+        ms=4,
+        lw=1.2,
+        color=COLOURS["simulation"],
+        label="simulation",
+        zorder=3,
+    )
+    bottom = floor / 3
+    axes.set_yscale("log")
+    axes.axhspan(
+        bottom, floor, color=COLOURS["band"], alpha=0.25, lw=0, label="noise of a gas at equilibrium"
+    )
+    axes.set_ylim(bottom, max(float(h.max()), 10 * floor) * 2.5)
+    axes.set_xlim(-0.02 * curve.s.max(), 1.02 * curve.s.max())
+    axes.set_ylabel(r"$H - H_\mathrm{eq}$")
+    axes.set_title("Boltzmann\u2019s H falls to its least value")
+    axes.legend(loc="upper right")
+
+
+def _points(axes: Axes, x: FloatArray, y: FloatArray, error: FloatArray, colour: str, label: str) -> None:
+    axes.fill_between(x, y - 2 * error, y + 2 * error, color=colour, alpha=0.18, lw=0)
+    axes.errorbar(x, y, error, fmt="o", ms=4, lw=1.2, color=colour, label=label, zorder=3)
+
+
+def _species_colours() -> list[str]:
+    return [COLOURS["warm"], COLOURS["other"], "#3a8f6b", "#7b5ea7"]
+
+
+_DARK, _PALE = "#10161f", "#c9d3de"
+
+
+def animation(movie: Movie, scene: Scene, curve: RelaxationCurve, path: Path) -> None:
+    """Write the first replica as an animated GIF, coloured by speed, beside the histogram of its speeds.
+
+    Parameters
+    ----------
+    movie : Movie
+        Recorded positions and speeds.
+    scene : Scene
+        Its start: radii and box.
+    curve : RelaxationCurve
+        For labels.
+    path : Path
+        Where to write.
+
+    Notes
+    -----
+    Of a large gas a corner with some 300 particles is shown, in 3D a cube seen along z whose far and near
+    faces fade; in a dilute 2D gas discs are drawn larger than they are. The histogram is of the whole
+    replica.
+    """
+    dim, n = scene.dim, scene.n
+    share = min(1.0, (300 / n) ** (1 / dim))
+    window = np.asarray(scene.box) * share
+    colours = colormaps["plasma"]
+    top = 3.0
+    with figure_style():
+        figure = Figure(figsize=(8.0, 4.1), facecolor=_DARK)
+        FigureCanvasAgg(figure)
+        view = figure.add_axes((0.02, 0.04, 0.46, 0.9))
+        graph = figure.add_axes((0.57, 0.16, 0.4, 0.68))
+        view.set(
+            xlim=(0.0, window[0]),
+            ylim=(0.0, window[1]),
+            aspect="equal",
+            xticks=[],
+            yticks=[],
+            facecolor="#0b1017",
+        )
+        for spine in view.spines.values():
+            spine.set(visible=True, color="#33404f")
+        radii = np.maximum(scene.radii, 0.006 * window.max())
+        bins = np.linspace(0.0, 4.2, 43 if n >= 1000 else 22)
+        middle = (bins[1:] + bins[:-1]) / 2
+        bars = graph.bar(
+            middle, np.zeros_like(middle), np.diff(bins), color=colours(np.clip(middle / top, 0, 1)), lw=0
+        )
+        v = np.linspace(0.0, 4.2, 300)
+        law = theory.speed_pdf(v, dim)
+        graph.plot(v, law, color=_PALE, lw=1.8)
+        graph.text(
+            v[np.argmax(law)] + 0.75, law.max() * 0.93, "Maxwell\u2013Boltzmann", color=_PALE, fontsize=9
+        )
+        graph.set(xlim=(0.0, 4.2), ylim=(0.0, 1.9 * law.max()), facecolor=_DARK, yticks=[])
+        graph.set_xlabel("speed / thermal speed", color=_PALE)
+        graph.tick_params(colors=_PALE)
+        graph.spines["left"].set_visible(False)
+        graph.spines["bottom"].set_color("#55626f")
+        clock = graph.text(0.0, 1.1, "", transform=graph.transAxes, color="white", fontsize=12)
+        clock.set_path_effects([patheffects.withStroke(linewidth=2, foreground=_DARK)])
+        writer = PillowWriter(fps=16)
+        writer.setup(figure, str(path), dpi=80)
+        spheres: Any = None
+        for s, positions, speeds in zip(movie.s, movie.positions, movie.speeds, strict=True):
+            if spheres is not None:
+                spheres.remove()
+            spheres = _spheres(view, positions, speeds, radii, window, colours, top)
+            heights = np.histogram(speeds, bins=bins)[0] / n / np.diff(bins)
+            for bar, height in zip(bars, heights, strict=True):
+                bar.set_height(height)
+            clock.set_text(f"{s:.1f} collisions per particle")
+            writer.grab_frame(facecolor=_DARK)
+        for _ in range(16):  # rest a second on the last frame
+            writer.grab_frame(facecolor=_DARK)
+        writer.finish()
+
+
+def _spheres(
+    axes: Axes,
+    positions: NDArray[np.float32],
+    speeds: NDArray[np.float32],
+    radii: FloatArray,
+    window: FloatArray,
+    colours: Any,
+    top: float,
+) -> EllipseCollection:
+    """Draw the spheres within the window, far ones first, as discs in units of the axes."""
+    near = np.all(positions < window + 2 * radii.max(), axis=1)
+    shown = np.flatnonzero(near)
+    alpha = np.ones(len(shown))
+    if positions.shape[1] == 3:
+        depth = positions[shown, 2] / window[2]
+        order = np.argsort(depth)
+        shown, depth = shown[order], depth[order]
+        alpha = np.clip(8.0 * depth * (1.0 - depth), 0.0, 1.0) * (0.45 + 0.55 * np.clip(depth, 0, 1))
+    face = colours(np.clip(speeds[shown] / top, 0.0, 1.0))
+    face[:, 3] = alpha
+    diameters = 2 * radii[shown]
+    spheres = EllipseCollection(
+        diameters,
+        diameters,
+        np.zeros(len(shown)),
+        units="xy",
+        offsets=positions[shown, :2],
+        offset_transform=axes.transData,
+        facecolors=face,
+        linewidths=0,
+    )
+    axes.add_collection(spheres)
+    return spheres
