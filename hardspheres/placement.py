@@ -1,7 +1,7 @@
 """Random sequential placement: spheres put down one after another wherever they still fit, up to saturation.
 
-A particle takes the first random place where it overlaps nothing (random sequential addition; Feder 1980,
-doi 10.1016/0022-5193(80)90358-6). Large particles go first. When fewer than one trial in ten succeeds, the box is divided
+A particle takes the first random place where it overlaps nothing (random sequential addition; Widom 1966,
+doi 10.1063/1.1726548). Large particles go first. When fewer than one trial in ten succeeds, the box is divided
 into voxels, those that are covered for sure (no centre fits anywhere inside) are dropped, and trials go to the rest, which
 changes no probability; voxels are halved again whenever trials become rare. With no voxel left there is no room left: the
 placement has jammed, and that is known and not guessed (Zhang, Torquato 2013, doi 10.1103/PhysRevE.88.053312).

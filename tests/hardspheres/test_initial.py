@@ -180,7 +180,7 @@ def saturation(dim, n, seeds):
     return np.mean(found), np.std(found, ddof=1) / math.sqrt(len(found))
 
 
-# Zhang, Torquato 2013 (doi 10.1103/PhysRevE.88.053312), table I.
+# Zhang, Torquato 2013 (doi 10.1103/PhysRevE.88.053312).
 SATURATION = {2: 0.5470735, 3: 0.3841307}
 
 
