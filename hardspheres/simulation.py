@@ -471,8 +471,7 @@ class Simulation:
 
     def status(self) -> dict[str, Any]:
         """Return where the simulation is, how it searches, and how exact it has been."""
-        import hardspheres
-        __version__ = getattr(hardspheres,"__version__","0")
+        from hardspheres import __version__
 
         at, count, number = self._at, self._engine.arrays.count, self._engine.arrays.number
         dim = self.scene.dim

@@ -1,0 +1,97 @@
+"""The engine executes the events of the all-pairs solver: who with whom, and when, until chaos parts them."""
+
+import mpmath
+import numpy as np
+import pytest
+from scenes import KINDS, gas
+
+import hardspheres as hs
+from hardspheres.reference import ReferenceSimulation
+
+# Collisions per particle for which the two must agree: a third of the horizon 32 / lambda at which chaos has amplified
+# one rounding to a per cent (lambda: van Zon, van Beijeren, Dellago 1998, doi:10.1103/PhysRevLett.80.2035), rounded down.
+AGREED = {2: {0.002: 0.8, 0.02: 1.0, 0.1: 3.0, 0.3: 6.0}, 3: {0.002: 1.0, 0.02: 1.5, 0.1: 5.0, 0.3: 8.0}}
+PARTED = 1e-7  # deviation from which on the sequences are no longer compared
+
+
+def pairs_and_times(scene, events):
+    """Engine's event sequence: after each pair collision its time, the partners, and how many wall hits came before."""
+    sim = hs.Simulation(scene)
+    versions = sim._engine.arrays.event.reshape(scene.n, -1)[:, sim._at.VERSION]
+    for _ in range(events):
+        before, walls = versions.copy(), sim.wall_collisions
+        sim.run(collisions=1)
+        yield sim, np.flatnonzero(versions - before), sim.wall_collisions - walls
+
+
+def deviation(sim, ref):
+    """Largest difference of positions and velocities."""
+    x = np.array([[float(a) for a in row] for row in ref.positions])
+    v = np.array([[float(a) for a in row] for row in ref.velocities])
+    box, periodic = sim.scene.box, sim.scene.periodic
+    dx = sim.positions - x
+    dx -= np.where(periodic, box * np.rint(dx / box), 0.0)
+    return max(np.abs(dx).max(), np.abs(sim.velocities - v).max())
+
+
+def follow(scene, events, number=float, sqrt=np.sqrt, **options):
+    """Run both side by side; asserts the sequence of events until they part, returns how many collisions that took."""
+    ref = ReferenceSimulation(scene, number, sqrt, **options)
+    for agreed, (sim, changed, walls) in enumerate(pairs_and_times(scene, events)):
+        hits = []
+        while (event := ref.step()).second >= scene.n:
+            hits.append(event.first)
+        assert len(hits) == walls
+        assert {event.first, event.second} | set(hits) == set(changed.tolist())
+        assert abs(sim.time - float(event.time)) < 10 * PARTED * (1 + sim.time)
+        if deviation(sim, ref) > PARTED:
+            return agreed
+    return events
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("eta", AGREED[3])
+def test_same_events_as_the_oracle(kind, eta):
+    n = 20
+    scene = gas(kind, n, eta, seed=7)
+    needed = int(AGREED[scene.dim][eta] * n / 2)
+    assert follow(scene, needed) == needed
+
+
+@pytest.mark.parametrize("kind", ["3d", "2d_mixture_walls"])
+@pytest.mark.parametrize("n", [2, 3, 5])
+def test_few_particles_in_boxes_too_small_for_cells(kind, n):
+    scene = gas(kind, n, 0.15 if n > 2 else 0.05, seed=n)
+    assert follow(scene, 40) >= 4
+
+
+def test_a_box_of_two_diameters():
+    """Two spheres in the smallest periodic box: every image of the partner is near."""
+    scene = hs.Scene([[0.5, 0.5, 0.5], [1.5, 1.5, 1.5]], [[1.0, 0.3, 0.2], [-0.1, 0.2, 0.5]], box=(2, 2, 2))
+    assert follow(scene, 40) >= 8
+
+
+def test_a_thin_slab():
+    """One periodic axis of barely two diameters, the others long: cells on two axes, images on the third."""
+    rng = np.random.default_rng(4)
+    grid = np.stack(np.meshgrid(np.arange(6), np.arange(6), indexing="ij"), -1).reshape(-1, 2) * 1.7 + 0.85
+    positions = np.column_stack([grid, rng.uniform(0, 2.1, len(grid))])
+    scene = hs.Scene(positions, rng.normal(size=positions.shape), box=(10.2, 10.2, 2.1))
+    assert follow(scene, 60) == 60
+
+
+def test_against_fifty_digits():
+    """The engine follows the true trajectory, not only another one in double precision."""
+    with mpmath.workdps(50):
+        assert follow(gas("3d", 10, 0.2, seed=3), 20, mpmath.mpf, mpmath.sqrt) == 20
+
+
+def test_the_comparison_sees_a_broken_rule():
+    """Sibling: an oracle whose collisions turn a millionth too little is told apart."""
+    from hardspheres.collision import elastic_collision
+
+    def broken(m1, v1, m2, v2, r):
+        w1, w2 = elastic_collision(m1, v1, m2, v2, r)
+        return [a + 1e-6 * (b - a) for a, b in zip(w1, v1, strict=True)], w2
+
+    assert follow(gas("3d", 20, 0.1, seed=7), 20, collide=broken) < 3

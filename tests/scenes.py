@@ -1,0 +1,22 @@
+"""Scenes that several tests share."""
+
+import numpy as np
+
+import hardspheres as hs
+
+KINDS = {  # one compiled specialisation each; the default tests compile no others
+    "3d": {"dim": 3, "boundary": "periodic"},
+    "2d": {"dim": 2, "boundary": "periodic"},
+    "3d_walls": {"dim": 3, "boundary": ("periodic", "wall", "periodic")},
+    "2d_mixture_walls": {"dim": 2, "boundary": "wall", "mixture": True},
+    "3d_mixture": {"dim": 3, "boundary": "periodic", "mixture": True},
+}
+
+
+def gas(kind, n, packing_fraction, seed=1, **more):
+    """A gas of one of the kinds, placed at random with Maxwell velocities."""
+    options = dict(KINDS[kind])
+    if options.pop("mixture", False):
+        odd = np.arange(n) % 2
+        options |= {"radii": np.where(odd, 0.3, 0.5), "masses": np.where(odd, 1.0, 7.0)}
+    return hs.random_gas(n=n, packing_fraction=packing_fraction, seed=seed, **(options | more))
