@@ -108,7 +108,7 @@ class Engine:
 
         sizes = bool(np.any(scene.radii != scene.radii[0]))
         masses = bool(np.any(scene.masses != scene.masses[0]))
-        self.kernels = specialise(scene.dim, not bool(scene.periodic.all()), sizes, masses)
+        self.kernels: Any = specialise(scene.dim, not bool(scene.periodic.all()), sizes, masses)
         self.layout: Any = self.kernels.layout
         self.scene = scene
         at = self.layout
@@ -143,7 +143,9 @@ class Engine:
         count[at.N] = n
         count[at.CELLS : at.CELLS + dim] = cells
         # With four cells per axis only one image of a pair can matter; below that, lists say which image they mean.
-        count[at.IMAGES] = int(any(c < 4 for c, periodic in zip(cells, scene.periodic, strict=True) if periodic))
+        count[at.IMAGES] = int(
+            any(c < 4 for c, periodic in zip(cells, scene.periodic, strict=True) if periodic)
+        )
         self.cells = math.prod(cells)
         count[at.CELL_ROOM] = 8 * math.ceil(min(n, 1.5 * n / self.cells + 3) / 8)
         count[at.LIST_ROOM] = 32
@@ -165,7 +167,7 @@ class Engine:
             scratch=scratch,
             scratch_int=scratch.view(np.int64),
             number=number,
-            count=count,
+            counter=count,
             total=np.zeros(at.SUMS),
             **self._searching_arrays(count),
         )
@@ -191,7 +193,7 @@ class Engine:
 
     def _make_room(self) -> None:
         """Double whatever ran out; the search then starts again from the rows."""
-        at, count = self.layout, self.arrays.count
+        at, count = self.layout, self.arrays.counter
         if count[at.SHORT_LISTS]:
             count[at.LIST_ROOM] *= 2
         if count[at.SHORT_CELLS]:
@@ -213,7 +215,7 @@ class Engine:
         elif status == self.kernels.STANDS_STILL:
             raise SimulationError(
                 f"time stands still: {1000 * self.scene.n} events without progress at "
-                f"{self.arrays.count[self.layout.PAIRS]} collisions; the particles touch on all sides (a jammed packing), "
+                f"{self.arrays.counter[self.layout.PAIRS]} collisions; the particles touch on all sides (a jammed packing), "
                 "so give them room"
             )
         return bool(status == self.kernels.DONE)

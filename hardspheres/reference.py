@@ -95,9 +95,7 @@ class ReferenceSimulation:
             r = [x + k * edge for x, k, edge in zip(near, image, self.box, strict=True)]
             b = sum(x * u for x, u in zip(r, v, strict=True))
             rr = sum(x * x for x in r)
-            cross = sum(
-                (r[a] * v[c] - r[c] * v[a]) ** 2 for a, c in itertools.combinations(range(len(r)), 2)
-            )
+            cross = sum((r[a] * v[c] - r[c] * v[a]) ** 2 for a, c in itertools.combinations(range(len(r)), 2))
             d = sum(u * u for u in v) * sigma2 - cross
             best = min(best, contact_time(b, rr - sigma2, self.sqrt(d) if d > 0 else 0.0))
         return best
@@ -151,7 +149,11 @@ class ReferenceSimulation:
                 self.velocities[i][axis] = -self.velocities[i][axis]
             else:
                 self.velocities[i], self.velocities[j] = self.collide(
-                    self.masses[i], self.velocities[i], self.masses[j], self.velocities[j], self.separation(i, j)
+                    self.masses[i],
+                    self.velocities[i],
+                    self.masses[j],
+                    self.velocities[j],
+                    self.separation(i, j),
                 )
                 self.collisions += 1
             return Event(self.time, i, j)

@@ -18,7 +18,10 @@ Floats = NDArray[np.float64]
 SLICE = 0.1  # seconds after which control comes back to Python
 FOREVER = 2**62
 PATIENCE = 1000.0  # expected times to the next collision without one, until `run(collisions=...)` gives up
-COMPONENTS = {2: ((0, 3), (3, 1)), 3: ((0, 3, 4), (3, 1, 5), (4, 5, 2))}  # where the sums keep a symmetric tensor
+COMPONENTS = {
+    2: ((0, 3), (3, 1)),
+    3: ((0, 3, 4), (3, 1, 5), (4, 5, 2)),
+}  # where the sums keep a symmetric tensor
 
 
 @dataclass(frozen=True)
@@ -164,12 +167,15 @@ class Simulation:
 
     def _keep_clock(self) -> None:
         """Set the time to that of the last event, where that is later than what was asked for before."""
-        here = (int(self._engine.arrays.count[self._at.EPOCH]), max(float(self._engine.arrays.number[self._at.NOW]), 0.0))
+        here = (
+            int(self._engine.arrays.counter[self._at.EPOCH]),
+            max(float(self._engine.arrays.number[self._at.NOW]), 0.0),
+        )
         self._epoch, self._moment = max((self._epoch, self._moment), here)
 
     def _run_until(self, epoch: int, moment: float) -> None:
         if self._energy == 0.0:  # nobody moves: there is no need to pass through empty epochs
-            self._engine.arrays.count[self._at.EPOCH] = epoch
+            self._engine.arrays.counter[self._at.EPOCH] = epoch
         try:
             while not self._slice(epoch, moment, FOREVER):
                 pass
@@ -181,7 +187,7 @@ class Simulation:
     def _run_collisions(self, goal: int) -> None:
         if goal > self.collisions:
             self._require_something_to_come()
-        at, count = self._at, self._engine.arrays.count
+        at, count = self._at, self._engine.arrays.counter
         rate = 0.5 * self.scene.n * collision_frequency(self.scene)
         patience = int(min(PATIENCE / (rate * self._length) + 10, FOREVER)) if rate > 0 else FOREVER
         start = int(count[at.EPOCH])
@@ -236,16 +242,32 @@ class Simulation:
         SimulationError
             When the arguments make no sense, and as `run` does.
         """
-        given = [every is not None or count is not None, times is not None, collisions_per_particle is not None]
+        given = [
+            every is not None or count is not None,
+            times is not None,
+            collisions_per_particle is not None,
+        ]
         if sum(given) != 1:
-            raise SimulationError("frames needs one of: every=... with count=..., times=..., collisions_per_particle=...")
+            raise SimulationError(
+                "frames needs one of: every=... with count=..., times=..., collisions_per_particle=..."
+            )
         if times is not None:
             return self._frames_at(self._ascending("times", times, self.time))
         if collisions_per_particle is not None:
-            s = self._ascending("collisions_per_particle", collisions_per_particle, self.collisions_per_particle)
+            s = self._ascending(
+                "collisions_per_particle", collisions_per_particle, self.collisions_per_particle
+            )
             return self._frames_after([math.ceil(value * self.scene.n / 2 - 1e-9) for value in s])
-        if every is None or count is None or not (math.isfinite(every) and every > 0) or count != int(count) or count < 0:
-            raise SimulationError(f"frames(every={every}, count={count}) needs a time above 0 and a number of frames")
+        if (
+            every is None
+            or count is None
+            or not (math.isfinite(every) and every > 0)
+            or count != int(count)
+            or count < 0
+        ):
+            raise SimulationError(
+                f"frames(every={every}, count={count}) needs a time above 0 and a number of frames"
+            )
         now = self.time
         return self._frames_at([now + k * every for k in range(int(count))])
 
@@ -254,7 +276,9 @@ class Simulation:
         if not all(math.isfinite(value) for value in numbers) or numbers != sorted(numbers):
             raise SimulationError(f"frames({name}=...) needs finite values in ascending order")
         if numbers and numbers[0] < first:
-            raise SimulationError(f"frames({name}=...) begins at {numbers[0]}, but the simulation is at {first} already")
+            raise SimulationError(
+                f"frames({name}=...) begins at {numbers[0]}, but the simulation is at {first} already"
+            )
         return numbers
 
     def _frames_at(self, times: list[float]) -> Iterator[Frame]:
@@ -273,7 +297,12 @@ class Simulation:
     def frame(self) -> Frame:
         """Return the gas as it is now."""
         return Frame(
-            self.time, self.collisions, self.collisions_per_particle, self.positions, self.velocities, self.scene
+            self.time,
+            self.collisions,
+            self.collisions_per_particle,
+            self.positions,
+            self.velocities,
+            self.scene,
         )
 
     # Looking.
@@ -286,12 +315,12 @@ class Simulation:
     @property
     def collisions(self) -> int:
         """Pair collisions since the start."""
-        return int(self._engine.arrays.count[self._at.PAIRS])
+        return int(self._engine.arrays.counter[self._at.PAIRS])
 
     @property
     def wall_collisions(self) -> int:
         """Hits of walls since the start."""
-        return int(self._engine.arrays.count[self._at.WALL_HITS])
+        return int(self._engine.arrays.counter[self._at.WALL_HITS])
 
     @property
     def collisions_per_particle(self) -> float:
@@ -307,7 +336,7 @@ class Simulation:
         """Positions now, as the rows count them: up to an epoch's flight out of the box on periodic axes."""
         at, dim = self._at, self.scene.dim
         rows = self._rows
-        behind = self._epoch - int(self._engine.arrays.count[at.EPOCH])
+        behind = self._epoch - int(self._engine.arrays.counter[at.EPOCH])
         dt = (behind * self._length + self._moment) - rows[:, at.T]
         flown: Floats = rows[:, at.X : at.X + dim] + rows[:, at.V : at.V + dim] * dt[:, None]
         return flown
@@ -318,13 +347,15 @@ class Simulation:
         flown, box = self._flown(), self.scene.box
         wrapped = flown - box * np.floor(flown / box)
         wrapped = np.where(wrapped >= box, 0.0, wrapped)
-        return np.where(self.scene.periodic, wrapped, flown)
+        positions: Floats = np.where(self.scene.periodic, wrapped, flown)
+        return positions
 
     @property
     def unwrapped_positions(self) -> Floats:
         """Positions now, followed through the periodic boundaries from the start, shape (N, d)."""
         turns = self._engine.arrays.turns.reshape(self.scene.n, self.scene.dim)
-        return self._flown() + turns * self.scene.box
+        unwrapped: Floats = self._flown() + turns * self.scene.box
+        return unwrapped
 
     @property
     def velocities(self) -> Floats:
@@ -398,7 +429,11 @@ class Simulation:
         The common motion along periodic axes is left out. Source: the virial of impulses, see `compressibility_factor`.
         """
         t = self._tallied()
-        p = np.where(self.scene.periodic, self.momentum, 0.0) if self.scene.n > 1 else np.zeros(self.scene.dim)
+        p = (
+            np.where(self.scene.periodic, self.momentum, 0.0)
+            if self.scene.n > 1
+            else np.zeros(self.scene.dim)
+        )
         drift = np.outer(p, p) / float(np.sum(self.scene.masses))
         result: Floats = ((t.kinetic + t.virial) / t.time - drift) / self.scene.volume
         return result
@@ -416,7 +451,9 @@ class Simulation:
     def _tallied(self) -> Tallies:
         t = self.tallies
         if t.time <= 0 or self._energy == 0:
-            raise SimulationError("no pressure yet: run the simulation for some time first, with particles that move")
+            raise SimulationError(
+                "no pressure yet: run the simulation for some time first, with particles that move"
+            )
         return t
 
     # Trust.
@@ -443,7 +480,7 @@ class Simulation:
 
         positions, radii, scene = self.positions, self.scene.radii, self.scene
         i, j, depth = worst_overlap(positions, radii, scene.box, scene.periodic)
-        deepest = depth / (radii[i] + radii[j]) if depth > 0 else 0.0
+        deepest = depth / float(radii[i] + radii[j]) if depth > 0 else 0.0
         walls = ~scene.periodic
         if walls.any():
             beyond = np.maximum(radii[:, None] - positions, positions + radii[:, None] - scene.box)[:, walls]
@@ -461,10 +498,14 @@ class Simulation:
         """
         energy = self.energy_drift
         if not abs(energy) <= 1e-12:
-            raise InvariantError(f"kinetic energy changed by {energy:.3g} relative to the start; 1e-12 is allowed")
+            raise InvariantError(
+                f"kinetic energy changed by {energy:.3g} relative to the start; 1e-12 is allowed"
+            )
         for axis, momentum in zip("xyz", self.momentum_drift.tolist(), strict=False):
             if not abs(momentum) <= 1e-12:
-                raise InvariantError(f"momentum along {axis} changed by {momentum:.3g} of sum m |v|; 1e-12 is allowed")
+                raise InvariantError(
+                    f"momentum along {axis} changed by {momentum:.3g} of sum m |v|; 1e-12 is allowed"
+                )
         overlap = self.worst_overlap
         if not overlap <= 1e-11:
             raise InvariantError(f"particles overlap by {overlap:.3g} diameters; 1e-11 is allowed")
@@ -473,7 +514,7 @@ class Simulation:
         """Return where the simulation is, how it searches, and how exact it has been."""
         from hardspheres import __version__
 
-        at, count, number = self._at, self._engine.arrays.count, self._engine.arrays.number
+        at, count, number = self._at, self._engine.arrays.counter, self._engine.arrays.number
         dim = self.scene.dim
         return {
             "version": __version__,
@@ -499,5 +540,8 @@ class Simulation:
         }
 
     def __repr__(self) -> str:
-        lines = (f"  {name}: {value:.6g}" if isinstance(value, float) else f"  {name}: {value}" for name, value in self.status().items())
+        lines = (
+            f"  {name}: {value:.6g}" if isinstance(value, float) else f"  {name}: {value}"
+            for name, value in self.status().items()
+        )
         return "Simulation\n" + "\n".join(lines)

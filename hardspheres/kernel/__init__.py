@@ -46,7 +46,7 @@ from pathlib import Path
 __all__ = ["specialise"]
 
 
-def specialise(dim, walls, sizes, masses):
+def specialise(dim: int, walls: bool, sizes: bool, masses: bool) -> types.ModuleType:
     """Load the kernels for one kind of scene.
 
     Parameters
@@ -69,7 +69,7 @@ def specialise(dim, walls, sizes, masses):
         package = types.ModuleType(name)
         package.__path__ = [str(Path(__file__).parent)]
         flags = types.ModuleType(f"{name}.flags")
-        flags.DIM, flags.WALLS, flags.SIZES, flags.MASSES = dim, walls, sizes, masses
+        vars(flags).update(DIM=dim, WALLS=walls, SIZES=sizes, MASSES=masses)
         sys.modules[name] = package
         sys.modules[flags.__name__] = flags
         with cached_in(cache_folder(tag)):

@@ -45,18 +45,22 @@ def precedes(s, a, b):
 def swap(s, a, b):
     """Exchange two agenda entries."""
     time, key, entry = s.agenda_time[a], s.agenda_key[a], s.agenda_entry[a]
-    s.agenda_time[a], s.agenda_key[a], s.agenda_entry[a] = s.agenda_time[b], s.agenda_key[b], s.agenda_entry[b]
+    s.agenda_time[a], s.agenda_key[a], s.agenda_entry[a] = (
+        s.agenda_time[b],
+        s.agenda_key[b],
+        s.agenda_entry[b],
+    )
     s.agenda_time[b], s.agenda_key[b], s.agenda_entry[b] = time, key, entry
 
 
 @jit
 def push_agenda(s, i):
     """Enter i's event in the heap of the current bucket."""
-    a = s.count[AGENDA_LENGTH]
-    if a == s.count[AGENDA_ROOM]:
-        s.count[SHORT_QUEUE] = 1
+    a = s.counter[AGENDA_LENGTH]
+    if a == s.counter[AGENDA_ROOM]:
+        s.counter[SHORT_QUEUE] = 1
         return
-    s.count[AGENDA_LENGTH] = a + 1
+    s.counter[AGENDA_LENGTH] = a + 1
     event = i * EVENT
     s.agenda_time[a] = s.event_float[event + TIME]
     s.agenda_key[a] = tie_key(i, s.event[event + PARTNER])
@@ -72,9 +76,13 @@ def push_agenda(s, i):
 @jit
 def pop_agenda(s):
     """Remove the first entry of the heap."""
-    last = s.count[AGENDA_LENGTH] - 1
-    s.count[AGENDA_LENGTH] = last
-    s.agenda_time[0], s.agenda_key[0], s.agenda_entry[0] = s.agenda_time[last], s.agenda_key[last], s.agenda_entry[last]
+    last = s.counter[AGENDA_LENGTH] - 1
+    s.counter[AGENDA_LENGTH] = last
+    s.agenda_time[0], s.agenda_key[0], s.agenda_entry[0] = (
+        s.agenda_time[last],
+        s.agenda_key[last],
+        s.agenda_entry[last],
+    )
     a = 0
     while True:
         child = 2 * a + 1
@@ -93,12 +101,12 @@ def push_bucket(s, slot, entry):
     """Append an entry to a bucket."""
     chunk = s.buckets[slot]
     if chunk < 0 or (s.chunks[chunk * CHUNK] & 7) == 7:
-        fresh = s.count[FREE_CHUNK]
+        fresh = s.counter[FREE_CHUNK]
         if fresh < 0:
-            s.count[SHORT_QUEUE] = 1
+            s.counter[SHORT_QUEUE] = 1
             return
-        s.count[FREE_CHUNK] = s.chunks[fresh * CHUNK] >> 3
-        s.count[CHUNKS_LEFT] -= 1
+        s.counter[FREE_CHUNK] = s.chunks[fresh * CHUNK] >> 3
+        s.counter[CHUNKS_LEFT] -= 1
         s.chunks[fresh * CHUNK] = chunk << 3
         s.buckets[slot] = fresh
         chunk = fresh
@@ -114,11 +122,11 @@ def enter(s, i):
     if time >= s.number[EPOCH_LENGTH]:
         return
     bucket = int(max(time, 0.0) * s.number[INVERSE_WIDTH])
-    now = s.count[BUCKET]
+    now = s.counter[BUCKET]
     if bucket <= now:
         push_agenda(s, i)
     else:
-        year = s.count[BUCKETS]
+        year = s.counter[BUCKETS]
         entry = i << 32 | s.event[i * EVENT + STAMP]
         push_bucket(s, bucket & (year - 1) if bucket < now + year else year, entry)
 
@@ -145,18 +153,18 @@ def open_bucket(s, slot):
             i = entry >> 32
             if s.event[i * EVENT + STAMP] == entry & STAMP_BITS:
                 enter(s, i)
-        s.chunks[chunk * CHUNK] = s.count[FREE_CHUNK] << 3
-        s.count[FREE_CHUNK] = chunk
-        s.count[CHUNKS_LEFT] += 1
+        s.chunks[chunk * CHUNK] = s.counter[FREE_CHUNK] << 3
+        s.counter[FREE_CHUNK] = chunk
+        s.counter[CHUNKS_LEFT] += 1
         chunk = header >> 3
 
 
 @jit
 def turn_page(s):
     """Go on to the next bucket of the calendar, at the turn of a year looking through the later events first."""
-    bucket = s.count[BUCKET] + 1
-    year = s.count[BUCKETS]
-    s.count[BUCKET] = bucket
+    bucket = s.counter[BUCKET] + 1
+    year = s.counter[BUCKETS]
+    s.counter[BUCKET] = bucket
     if (bucket & (year - 1)) == 0:
         open_bucket(s, year)
     open_bucket(s, bucket & (year - 1))
@@ -165,12 +173,12 @@ def turn_page(s):
 @jit
 def clear_calendar(s, chunks):
     """Empty the calendar and go back to its first bucket."""
-    for slot in range(s.count[BUCKETS] + 1):
+    for slot in range(s.counter[BUCKETS] + 1):
         s.buckets[slot] = -1
     for chunk in range(chunks):
         s.chunks[chunk * CHUNK] = (chunk + 1 if chunk + 1 < chunks else -1) << 3
-    s.count[FREE_CHUNK] = 0
-    s.count[CHUNKS_LEFT] = chunks
-    s.count[AGENDA_LENGTH] = 0
-    s.count[SHORT_QUEUE] = 0
-    s.count[BUCKET] = 0
+    s.counter[FREE_CHUNK] = 0
+    s.counter[CHUNKS_LEFT] = chunks
+    s.counter[AGENDA_LENGTH] = 0
+    s.counter[SHORT_QUEUE] = 0
+    s.counter[BUCKET] = 0

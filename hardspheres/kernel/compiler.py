@@ -4,13 +4,16 @@ import contextlib
 import hashlib
 import os
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numba
 from numba import types
 from numba.extending import intrinsic
 
-PURE_PYTHON = bool(numba.config.DISABLE_JIT)
+config: Any = numba.config
+PURE_PYTHON = bool(config.DISABLE_JIT)
 
 if PURE_PYTHON:
 
@@ -46,7 +49,10 @@ def cache_folder(tag: str) -> Path | None:
     for source in [here.parent / "collision.py", *sorted(here.glob("*.py"))]:
         digest.update(source.name.encode() + source.read_bytes())
     base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
-    roots = [Path(base) if base else Path.home() / ".cache", Path(tempfile.gettempdir()) / f"cache-{os.getuid()}"]
+    roots = [
+        Path(base) if base else Path.home() / ".cache",
+        Path(tempfile.gettempdir()) / f"cache-{os.getuid()}",
+    ]
     for root in roots:
         folder = root / "hardspheres" / digest.hexdigest()[:16] / tag
         with contextlib.suppress(OSError):
@@ -57,14 +63,14 @@ def cache_folder(tag: str) -> Path | None:
 
 
 @contextlib.contextmanager
-def cached_in(folder: Path | None):
+def cached_in(folder: Path | None) -> Iterator[None]:
     """Kernels decorated inside are cached in this folder; Numba's process-wide setting is as before afterwards."""
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(folder or "")
+    before = config.CACHE_DIR
+    config.CACHE_DIR = str(folder or "")
     try:
         yield
     finally:
-        numba.config.CACHE_DIR = before
+        config.CACHE_DIR = before
 
 
 def jit(function):
@@ -74,4 +80,6 @@ def jit(function):
 
 def entry(function):
     """Compile a function that Python calls: cached on disk, and without the interpreter's lock."""
-    return numba.njit(error_model="numpy", cache=not PURE_PYTHON and bool(numba.config.CACHE_DIR), nogil=True)(function)
+    return numba.njit(error_model="numpy", cache=not PURE_PYTHON and bool(config.CACHE_DIR), nogil=True)(
+        function
+    )

@@ -84,8 +84,8 @@ def collide_pair(s, i, j, t):
     tally_pair(s, push, t, x, y, z, u, v, w)
     s.event[i * EVENT + VERSION] += 1
     s.event[j * EVENT + VERSION] += 1
-    s.count[PAIRS] += 1
-    s.count[LAST_PAIR_EPOCH] = s.count[EPOCH]
+    s.counter[PAIRS] += 1
+    s.counter[LAST_PAIR_EPOCH] = s.counter[EPOCH]
 
 
 @jit
@@ -98,8 +98,8 @@ def nearest(s, d, separation):
 def hit_wall(s, i, wall, t):
     """Specular reflection of i at a wall at time t."""
     fly(s, i, t)
-    axis = (wall - s.count[N]) >> 1
-    side = (wall - s.count[N]) & 1
+    axis = (wall - s.counter[N]) >> 1
+    side = (wall - s.counter[N]) & 1
     ri = i * ROW
     mass = s.mass[i] if MASSES else s.number[MASS]
     radius = s.row[ri + RADIUS] if SIZES else s.number[CORE]
@@ -110,7 +110,7 @@ def hit_wall(s, i, wall, t):
         if d != axis:
             tally_stress(s, d + axis + 2, -2.0 * mass * v * s.row[ri + V + d], t)
     s.event[i * EVENT + VERSION] += 1
-    s.count[WALL_HITS] += 1
+    s.counter[WALL_HITS] += 1
 
 
 @jit
@@ -121,7 +121,7 @@ def begin_epoch(s):
     scene decides, so the trajectory depends on neither the search for neighbours nor on who looks at it.
     """
     length = s.number[EPOCH_LENGTH]
-    for i in range(s.count[N]):
+    for i in range(s.counter[N]):
         ri = i * ROW
         fly(s, i, length)
         s.row[ri + T] = 0.0
@@ -132,6 +132,6 @@ def begin_epoch(s):
                 s.row[ri + X + d] -= shift
                 s.event_float[i * EVENT + CENTRE + d] -= shift
                 s.turns[i * DIM + d] += int(turns)
-    s.count[EPOCH] += 1
+    s.counter[EPOCH] += 1
     s.number[NOW] -= length
     s.number[STANDSTILL] -= length

@@ -69,7 +69,9 @@ FREE_CHUNK = 16  # head of the list of free chunks
 CHUNKS_LEFT = 17
 AGENDA_LENGTH = 18
 AGENDA_ROOM = 19
-SHORT_LISTS = 20  # set where room ran out: the run stops, makes room and starts its search again from the rows
+SHORT_LISTS = (
+    20  # set where room ran out: the run stops, makes room and starts its search again from the rows
+)
 SHORT_CELLS = 21
 SHORT_QUEUE = 22
 LAST_PAIR_EPOCH = 23  # epoch of the last pair collision
@@ -104,7 +106,7 @@ class Arrays(NamedTuple):
     scratch: object  # float64 (BLOCK * 16)
     scratch_int: object  # the same memory as int64
     number: object  # float64: the numbers above
-    count: object  # int64: the counters above
+    counter: object  # int64: the counters above
     total: object  # float64: the sums above
 
 
@@ -131,6 +133,6 @@ def pointers(a):
         pointer(a.scratch),
         pointer(a.scratch_int),
         pointer(a.number),
-        pointer(a.count),
+        pointer(a.counter),
         pointer(a.total),
     )

@@ -28,7 +28,6 @@ from .layout import (
     STAMP,
     STAMP_BITS,
     STANDSTILL,
-    TIME,
     VERSION,
     N,
     pointers,
@@ -50,7 +49,7 @@ def predict(s, i, now):
     """Find i's next event and enter it in the calendar."""
     time, partner = next_event(s, i, now)
     event = i * EVENT
-    if 0 <= partner < s.count[N]:
+    if 0 <= partner < s.counter[N]:
         s.event[event + PARTNER_VERSION] = s.event[partner * EVENT + VERSION]
     schedule(s, i, time, partner)
 
@@ -59,7 +58,7 @@ def predict(s, i, now):
 def predict_all(s, now, chunks):
     """Predict every particle's next event into an empty calendar."""
     clear_calendar(s, chunks)
-    for i in range(s.count[N]):
+    for i in range(s.counter[N]):
         predict(s, i, now)
 
 
@@ -71,7 +70,7 @@ def run(arrays, cells, chunks, afresh, stop_epoch, stop_time, stop_pairs, budget
     epoch `stop_epoch`. `budget` bounds the work of one call. `afresh`: first find lists, events and calendar from the rows.
     """
     s = pointers(arrays)
-    n = s.count[N]
+    n = s.counter[N]
     length = s.number[EPOCH_LENGTH]
     search = afresh
     lists = afresh
@@ -80,26 +79,26 @@ def run(arrays, cells, chunks, afresh, stop_epoch, stop_time, stop_pairs, budget
             now = max(s.number[NOW], 0.0)
             if lists:
                 make_all_lists(s, now, cells)
-            if s.count[SHORT_CELLS] == 0 and s.count[SHORT_LISTS] == 0:
+            if s.counter[SHORT_CELLS] == 0 and s.counter[SHORT_LISTS] == 0:
                 predict_all(s, now, chunks)
             search = False
             budget -= n
-        elif s.count[PAIRS] >= stop_pairs:
+        elif s.counter[PAIRS] >= stop_pairs:
             return DONE
-        elif s.count[AGENDA_LENGTH] == 0:
+        elif s.counter[AGENDA_LENGTH] == 0:
             budget -= 1
-            page_ends = (s.count[BUCKET] + 1) / s.number[INVERSE_WIDTH]
-            if s.count[EPOCH] == stop_epoch and (page_ends > stop_time or page_ends >= length):
+            page_ends = (s.counter[BUCKET] + 1) / s.number[INVERSE_WIDTH]
+            if s.counter[EPOCH] == stop_epoch and (page_ends > stop_time or page_ends >= length):
                 return DONE
             if page_ends < length:
                 turn_page(s)
             else:
                 begin_epoch(s)
                 search = True
-                lists = s.count[IMAGES] == 1
+                lists = s.counter[IMAGES] == 1
         else:
             time = s.agenda_time[0]
-            if s.count[EPOCH] == stop_epoch and time > stop_time:
+            if s.counter[EPOCH] == stop_epoch and time > stop_time:
                 return DONE
             budget -= 1
             first = s.agenda_entry[0]
@@ -111,9 +110,9 @@ def run(arrays, cells, chunks, afresh, stop_epoch, stop_time, stop_pairs, budget
                     predict(s, i, max(time, 0.0))
                     i = other
                     other = -1
-                if s.count[LONE] > 1000 * n:
+                if s.counter[LONE] > 1000 * n:
                     return STANDS_STILL
-        if s.count[SHORT_QUEUE] or s.count[SHORT_LISTS] or s.count[SHORT_CELLS]:
+        if s.counter[SHORT_QUEUE] or s.counter[SHORT_LISTS] or s.counter[SHORT_CELLS]:
             return NO_ROOM
     return PAUSED
 
@@ -124,7 +123,7 @@ def execute(s, i, time):
     partner = s.event[i * EVENT + PARTNER]
     if partner == RENEW:
         renew_list(s, i, time)
-    elif partner >= s.count[N]:
+    elif partner >= s.counter[N]:
         if WALLS:
             keep_clock(s, time)
             hit_wall(s, i, partner, time)
@@ -133,7 +132,7 @@ def execute(s, i, time):
         collide_pair(s, i, partner, time)
         return partner
     else:
-        s.count[STALE] += 1
+        s.counter[STALE] += 1
     return -1
 
 
@@ -142,10 +141,10 @@ def keep_clock(s, time):
     """Keep the clock, and count late events and events without progress."""
     now = s.number[NOW]
     if time < now - s.number[LATE_BY]:
-        s.count[LATE] += 1
+        s.counter[LATE] += 1
     s.number[NOW] = max(now, time)
     if time > s.number[STANDSTILL] + s.number[LATE_BY]:
         s.number[STANDSTILL] = time
-        s.count[LONE] = 0
+        s.counter[LONE] = 0
     else:
-        s.count[LONE] += 1
+        s.counter[LONE] += 1

@@ -45,8 +45,8 @@ def wrapped(s, i, d):
 @jit
 def cell_index(s, i, d):
     """Index along axis d of the cell that holds i's centre; rounding at the last edge stays inside."""
-    cell = int(math.floor(wrapped(s, i, d) * s.number[CELL_DENSITY + d]))
-    return min(max(cell, 0), s.count[CELLS + d] - 1)
+    cell = int(wrapped(s, i, d) * s.number[CELL_DENSITY + d])
+    return min(max(cell, 0), s.counter[CELLS + d] - 1)
 
 
 @jit
@@ -54,11 +54,11 @@ def put_in_cell(s, i):
     """Enter i's centre in its cell."""
     cell = cell_index(s, i, 0)
     for d in range(1, DIM):
-        cell = cell * s.count[CELLS + d] + cell_index(s, i, d)
-    room = s.count[CELL_ROOM]
+        cell = cell * s.counter[CELLS + d] + cell_index(s, i, d)
+    room = s.counter[CELL_ROOM]
     slot = s.cell_count[cell]
     if slot == room:
-        s.count[SHORT_CELLS] = 1
+        s.counter[SHORT_CELLS] = 1
         s.where[i] = -1
         return
     s.cell_count[cell] = slot + 1
@@ -73,7 +73,7 @@ def put_in_cell(s, i):
 @jit
 def take_from_cell(s, i):
     """Remove i's centre from its cell; the last of the cell takes its slot."""
-    room = s.count[CELL_ROOM]
+    room = s.counter[CELL_ROOM]
     cell = s.where[i] // room
     slot = s.where[i] - cell * room
     last = s.cell_count[cell] - 1
@@ -97,10 +97,10 @@ def set_centre(s, i, now):
 @jit
 def append(s, i, j):
     """Append j to i's list; returns its slot, or -1 where the list is full (then the run makes room and starts over)."""
-    room = s.count[LIST_ROOM]
+    room = s.counter[LIST_ROOM]
     k = s.neighbours[i * room] + 1
     if k == room:
-        s.count[SHORT_LISTS] = 1
+        s.counter[SHORT_LISTS] = 1
         return -1
     s.neighbours[i * room] = k
     s.neighbours[i * room + k] = j
@@ -110,7 +110,7 @@ def append(s, i, j):
 @jit
 def strike(s, j, i):
     """Remove one entry of i from j's list."""
-    room = s.count[LIST_ROOM]
+    room = s.counter[LIST_ROOM]
     base = j * room
     last = s.neighbours[base]
     k = 1
@@ -120,7 +120,7 @@ def strike(s, j, i):
         return
     s.neighbours[base + k] = s.neighbours[base + last]
     s.neighbours[base] = last - 1
-    if s.count[IMAGES]:
+    if s.counter[IMAGES]:
         for d in range(DIM):
             s.images[(base + k) * DIM + d] = s.images[(base + last) * DIM + d]
 
@@ -128,7 +128,7 @@ def strike(s, j, i):
 @jit
 def forget(s, i):
     """Empty i's list, and remove i from the lists of those on it."""
-    base = i * s.count[LIST_ROOM]
+    base = i * s.counter[LIST_ROOM]
     for k in range(1, s.neighbours[base] + 1):
         strike(s, s.neighbours[base + k], i)
     s.neighbours[base] = 0
@@ -147,7 +147,7 @@ def link(s, i, j, sx, sy, sz):
     """Enter i and j in each other's lists; the image of j that i meets is shifted by (sx, sy, sz) boxes."""
     a = append(s, i, j)
     b = append(s, j, i)
-    if s.count[IMAGES] and a >= 0 and b >= 0:
+    if s.counter[IMAGES] and a >= 0 and b >= 0:
         for d in range(DIM):
             shift = sx if d == 0 else (sy if d == 1 else sz)
             image = int(shift + turns_of(s, i, d) - turns_of(s, j, d))
@@ -158,7 +158,7 @@ def link(s, i, j, sx, sy, sz):
 @jit
 def scan_cell(s, i, cell, sx, sy, sz, x, y, z, half):
     """Link i with the centres of one cell that lie within reach of (x, y, z); `half`: only with lower ids."""
-    room = s.count[CELL_ROOM]
+    room = s.counter[CELL_ROOM]
     column = cell * (DIM + 1) * room
     reach = s.number[REACH]
     for slot in range(s.cell_count[cell]):
@@ -179,7 +179,7 @@ def scan_cell(s, i, cell, sx, sy, sz, x, y, z, half):
 @jit
 def find_neighbours(s, i, half):
     """Fill i's list from the cells around its centre; `half`: with lower ids only, when all lists are made in turn."""
-    nx, ny, nz = s.count[CELLS], s.count[CELLS + 1], s.count[CELLS + 2]
+    nx, ny, nz = s.counter[CELLS], s.counter[CELLS + 1], s.counter[CELLS + 2]
     cx, cy = cell_index(s, i, 0), cell_index(s, i, 1)
     x, y = wrapped(s, i, 0), wrapped(s, i, 1)
     cz, z = 0, 0.0
@@ -195,7 +195,16 @@ def find_neighbours(s, i, half):
                 continue
             if DIM == 2:
                 scan_cell(
-                    s, i, kx * ny + ky, sx, sy, 0.0, x - sx * s.number[BOX], y - sy * s.number[BOX + 1], 0.0, half
+                    s,
+                    i,
+                    kx * ny + ky,
+                    sx,
+                    sy,
+                    0.0,
+                    x - sx * s.number[BOX],
+                    y - sy * s.number[BOX + 1],
+                    0.0,
+                    half,
                 )
             else:
                 for oz in range(-1, 2):
@@ -233,20 +242,20 @@ def renew_list(s, i, now):
     set_centre(s, i, now)
     put_in_cell(s, i)
     find_neighbours(s, i, False)
-    s.count[RENEWALS] += 1
+    s.counter[RENEWALS] += 1
 
 
 @jit
 def make_all_lists(s, now, cells):
     """Centres, cells and lists of all particles from their rows."""
-    n = s.count[N]
-    s.count[SHORT_CELLS] = 0
-    s.count[SHORT_LISTS] = 0
+    n = s.counter[N]
+    s.counter[SHORT_CELLS] = 0
+    s.counter[SHORT_LISTS] = 0
     for cell in range(cells):
         s.cell_count[cell] = 0
     for i in range(n):
         set_centre(s, i, now)
         put_in_cell(s, i)
-        s.neighbours[i * s.count[LIST_ROOM]] = 0
+        s.neighbours[i * s.counter[LIST_ROOM]] = 0
     for i in range(n):
         find_neighbours(s, i, True)

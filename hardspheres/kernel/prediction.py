@@ -51,8 +51,8 @@ def gather(s, i, now, first, m):
     row, scratch = s.row, s.scratch
     ri = i * ROW
     ti = row[ri + T]
-    entry = i * s.count[LIST_ROOM] + 1 + first
-    images = s.count[IMAGES]
+    entry = i * s.counter[LIST_ROOM] + 1 + first
+    images = s.counter[IMAGES]
     for k in range(m):
         j = s.neighbours[entry + k]
         rj = j * ROW
@@ -84,7 +84,7 @@ def solve(s, m):
     scratch = s.scratch
     lx, ly, lz = s.number[BOX], s.number[BOX + 1], s.number[BOX + 2]
     ix, iy, iz = s.number[INVERSE], s.number[INVERSE + 1], s.number[INVERSE + 2]
-    if s.count[IMAGES]:
+    if s.counter[IMAGES]:
         ix, iy, iz = 0.0, 0.0, 0.0
     common = s.number[SIGMA2]
     for k in range(m):
@@ -117,7 +117,7 @@ def rint(x):
 @jit
 def earliest_contact(s, i, now):
     """Time and partner of i's earliest contact with a neighbour; equal times: the lower partner."""
-    total = s.neighbours[i * s.count[LIST_ROOM]]
+    total = s.neighbours[i * s.counter[LIST_ROOM]]
     best = NO_TIME
     partner = NO_PARTICLE
     time = NEVER
@@ -155,7 +155,7 @@ def wall_contact(s, i):
             t = row[ri + T] + max(gap, 0.0) / abs(v)
             if t < time:
                 time = t
-                wall = s.count[N] + 2 * d + side
+                wall = s.counter[N] + 2 * d + side
     return time, wall
 
 
@@ -175,7 +175,9 @@ def shell_exit(s, i):
         vv += v * v
     if vv == 0.0:
         return NEVER
-    left = s.number[SHELL] * s.number[SHELL] - uu  # negative where the row was written before i came into this shell
+    left = (
+        s.number[SHELL] * s.number[SHELL] - uu
+    )  # negative where the row was written before i came into this shell
     root = math.sqrt(max(uv * uv + vv * left, 0.0))
     if uv > 0.0:
         return row[ri + T] + left / (uv + root)

@@ -10,7 +10,7 @@ def tally_stress(s, k, change, t):
     """Add a change of component k of sum m v_a v_b at time t; its time integral is the kinetic part of the pressure."""
     s.total[STRESS + k] += change
     s.total[STRESS_MOMENT + k] += change * t
-    s.total[STRESS_EPOCHS + k] += change * s.count[EPOCH]
+    s.total[STRESS_EPOCHS + k] += change * s.counter[EPOCH]
 
 
 @jit

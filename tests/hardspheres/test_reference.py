@@ -58,7 +58,9 @@ def test_particles_that_never_meet_are_reported():
 def test_fifty_digits_conserve_energy_to_fifty_digits():
     rng = np.random.default_rng(3)
     positions = np.array([[1.0, 1.0], [3.0, 1.2], [1.1, 3.0], [3.1, 3.3]])
-    scene = Scene(positions, rng.normal(size=(4, 2)), 0.5, [1.0, 2.0, 3.0, 4.0], (4.5, 4.5), ("periodic", "wall"))
+    scene = Scene(
+        positions, rng.normal(size=(4, 2)), 0.5, [1.0, 2.0, 3.0, 4.0], (4.5, 4.5), ("periodic", "wall")
+    )
     with mpmath.workdps(50):
         ref = ReferenceSimulation(scene, mpmath.mpf, mpmath.sqrt)
 

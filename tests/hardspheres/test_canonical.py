@@ -1,0 +1,198 @@
+"""Bitwise promises: looking, stopping, searching differently, and scaling by powers of two leave every bit as it was."""
+
+import hashlib
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import KINDS, gas
+
+import hardspheres as hs
+from hardspheres import engine
+
+COLLISIONS = 3000
+
+
+def state(sim):
+    """Every bit of the canonical state and of the counters that physics sees."""
+    at, a = sim._at, sim._engine.arrays
+    return (
+        a.row.tobytes(),
+        a.total.tobytes(),
+        a.turns.tobytes(),
+        sim.collisions,
+        sim.wall_collisions,
+        int(a.counter[at.EPOCH]),
+    )
+
+
+def run(scene, collisions=COLLISIONS):
+    sim = hs.Simulation(scene)
+    sim.run(collisions=collisions)
+    return sim
+
+
+@pytest.fixture(scope="module", params=KINDS)
+def scene(request):
+    return gas(request.param, 500, 0.1, seed=5)
+
+
+@pytest.fixture(scope="module")
+def expected(scene):
+    return state(run(scene))
+
+
+def test_the_same_scene_gives_the_same_bits(scene, expected):
+    assert state(run(scene)) == expected
+
+
+def test_a_changed_bit_is_seen(scene, expected):
+    """Sibling: one velocity changed in its last digits gives another state."""
+    velocities = scene.velocities.copy()
+    velocities[3, 0] += 1e-15
+    assert state(run(scene.replace(velocities=velocities))) != expected
+
+
+def test_looking_changes_nothing(scene, expected):
+    sim = hs.Simulation(scene)
+    for _ in sim.frames(collisions_per_particle=np.linspace(0, 2 * COLLISIONS / scene.n, 37)):
+        sim.check()
+        repr(sim)
+        _ = sim.tallies, sim.positions, sim.unwrapped_positions, sim.momentum, sim.to_scene()
+    assert state(sim) == expected
+
+
+@settings(max_examples=15)
+@given(cuts=st.lists(st.floats(0.0, 1.0), max_size=12))
+def test_any_set_of_stops_gives_the_same_bits(cuts):
+    scene = gas("3d", 60, 0.1, seed=2)
+    whole = hs.Simulation(scene)
+    whole.run(time=8.0)
+    parts = hs.Simulation(scene)
+    for frame in parts.frames(times=[8.0 * cut for cut in sorted(cuts)] + [8.0]):
+        assert np.array_equal(frame.scene.box, scene.box)
+    assert state(parts) == state(whole)
+    assert parts.time == whole.time == 8.0
+    assert np.array_equal(parts.positions, whole.positions)
+
+
+@pytest.mark.parametrize("wanted", [4.0, 30.0])
+def test_the_width_of_the_shells_changes_nothing(scene, expected, wanted, monkeypatch):
+    usual = hs.Simulation(scene).status()["shell"]
+    monkeypatch.setattr(engine, "NEIGHBOURS_WANTED", {2: wanted, 3: wanted})
+    sim = run(scene)
+    assert state(sim) == expected
+    assert sim.status()["shell"] != usual
+
+
+def test_naming_the_image_changes_nothing(scene, expected):
+    """Lists that name the periodic image, needed in small boxes only, give what the nearest image gives."""
+    sim = hs.Simulation(scene)
+    at, e = sim._at, sim._engine
+    assert e.arrays.counter[at.IMAGES] == 0
+    e.arrays.counter[at.IMAGES] = 1
+    e.arrays = e.arrays._replace(**e._searching_arrays(e.arrays.counter))
+    sim.run(collisions=COLLISIONS)
+    assert state(sim) == expected
+
+
+def test_running_out_of_room_changes_nothing(scene, expected):
+    """Lists, cells and calendar that begin far too small grow on the way."""
+    sim = hs.Simulation(scene)
+    at, e = sim._at, sim._engine
+    e.arrays.counter[at.LIST_ROOM] = 4
+    e.arrays.counter[at.CELL_ROOM] = 1
+    e.arrays.counter[at.AGENDA_ROOM] = 2
+    e.chunks = 4
+    e.arrays = e.arrays._replace(**e._searching_arrays(e.arrays.counter))
+    sim.run(collisions=COLLISIONS)
+    assert state(sim) == expected
+    assert e.arrays.counter[at.LIST_ROOM] > 4
+    assert e.arrays.counter[at.CELL_ROOM] > 1
+    assert e.chunks > 4
+
+
+def test_searching_anew_at_any_moment_changes_nothing(scene, expected):
+    """Everything but the rows can be thrown away: what a restart will rely on."""
+    sim = hs.Simulation(scene)
+    for _ in range(10):
+        sim.run(collisions=COLLISIONS // 10)
+        sim._engine._afresh = True
+    assert state(sim) == expected
+
+
+@pytest.mark.parametrize(("length", "time"), [(2.0, 1.0), (0.25, 1.0), (1.0, 4.0), (1024.0, 0.5)])
+def test_scaling_by_powers_of_two_is_exact(scene, length, time):
+    sim = run(scene)
+    scaled = run(
+        hs.Scene(
+            scene.positions * length,
+            scene.velocities * length / time,
+            scene.radii * length,
+            scene.masses,
+            scene.box * length,
+            scene.boundary,
+        )
+    )
+    assert np.array_equal(scaled.positions, sim.positions * length)
+    assert np.array_equal(scaled.velocities, sim.velocities * (length / time))
+    assert scaled.time == sim.time * time
+
+
+PLAIN_PYTHON = """
+import sys
+import hashlib
+sys.path.insert(0, {tests!r})
+from scenes import KINDS, gas
+import hardspheres as hs
+digest = hashlib.sha256()
+for kind in KINDS:
+    for n, eta in ((10, 0.2), (40, 0.05)):
+        sim = hs.Simulation(gas(kind, n, eta, seed=3))
+        sim.run(collisions=60)
+        digest.update(sim._engine.arrays.row.tobytes() + sim._engine.arrays.total.tobytes())
+print(digest.hexdigest())
+"""
+
+
+def test_the_kernels_run_as_plain_python_with_the_same_bits():
+    """Without Numba the same source works on bounds-checked arrays: keeps the compiled code honest."""
+    program = PLAIN_PYTHON.format(tests=os.path.dirname(os.path.dirname(__file__)))
+    outputs = [
+        subprocess.run(
+            [sys.executable, "-W", "error", "-c", program],
+            env=os.environ | {"NUMBA_DISABLE_JIT": flag},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for flag in ("0", "1")
+    ]
+    assert outputs[0] == outputs[1]
+
+
+def golden_scene():
+    """27 discs or spheres on a grid, with velocities built from integers: the same on every machine."""
+    k = np.arange(27)
+    positions = np.stack([k % 3, k // 3 % 3, k // 9], axis=1) * 1.5 + 0.75
+    velocities = np.stack([(7 * k + 3) % 11 - 5, (5 * k + 1) % 13 - 6, (3 * k + 2) % 7 - 3], axis=1) / 8.0
+    masses = 1.0 + (k % 4) / 2
+    return hs.Scene(
+        positions,
+        velocities,
+        0.5 - (k % 2) / 16,
+        masses,
+        (4.5, 4.5, 4.5),
+        ("periodic", "periodic", "periodic"),
+    )
+
+
+def test_golden_checksum():
+    """The bits of a stored trajectory: a change of arithmetic, or of the machine's, shows here; the changelog says when."""
+    sim = run(golden_scene(), 500)
+    digest = hashlib.sha256(sim.velocities.tobytes() + sim.positions.tobytes()).hexdigest()
+    assert digest[:16] == "885ced889a938617"
