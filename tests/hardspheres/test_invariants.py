@@ -1,0 +1,96 @@
+"""Energy, momentum and no overlap over long runs, at every density and boundary: to round-off.
+
+Default tests: some ten thousand collisions each, on the specialisations that other tests compile anyway. Slow: 1e7 each.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+import hardspheres as hs
+
+
+class Case(NamedTuple):
+    """A gas to run."""
+
+    dim: int
+    packing_fraction: float
+    boundary: str | tuple[str, ...]
+    mixture: bool = False
+    n: int = 4000
+
+
+MIXED = ("periodic", "wall", "periodic")
+SLOW = [
+    Case(3, 0.01, "wall"),
+    Case(3, 0.1, "periodic"),
+    Case(3, 0.3, MIXED),
+    Case(3, 0.45, "wall"),
+    Case(3, 0.49, "periodic"),
+    Case(2, 0.01, ("wall", "periodic")),
+    Case(2, 0.1, "wall"),
+    Case(2, 0.4, "periodic"),
+    Case(2, 0.65, "wall"),
+    Case(3, 0.1, "periodic", mixture=True),
+    Case(3, 0.1, "wall", mixture=True),
+    Case(2, 0.1, ("periodic", "wall"), mixture=True),
+]
+MINIATURES = [
+    Case(3, 0.01, "periodic", n=500),
+    Case(3, 0.49, "periodic", n=500),
+    Case(3, 0.3, MIXED, n=500),
+    Case(3, 0.1, "periodic", mixture=True, n=300),
+    Case(2, 0.1, "wall", mixture=True, n=300),
+    Case(2, 0.65, "periodic", n=500),
+]
+
+
+def gas(case):
+    """Lattice start (fcc, triangular), a mixture of diameters 1:5 and masses 1:100 at random; Maxwell velocities."""
+    options = {
+        "n": case.n,
+        "packing_fraction": case.packing_fraction,
+        "dim": case.dim,
+        "boundary": case.boundary,
+        "seed": 11,
+    }
+    if case.mixture:
+        large = np.arange(case.n) % 4 == 0
+        return hs.random_gas(**options, radii=np.where(large, 2.5, 0.5), masses=np.where(large, 100.0, 1.0))
+    return hs.lattice_gas(**options)
+
+
+def run_and_check(case, collisions, samples):
+    """Assert the invariants at every sample of a run; returns the simulation."""
+    sim = hs.Simulation(gas(case))
+    for _ in range(samples):
+        sim.run(collisions=collisions // samples)
+        assert abs(sim.energy_drift) < 1e-12
+        assert np.max(np.abs(sim.momentum_drift)) < 1e-12
+        assert sim.worst_overlap < 1e-11
+        sim.check()
+    assert sim.status()["late_events"] == 0
+    return sim
+
+
+@pytest.mark.parametrize("case", MINIATURES, ids=str)
+def test_invariants(case):
+    sim = run_and_check(case, 40_000, 4)
+    assert abs(sim.energy_drift) < 2e-14
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", SLOW, ids=str)
+def test_invariants_over_ten_million_collisions(case):
+    run_and_check(case, 10**7, 10)
+
+
+def test_the_check_sees_one_bad_collision():
+    """Sibling: a single velocity off by 1e-9 in a gas of 500 breaks energy and momentum beyond the limits."""
+    sim = run_and_check(MINIATURES[0], 1000, 1)
+    sim._engine.arrays.row[sim._at.V] += 1e-9
+    assert abs(sim.energy_drift) > 1e-12
+    assert np.max(np.abs(sim.momentum_drift)) > 1e-12
+    with pytest.raises(hs.InvariantError):
+        sim.check()
