@@ -343,11 +343,19 @@ class RelaxationCurve(Estimator):
 
         return jackknife(self._counts(), distance)
 
+    @property
+    def h_bins(self) -> int:
+        """Number of bins of `h`: `theory.H_BINS`, fewer where there would be less than 20 particles for each."""
+        bins = theory.H_BINS
+        while bins > 10 and self.n_per_replica * self.n_replicas < 20 * bins:
+            bins //= 2
+        return bins
+
     def _h(self) -> tuple[FloatArray, FloatArray]:
-        joined = theory.KS_BINS // theory.H_BINS
+        joined = theory.KS_BINS // self.h_bins
         probabilities = np.diff(self._law()[::joined])
         counts = self._counts()
-        coarse = counts.reshape(*counts.shape[:2], theory.H_BINS, joined).sum(axis=-1)
+        coarse = counts.reshape(*counts.shape[:2], self.h_bins, joined).sum(axis=-1)
         return jackknife(coarse, lambda total: h_excess(total, probabilities))
 
     @property
@@ -369,7 +377,7 @@ class RelaxationCurve(Estimator):
     def h(self) -> FloatArray:
         """H - H_eq of the speeds of all replicas together, (S,).
 
-        On `theory.H_BINS` bins and with the bias removed, see `velocities.h_excess`.
+        On `h_bins` bins up to `theory.SPEED_LIMIT` and with the bias removed, see `velocities.h_excess`.
         """
         return self._h()[0]
 
@@ -503,6 +511,8 @@ class RelaxationCurve(Estimator):
                 np.hypot(table.ks_error, np.where(s > 0.0, floor**2 / table.ks, 0.0)),
             )
             h, h_uncertainty = table.h, table.h_error
+            if self.h_bins != theory.H_BINS:  # the table holds for its bins only
+                h = np.full(len(s), np.nan)
             fluctuates = known & (s > 0.0)
         else:
             known = fluctuates = np.ones(len(s), dtype=bool)

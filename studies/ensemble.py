@@ -57,11 +57,11 @@ def spawned_processes(workers: int) -> Iterator[Executor]:
     try:
         yield pool
     except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
         for child in set(multiprocessing.active_children()) - before:
             child.terminate()
         raise
-    pool.shutdown()
+    finally:
+        pool.shutdown()
 
 
 def _ignore_interrupts() -> None:
@@ -111,16 +111,26 @@ def run_replicas(
     count = available_cores() if workers is None else workers
     if count < 1:
         raise ValueError(f"workers = {count}; expected at least 1")
-    if executor is None and min(count, len(items)) > 1:
+    if executor is not None:
+        return _collect(task, items, executor, done, cancel=True)
+    if min(count, len(items)) > 1:
         with spawned_processes(min(count, len(items))) as pool:
-            return run_replicas(task, items, executor=pool, done=done)
-    if executor is None:
-        results = []
-        for item in items:
-            results.append(task(item))
-            if done is not None:
-                done()
-        return results
+            return _collect(task, items, pool, done, cancel=False)  # the pool is ended instead
+    results = []
+    for item in items:
+        results.append(task(item))
+        if done is not None:
+            done()
+    return results
+
+
+def _collect(
+    task: Callable[[Item], Result],
+    items: Sequence[Item],
+    executor: Executor,
+    done: Callable[[], None] | None,
+    cancel: bool,
+) -> list[Result]:
     futures = [executor.submit(task, item) for item in items]
     try:
         for future in as_completed(futures):
@@ -132,7 +142,7 @@ def run_replicas(
             "a worker process was killed, perhaps for want of memory; use fewer workers"
         ) from error
     except BaseException:
-        for future in futures:
+        for future in futures if cancel else ():
             future.cancel()
         raise
     return [future.result() for future in futures]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import math
 import time
@@ -327,11 +328,11 @@ def thermalise(study: Thermalisation, out: OutputFolder, screen: Screen) -> tupl
     out.create()
 
     s = sampling_points(study.collisions_per_particle)
-    with out.partial("trajectory.xyz") as path:
+    with out.partial("trajectory.xyz") if study.frames > 0 else contextlib.nullcontext() as path:
         task = Replicas(
             recipe,
             s,
-            trajectory=path.absolute(),
+            trajectory=path.absolute() if path is not None else None,
             trajectory_s=_evenly(study.collisions_per_particle, study.frames),
             movie_s=_evenly(min(MOVIE_END, study.collisions_per_particle), MOVIE_FRAMES)
             if study.animate
@@ -467,8 +468,8 @@ def _summary(
         "decay_rate": measured,
         "equilibrium_a2": float(theory.equilibrium_a2(curve.free_momenta)),
         "ks_floor": theory.ks_floor(curve.n_replicas * curve.n_per_replica, curve.dim),
-        "h_bins": theory.H_BINS,
-        "h_bin_width": theory.SPEED_LIMIT[curve.dim] / theory.H_BINS,
+        "h_bins": curve.h_bins,
+        "h_bin_width": theory.SPEED_LIMIT[curve.dim] / curve.h_bins,
         "checks": {
             "passed": not failures,
             "failures": failures,
@@ -504,7 +505,9 @@ def _print(
     out: OutputFolder,
 ) -> None:
     recipe = study.recipe
-    words = recipe.boundary if isinstance(recipe.boundary, str) else ",".join(dict.fromkeys(recipe.boundary))
+    words = ", ".join(
+        dict.fromkeys(summary["boundary"]) if len(set(summary["boundary"])) == 1 else summary["boundary"]
+    )
     kind = "spheres" if curve.dim == 3 else "discs"
     start = recipe.velocities or "the file's velocities"
     screen.say(
@@ -519,7 +522,7 @@ def _print(
     screen.say()
     screen.say(f"theory: {summary['theory']}")
     screen.say(
-        f"a2: mean over replicas with its standard error; KS, H - Heq: all replicas together, H on {theory.H_BINS} bins of "
+        f"a2: mean over replicas with its standard error; KS, H - Heq: all replicas together, H on {curve.h_bins} bins of "
         f"{summary['h_bin_width']:.4g} thermal speeds; z: deviation in standard errors"
     )
     screen.say(

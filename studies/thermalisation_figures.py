@@ -171,8 +171,8 @@ def _draw_a2(axes: Axes, curve: RelaxationCurve, reference: Comparison | None) -
 
 def _draw_h(axes: Axes, curve: RelaxationCurve, reference: Comparison | None) -> None:
     h, error = curve.h, curve.h_error
-    floor = math.sqrt(theory.H_BINS / 2) / (curve.n_replicas * curve.n_per_replica)
-    if reference is not None and curve.starts_from_equal_speeds:
+    floor = math.sqrt(curve.h_bins / 2) / (curve.n_replicas * curve.n_per_replica)
+    if reference is not None and curve.starts_from_equal_speeds and curve.h_bins == theory.H_BINS:
         s = _fine(curve)
         table = theory.boltzmann_equal_speeds(s, curve.dim)
         axes.plot(s, table.h, color=COLOURS["theory"], label="Boltzmann equation", zorder=2)

@@ -1,0 +1,141 @@
+"""The command line as a person meets it: exit codes, one sentence for each mistake, JSON alone on standard output."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from ase import Atoms
+from ase.build import bulk
+from ase.io import write
+
+COMMAND = [sys.executable, "-m", "studies.cli"]
+
+
+def hardspheres(*options, cwd=None):
+    return subprocess.run(
+        [*COMMAND, *map(str, options)], capture_output=True, text=True, cwd=cwd, timeout=120, check=False
+    )
+
+
+def test_help_and_version_load_nothing_heavy():
+    code = (
+        "import sys, studies.cli as cli\n"
+        "sys.argv = ['hardspheres', {!r}]\n"
+        "try: cli.main()\n"
+        "except SystemExit as end: assert end.code in (0, None), end.code\n"
+        "heavy = {{'numba', 'ase', 'matplotlib', 'scipy'}} & set(sys.modules)\n"
+        "assert not heavy, heavy\n"
+    )
+    for option in ("--help", "--version"):
+        done = subprocess.run(
+            [sys.executable, "-c", code.format(option)], capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("hardspheres 0.")
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["--boundary", "sticky"], "boundary is 'sticky'"),
+        (["--packing-fraction", "0.8"], "0.8 is above close packing"),
+        (["--n", "1"], "there is one particle only"),
+        (["--temperature", "0"], "no particle moves"),
+        (["--radius", "1"], "--radius goes with --from"),
+        (["--fraction", "0.2"], "--fraction needs --mass-ratio or --diameter-ratio"),
+        (["--mass-ratio", "-1"], "must be positive"),
+        (["--collisions-per-particle", "0"], "--collisions-per-particle 0 must be positive"),
+        (["--from", "absent.xyz"], "there is no file absent.xyz"),
+        (["--from", "text.txt"], "cannot be read by ASE"),
+        (["--from", "argon.xyz"], "there are no radii"),
+        (["--from", "argon.xyz", "--radius", "2.5"], "overlap by"),
+        (["--from", "oblique.cif", "--radius", "0.5"], "not orthogonal"),
+        (["--from", "argon.xyz", "--radius", "1", "--n", "100"], "--n has no effect with --from"),
+        (["--out", "text.txt"], "text.txt exists and is not a folder"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_exit_code_2(options, sentence, tmp_path):
+    (tmp_path / "text.txt").write_text("not a structure")
+    write(tmp_path / "argon.xyz", bulk("Ar", "fcc", a=5.3, cubic=True).repeat(3))
+    write(tmp_path / "oblique.cif", bulk("Ar", "fcc", a=5.3).repeat(3))
+    before = set(tmp_path.iterdir())
+    done = hardspheres("thermalise", "--replicas", 2, *options, cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: ") and sentence in done.stderr
+    assert done.stderr.count("\n") == 1 and done.stdout == ""
+    assert set(tmp_path.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    "options", [["--dim", "4"], ["--velocities", "slow"], ["--replicas", "0"], ["--nonsense"]]
+)
+def test_bad_options_exit_2(options, tmp_path):
+    done = hardspheres("thermalise", *options, cwd=tmp_path)
+    assert done.returncode == 2 and "Error" in done.stderr and done.stdout == ""
+    assert not list(tmp_path.iterdir())
+
+
+def test_json_is_the_summary_and_alone_on_standard_output(tmp_path):
+    options = [
+        "--n",
+        100,
+        "--replicas",
+        2,
+        "--workers",
+        1,
+        "--collisions-per-particle",
+        1,
+        "--seed",
+        3,
+        "--json",
+    ]
+    done = hardspheres("thermalise", *options, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    folder = tmp_path / "runs" / "thermalise-3"
+    assert json.loads(done.stdout) == json.loads((folder / "summary.json").read_text())
+    assert "2 x 100 hard spheres" in done.stderr
+
+
+def test_a_structure_of_ones_own(tmp_path):
+    atoms = Atoms(
+        "X8",
+        [[x, y, z] for x in (1, 4) for y in (1, 4) for z in (1, 4)],
+        cell=[6, 6, 6],
+        pbc=(True, True, False),
+    )
+    write(tmp_path / "mine.xyz", atoms)
+    options = [
+        "--from",
+        "mine.xyz",
+        "--radius",
+        0.5,
+        "--replicas",
+        2,
+        "--workers",
+        1,
+        "--collisions-per-particle",
+        2,
+    ]
+    done = hardspheres("thermalise", *options, "--out", "own", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "2 x 8 hard spheres" in done.stdout and "periodic, periodic, wall box" in done.stdout
+    assert (tmp_path / "own" / "summary.json").exists()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_an_interrupted_study_ends_quietly(number, code, tmp_path):
+    options = ["thermalise", "--replicas", "500", "--workers", "2", "--out", str(tmp_path / "out")]
+    run = subprocess.Popen([*COMMAND, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60
+    while not (tmp_path / "out").exists() and time.monotonic() < deadline:  # made once everything is compiled
+        time.sleep(0.05)
+    time.sleep(0.5)
+    run.send_signal(number)
+    _, errors = run.communicate(timeout=30)
+    assert run.returncode == code
+    assert "Traceback" not in errors
+    assert not list((tmp_path / "out").glob(".partial*"))

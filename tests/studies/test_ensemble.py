@@ -1,0 +1,66 @@
+"""Replicas: the same results in the same order whoever computes them, and nothing left running."""
+
+import multiprocessing
+import os
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from hardspheres import SimulationError
+from studies.ensemble import available_cores, replica_seeds, run_replicas
+
+
+def draw(seed):
+    return seed.generate_state(4).tolist()
+
+
+def fail_at_three(item):
+    if item == 3:
+        raise ArithmeticError("three")
+    time.sleep(0.01)
+    return item
+
+
+def die(item):
+    os._exit(1)
+
+
+def test_first_seeds_do_not_depend_on_how_many_there_are():
+    assert [draw(s) for s in replica_seeds(7, 3)] == [draw(s) for s in replica_seeds(7, 10)][:3]
+    assert draw(replica_seeds(7, 1)[0]) != draw(replica_seeds(8, 1)[0])
+
+
+def test_results_do_not_depend_on_the_workers():
+    seeds = replica_seeds(1, 12)
+    alone = run_replicas(draw, seeds, workers=1)
+    assert run_replicas(draw, seeds, workers=2) == alone
+    with ThreadPoolExecutor(3) as pool:
+        assert run_replicas(draw, seeds, executor=pool) == alone
+
+
+def test_every_finished_item_is_told():
+    told = []
+    run_replicas(abs, [1, -2, 3], workers=1, done=lambda: told.append(None))
+    with ThreadPoolExecutor(2) as pool:
+        run_replicas(abs, [1, -2, 3], executor=pool, done=lambda: told.append(None))
+    assert len(told) == 6
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_an_error_comes_through_and_no_process_stays(workers):
+    with pytest.raises(ArithmeticError, match="three"):
+        run_replicas(fail_at_three, list(range(50)), workers=workers)
+    assert not multiprocessing.active_children()
+
+
+def test_a_worker_that_is_killed_is_reported():
+    with pytest.raises(SimulationError, match="a worker process was killed"):
+        run_replicas(die, [1, 2, 3], workers=2)
+    assert not multiprocessing.active_children()
+
+
+def test_workers_are_counted():
+    assert available_cores() >= 1
+    with pytest.raises(ValueError, match="workers = 0"):
+        run_replicas(abs, [1], workers=0)
