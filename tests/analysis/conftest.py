@@ -44,7 +44,7 @@ def equal_speeds(rng, n, dim):
 
 
 @njit
-def collide_at_random(v, collisions, fastest):
+def collide_at_random(v, collisions, fastest, even):
     """Hard-sphere collisions of random partners with random impact: homogeneous Boltzmann dynamics, no time step."""
     n, dim = v.shape
     done = 0
@@ -62,6 +62,9 @@ def collide_at_random(v, collisions, fastest):
                 math.sqrt(1 - k[2] ** 2) * math.cos(angle),
                 math.sqrt(1 - k[2] ** 2) * math.sin(angle),
             )
+        elif even:  # not what discs do
+            angle = 2 * math.pi * np.random.random()
+            k[0], k[1] = math.cos(angle), math.sin(angle)
         else:  # impact parameter even over the diameter: deflection by pi - 2 asin b
             b = 2 * np.random.random() - 1
             cosine, sine = 2 * b * b - 1, 2 * b * math.sqrt(1 - b * b)
@@ -81,16 +84,19 @@ def seed_numba(seed):
 
 @pytest.fixture(scope="session")
 def boltzmann():
-    """Frames of a Boltzmann gas from given velocities at given s: boltzmann(velocities, s_values, seed)."""
+    """Frames of a Boltzmann gas from given velocities at given s: boltzmann(velocities, s_values, seed).
 
-    def frames(velocities, s_values, seed):
+    With even=True discs are deflected by every angle alike: wrong, and conserving all the same.
+    """
+
+    def frames(velocities, s_values, seed, even=False):
         seed_numba(seed)
         v = np.array(velocities, dtype=float)
         first = make_frame(v)
         fastest, done = 4.0, 0
         for s in s_values:
             goal = math.ceil(s * len(v) / 2)
-            fastest = collide_at_random(v, goal - done, fastest)
+            fastest = collide_at_random(v, goal - done, fastest, even)
             done = goal
             yield FakeFrame(v.copy(), first.scene, s, s)
 

@@ -98,6 +98,22 @@ def test_a_wrong_collision_rule_is_rejected(gas):
     assert comparison.chi_square.p_value < 1e-6
 
 
+def test_a_subtly_wrong_collision_rule_is_rejected(boltzmann, gas):
+    """Discs deflected by every angle alike: all is conserved, equilibrium is the same, only the way there is not."""
+    curves = []
+    for even in (False, True):
+        rng = np.random.default_rng(7)
+        curve = RelaxationCurve()
+        for replica in range(20):
+            for frame in boltzmann(gas.equal_speeds(rng, 10000, 2), S, seed=replica, even=even):
+                curve.add(frame)
+        curves.append(curve)
+    right, wrong = (curve.compare().chi_square.p_value for curve in curves)
+    assert right > 1e-3
+    assert wrong < 1e-6
+    assert np.abs(curves[1].ks[-1] - curves[0].ks[-1]) < 0.02
+
+
 def test_fewer_than_two_replicas(curve, boltzmann, gas):
     one = RelaxationCurve()
     for frame in boltzmann(gas.equal_speeds(np.random.default_rng(4), 4000, 3), S, seed=99):

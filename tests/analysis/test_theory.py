@@ -233,8 +233,7 @@ def test_stated_relaxation_rates():
         rates = [theory.equal_speeds_decay_rate(dim, (s, s + 1.0)) for s in range(9)]
         slowest = theory.near_equilibrium_rate(dim)
         assert all(
-            a.value < b.value + 3 * (a.uncertainty + b.uncertainty)
-            for a, b in itertools.pairwise(rates)
+            a.value < b.value + 3 * (a.uncertainty + b.uncertainty) for a, b in itertools.pairwise(rates)
         )
         assert all(r.value < slowest.value + 3 * r.uncertainty for r in rates)
 
