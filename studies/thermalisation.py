@@ -490,9 +490,7 @@ def _theory_name(study: Thermalisation, curve: RelaxationCurve, reference: Compa
         return "equilibrium at fixed energy"
     name, density = "Boltzmann equation, equal speeds, dilute gas", study.recipe.packing_fraction
     return (
-        name
-        if density <= 0.01
-        else f"{name}; this gas is not dilute, expect deviations of order {density:.2g}"
+        name if density <= 0.01 else f"{name}; this gas is not dilute, and corrections grow with its density"
     )
 
 
