@@ -345,7 +345,7 @@ class RelaxationCurve(Estimator):
 
     @property
     def h_bins(self) -> int:
-        """Number of bins of `h`: `theory.H_BINS`, fewer where there would be less than 20 particles for each."""
+        """Number of bins of `h`: `theory.H_BINS`, or fewer for a gas of less than 20 particles per bin."""
         bins = theory.H_BINS
         while bins > 10 and self.n_per_replica * self.n_replicas < 20 * bins:
             bins //= 2

@@ -20,7 +20,7 @@ __all__ = ["app", "main"]
 
 app = typer.Typer(
     name="hardspheres",
-    help="Event-driven gases of hard spheres: ask a question, get numbers with error bars beside their theory.",
+    help="Gases of hard spheres: ask a question, get numbers with error bars beside their theory.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,

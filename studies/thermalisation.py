@@ -485,7 +485,7 @@ def _summary(
 
 def _theory_name(study: Thermalisation, curve: RelaxationCurve, reference: Comparison | None) -> str:
     if reference is None:
-        return "none for this start; at equilibrium a2 and H - H_eq vanish but for noise, and KS tends to ks_floor"
+        return "none for this start; at equilibrium a2 and H - Heq vanish and KS is noise"
     if study.recipe.velocities == "maxwell":
         return "equilibrium at fixed energy"
     name, density = "Boltzmann equation, equal speeds, dilute gas", study.recipe.packing_fraction
@@ -509,8 +509,8 @@ def _print(
     kind = "spheres" if curve.dim == 3 else "discs"
     start = recipe.velocities or "the file's velocities"
     screen.say(
-        f"{curve.n_replicas} x {curve.n_per_replica} hard {kind}, packing fraction {summary['packing_fraction']:.4g}, "
-        f"{words} box, start: {start}"
+        f"{curve.n_replicas} x {curve.n_per_replica} hard {kind}, packing fraction "
+        f"{summary['packing_fraction']:.4g}, {words} box, start: {start}"
     )
     if len(curve.labels) > 1:
         screen.say("species: " + "; ".join(f"{k}: {label}" for k, label in enumerate(curve.labels, 1)))
@@ -519,13 +519,10 @@ def _print(
     screen.table("", header, rows)
     screen.say()
     screen.say(f"theory: {summary['theory']}")
+    screen.say("a2: mean over replicas; KS, H - Heq: all replicas together; z: deviation in standard errors")
     screen.say(
-        f"a2: mean over replicas with its standard error; KS, H - Heq: all replicas together, H on {curve.h_bins} bins of "
-        f"{summary['h_bin_width']:.4g} thermal speeds; z: deviation in standard errors"
-    )
-    screen.say(
-        f"at equilibrium {summary['particles_in_all']} particles give a2 = {summary['equilibrium_a2']:.1e} +- "
-        f"{theory.cumulant_noise(summary['particles_in_all'], curve.dim):.1e}, KS = {summary['ks_floor']:.1e}"
+        f"H on {curve.h_bins} bins of {summary['h_bin_width']:.4g} thermal speeds; noise at equilibrium: "
+        f"a2 {theory.cumulant_noise(summary['particles_in_all'], curve.dim):.1e}, KS {summary['ks_floor']:.1e}"
     )
     chi_square = reference.chi_square if reference is not None else None
     if chi_square is not None:
@@ -543,8 +540,9 @@ def _print(
         screen.say(f"no decay rate: {rate['reason']}")
     checks, seconds = summary["checks"], summary["seconds"]
     screen.say(
-        f"{summary['collisions']} collisions in {seconds['total']:.0f} s ({summary['collisions_per_second_and_core']:.2g} per "
-        f"second and core); worst energy drift {checks['worst_energy_drift']:.1e}, late events {checks['late_events']}"
+        f"{summary['collisions']} collisions in {seconds['total']:.0f} s "
+        f"({summary['collisions_per_second_and_core']:.2g} per second and core); "
+        f"worst energy drift {checks['worst_energy_drift']:.1e}, late events {checks['late_events']}"
     )
     for failure in checks["failures"]:
         screen.say(f"CHECK FAILED, {failure}")
