@@ -468,7 +468,11 @@ class RelaxationCurve(Estimator):
         if not length > 0.0:
             raise ValueError(f"window = {window}; expected s1 < s2")
         excess = self.a2_samples[:, ends] - theory.equilibrium_a2(self.free_momenta)
-        mean, error = excess.mean(axis=0), self.a2_error[ends]
+        noise = theory.cumulant_noise(self.n_per_replica * self.n_replicas, self.dim)
+        mean, error = (
+            excess.mean(axis=0),
+            np.maximum(self.a2_error[ends], noise),
+        )  # few replicas may underrate it
         if np.any(np.abs(mean) < 3.0 * error) or mean[0] * mean[1] < 0.0:
             raise ValueError(
                 f"a2 is lost in the noise within the window {window}: {mean[0]:.2g} and {mean[1]:.2g} with "
