@@ -578,6 +578,10 @@ def boltzmann_equal_speeds(s: ArrayLike, dim: int) -> EqualSpeedsRelaxation:
     exact. The relative decay rate rises from 12/35 (3D), 64/225 (2D) towards that of `near_equilibrium_rate`:
     exp(-8s/15) is not this curve.
 
+    Event-driven gases of 3e6 particles show how dilute is dilute: over 2 <= s <= 5 their a2 decayed at
+    0.433(2) in 3D and 0.385(2) in 2D at eta = 0.005, at 0.379(2) in 2D at eta = 0.001. With 4e5 particles the
+    difference is within one standard error.
+
     A fraction exp(-s) of the particles has not yet collided and keeps its speed to the last bit, so that f
     has a spike and H is infinite at every s until the velocities are coarse-grained. Here that is a histogram
     of the speeds with `H_BINS` equal bins up to `SPEED_LIMIT`; half as wide bins give 18 % more at s = 0.5
