@@ -1,4 +1,4 @@
-"""The engine's state: a scene turned into the kernels' arrays, with room found for them and a search tuned to the density."""
+"""The engine's state: a scene turned into the kernels' arrays, with room found for them as it is needed."""
 
 import math
 from typing import Any
@@ -7,76 +7,18 @@ import numpy as np
 
 from hardspheres.errors import SimulationError
 from hardspheres.scene import Scene
+from hardspheres.tuning import (
+    SLACK,
+    WindowPlan,
+    cells_per_axis,
+    collision_frequency,
+    epoch_length,
+    power_of_two_below,
+    shell_width,
+    window_plan,
+)
 
-NEIGHBOURS_WANTED = {2: 11.0, 3: 14.0}  # per list: fewer means more renewals, more means dearer predictions
 EVENTS_PER_BUCKET = 8
-SLACK = 1e-6  # by which lists reach further than the shells, so that rounding never matters
-
-
-def power_of_two_below(x: float) -> float:
-    """Largest power of two that is not above x > 0; scaling x by a power of two scales the result exactly."""
-    return math.ldexp(1.0, math.frexp(x)[1] - 1)
-
-
-def root_of_power_below(x: float, degree: int) -> float:
-    """Power of two 2^floor(log2(x) / degree), rounded down in the exponent: a coarse root without rounding."""
-    return math.ldexp(1.0, (math.frexp(x)[1] - 1) // degree)
-
-
-def epoch_length(scene: Scene) -> float:
-    """Length of an epoch: about one to four times the time to fly the mean distance between particles, a power of two.
-
-    It depends on the scene alone, and on it in a way that scales exactly: multiplying all lengths or times by a power of two
-    multiplies it by a power of two.
-    """
-    spacing = root_of_power_below(scene.volume / scene.n, scene.dim)
-    v2 = math.fsum((scene.velocities * scene.velocities).ravel().tolist()) / scene.n
-    if v2 == 0.0:
-        return 1.0
-    return 2.0 * spacing / root_of_power_below(v2, 2)
-
-
-def collision_frequency(scene: Scene) -> float:
-    """Rough number of collisions per particle and time (Enskog with a crude contact value), for tuning only."""
-    sigma = 2.0 * float(scene.radii.mean())
-    speed = math.sqrt(2.0 * scene.kinetic_energy / float(scene.masses.sum()))
-    room = max(1.0 - scene.packing_fraction, 0.05)
-    chi = (1.0 - 0.5 * scene.packing_fraction) / room**scene.dim
-    cross_section = math.pi * sigma * sigma if scene.dim == 3 else 2.0 * sigma
-    return math.sqrt(2.0) * scene.number_density * cross_section * chi * speed
-
-
-def shell_width(scene: Scene) -> float:
-    """How far a particle may go before its neighbour list is renewed: as far as leaves lists of about the wanted length."""
-    ball = 4.0 * math.pi / 3.0 if scene.dim == 3 else math.pi
-
-    def neighbours(shell: float) -> float:
-        r1, r2, r3 = (float(np.mean((scene.radii + shell) ** k)) for k in (1, 2, 3))
-        pairs = 2.0 * r3 + 6.0 * r1 * r2 if scene.dim == 3 else 2.0 * r2 + 2.0 * r1 * r1
-        return ball * scene.number_density * pairs
-
-    largest = 2.0 * float(scene.radii.max())
-    low, high = 0.0, float(np.linalg.norm(scene.box))
-    edges = scene.box[scene.periodic]
-    if edges.size:
-        high = min(high, 0.5 * (float(edges.min()) - largest) / (1.0 + 10.0 * SLACK))
-    high = max(high, SLACK * largest)
-    limit = high
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if neighbours(middle) < NEIGHBOURS_WANTED[scene.dim] else (low, middle)
-    return min(limit, max(high, 0.05 * float(scene.radii.mean())))
-
-
-def cells_per_axis(scene: Scene, width: float) -> list[int]:
-    """Cells along each axis, each at least `width` wide, and not many more than particles in all."""
-    cells = [max(1, int(edge / (width * (1.0 + SLACK)))) for edge in scene.box.tolist()]
-    most = max(2 * scene.n, 8)
-    while math.prod(cells) > most:
-        longest = cells.index(max(cells))
-        excess = (math.prod(cells) / most) ** (1.0 / scene.dim)
-        cells[longest] = max(1, min(cells[longest] - 1, int(cells[longest] / excess)))
-    return cells
 
 
 def aligned(size: int, dtype: type) -> Any:
@@ -108,7 +50,10 @@ class Engine:
 
         sizes = bool(np.any(scene.radii != scene.radii[0]))
         masses = bool(np.any(scene.masses != scene.masses[0]))
-        self.kernels: Any = specialise(scene.dim, not bool(scene.periodic.all()), sizes, masses)
+        plan = window_plan(scene)
+        self.kernels: Any = specialise(
+            scene.dim, not bool(scene.periodic.all()), sizes, masses, plan is not None
+        )
         self.layout: Any = self.kernels.layout
         self.scene = scene
         at = self.layout
@@ -123,37 +68,23 @@ class Engine:
 
         number = np.zeros(at.NUMBERS)
         count = np.zeros(at.COUNTERS, dtype=np.int64)
-        shell = shell_width(scene)
         sigma = 2.0 * float(scene.radii[0])
         length = epoch_length(scene)
         number[at.BOX : at.BOX + dim] = scene.box
         number[at.INVERSE : at.INVERSE + dim] = np.where(scene.periodic, 1.0 / scene.box, 0.0)
         number[at.EPOCH_LENGTH] = length
-        number[at.SHELL] = shell
-        number[at.REACH] = 2.0 * shell * (1.0 + SLACK) + (0.0 if sizes else sigma)
         number[at.SIGMA2] = sigma * sigma
         number[at.CORE] = scene.radii[0]
         number[at.MASS] = scene.masses[0]
         number[at.REDUCED] = scene.masses[0] * scene.masses[0] / (scene.masses[0] + scene.masses[0])
         number[at.LATE_BY] = 4.0 * math.ulp(length)
         number[at.STANDSTILL] = -length
-
-        cells = cells_per_axis(scene, 2.0 * shell * (1.0 + SLACK) + 2.0 * float(scene.radii.max()))
-        number[at.CELL_DENSITY : at.CELL_DENSITY + dim] = np.array(cells) / scene.box
         count[at.N] = n
-        count[at.CELLS : at.CELLS + dim] = cells
-        # With four cells per axis only one image of a pair can matter; below that, lists say which image they mean.
-        count[at.IMAGES] = int(
-            any(c < 4 for c, periodic in zip(cells, scene.periodic, strict=True) if periodic)
-        )
-        self.cells = math.prod(cells)
-        count[at.CELL_ROOM] = 8 * math.ceil(min(n, 1.5 * n / self.cells + 3) / 8)
-        count[at.LIST_ROOM] = 32
-        count[at.BUCKETS] = max(16, int(power_of_two_below(max(n / 4, 1))))
         count[at.AGENDA_ROOM] = 1024 + n // 16
-        self.chunks = int(count[at.BUCKETS]) + n // 2 + 64
-        rate = max(2.0 * n * collision_frequency(scene) * length / EVENTS_PER_BUCKET, 16.0)
-        number[at.INVERSE_WIDTH] = power_of_two_below(min(rate, 2.0**40)) / length
+        if plan is None:
+            self._plan_lists(scene, number, count)
+        else:
+            self._plan_windows(scene, plan, number, count)
 
         scratch = aligned(self.layout.BLOCK * 16, np.float64)
         event = aligned(n * at.EVENT, np.int64)
@@ -173,22 +104,87 @@ class Engine:
         )
         self._afresh = True
 
+    def _plan_lists(self, scene: Scene, number: Any, count: Any) -> None:
+        """Choose shells, cells and calendar of the list method."""
+        at, n = self.layout, scene.n
+        shell = shell_width(scene)
+        cells = cells_per_axis(scene, 2.0 * shell * (1.0 + SLACK) + 2.0 * float(scene.radii.max()))
+        self._set_cells(scene, cells, number, count)
+        one_size = bool(np.all(scene.radii == scene.radii[0]))
+        number[at.SHELL] = shell
+        number[at.REACH] = 2.0 * shell * (1.0 + SLACK) + (2.0 * scene.radii[0] if one_size else 0.0)
+        # With four cells per axis only one image of a pair can matter; below that, lists say which image they mean.
+        count[at.IMAGES] = int(
+            any(c < 4 for c, periodic in zip(cells, scene.periodic, strict=True) if periodic)
+        )
+        count[at.CELL_ROOM] = 8 * math.ceil(min(n, 1.5 * n / self.cells + 3) / 8)
+        count[at.LIST_ROOM] = 32
+        count[at.BUCKETS] = max(16, int(power_of_two_below(max(n / 4, 1))))
+        self.chunks = int(count[at.BUCKETS]) + n // 2 + 64
+        self._set_buckets(scene, 2.0, number)
+
+    def _plan_windows(self, scene: Scene, plan: WindowPlan, number: Any, count: Any) -> None:
+        """Choose windows, cells and buckets of the window method."""
+        at, n = self.layout, scene.n
+        self._set_cells(scene, plan.cells, number, count)
+        edge = float(np.max(scene.box / plan.cells))
+        number[at.HALF_WINDOW] = 0.5 * plan.length
+        number[at.STRETCH] = plan.stretch
+        number[at.MARGIN] = 1e-4 * edge
+        number[at.SLACK] = 1e-5 * edge * edge
+        self.chunks = 0
+        self._set_buckets(scene, 1.0, number)
+        buckets = plan.length * number[at.INVERSE_WIDTH]
+        number[at.INVERSE_WIDTH] *= max(1.0, 1.0 / buckets)
+        count[at.WINDOW_BUCKETS] = count[at.BUCKETS] = int(plan.length * number[at.INVERSE_WIDTH])
+        count[at.LINE_ROOM] = n + n // 2 + 1024
+        count[at.CANDIDATE_ROOM] = n // 2 + 1024
+
+    def _set_cells(self, scene: Scene, cells: list[int], number: Any, count: Any) -> None:
+        at, dim = self.layout, scene.dim
+        number[at.CELL_DENSITY : at.CELL_DENSITY + dim] = np.array(cells) / scene.box
+        count[at.CELLS : at.CELLS + dim] = cells
+        self.cells = math.prod(cells)
+
+    def _set_buckets(self, scene: Scene, events_per_collision: float, number: Any) -> None:
+        """Choose a width of the calendar's buckets that gives each a few events."""
+        at, length = self.layout, number[self.layout.EPOCH_LENGTH]
+        events = events_per_collision * scene.n * collision_frequency(scene) * length / EVENTS_PER_BUCKET
+        number[at.INVERSE_WIDTH] = power_of_two_below(min(max(events, 16.0), 2.0**40)) / length
+
     def _searching_arrays(self, count: Any) -> dict[str, Any]:
         """Allocate everything that the search needs and that can be found again from the rows."""
         at = self.layout
-        n, dim = int(count[at.N]), self.scene.dim
+        n, dim, sparse = int(count[at.N]), self.scene.dim, bool(count[at.WINDOW_BUCKETS])
+        lists, windows = int(not sparse), int(sparse)
         room, cell_room = int(count[at.LIST_ROOM]), int(count[at.CELL_ROOM])
+        lines, candidates = int(count[at.LINE_ROOM]), int(count[at.CANDIDATE_ROOM])
+        agenda = int(count[at.AGENDA_ROOM])
         return {
-            "neighbours": aligned(n * room, np.int32),
-            "images": np.zeros(n * room * dim if count[at.IMAGES] else 1, dtype=np.int32),
-            "cell_count": np.zeros(self.cells, dtype=np.int32),
-            "cell_ids": np.zeros(self.cells * cell_room, dtype=np.int32),
-            "cell_centres": aligned(self.cells * (dim + 1) * cell_room, np.float64),
+            "neighbours": aligned(n * room + 1, np.int32),
+            "images": np.zeros(n * room * dim * int(count[at.IMAGES]) + 1, dtype=np.int32),
+            "cell_count": np.zeros(self.cells * lists + 1, dtype=np.int32),
+            "cell_ids": np.zeros(self.cells * cell_room + 1, dtype=np.int32),
+            "cell_centres": aligned(self.cells * (dim + 1) * cell_room + 1, np.float64),
             "buckets": np.zeros(int(count[at.BUCKETS]) + 1, dtype=np.int64),
-            "chunks": aligned(self.chunks * at.CHUNK, np.int64),
-            "agenda_time": np.zeros(int(count[at.AGENDA_ROOM])),
-            "agenda_key": np.zeros(int(count[at.AGENDA_ROOM]), dtype=np.int64),
-            "agenda_entry": np.zeros(int(count[at.AGENDA_ROOM]), dtype=np.int64),
+            "chunks": aligned(self.chunks * at.CHUNK + 1, np.int64),
+            "agenda_time": np.zeros(agenda),
+            "agenda_key": np.zeros(agenda, dtype=np.int64),
+            "agenda_entry": np.zeros(agenda, dtype=np.int64),
+            "lines": aligned(lines * at.LINE + 1, np.float32),
+            "line_ids": np.zeros(lines + 1, dtype=np.int32),
+            "line_versions": np.zeros(lines + 1, dtype=np.int32),
+            "line_next": np.zeros(lines + 1, dtype=np.int32),
+            "pieces": np.zeros(n * windows + 1, dtype=np.int32),
+            "cell_start": np.zeros(self.cells * windows + 1, dtype=np.int32),
+            "cell_chain": np.zeros(self.cells * windows + 1, dtype=np.int32),
+            "candidate_time": np.zeros(candidates + 1),
+            "candidate_pair": np.zeros(candidates + 1, dtype=np.int64),
+            "candidate_versions": np.zeros(candidates + 1, dtype=np.int64),
+            "candidate_next": np.zeros(candidates + 1, dtype=np.int64),
+            "table": aligned(at.TABLE * 8 * windows + 1, np.float32),
+            "table_slots": np.zeros(at.TABLE * windows + 1, dtype=np.int32),
+            "table_met": np.zeros(at.TABLE * windows + 1, dtype=np.int32),
         }
 
     def _make_room(self) -> None:
@@ -196,10 +192,12 @@ class Engine:
         at, count = self.layout, self.arrays.counter
         if count[at.SHORT_LISTS]:
             count[at.LIST_ROOM] *= 2
+            count[at.LINE_ROOM] *= 2
         if count[at.SHORT_CELLS]:
             count[at.CELL_ROOM] *= 2
         if count[at.SHORT_QUEUE]:
             count[at.AGENDA_ROOM] *= 2
+            count[at.CANDIDATE_ROOM] *= 2
             self.chunks *= 2
         count[[at.SHORT_LISTS, at.SHORT_CELLS, at.SHORT_QUEUE]] = 0
         self.arrays = self.arrays._replace(**self._searching_arrays(count))
@@ -219,6 +217,14 @@ class Engine:
                 "so give them room"
             )
         return bool(status == self.kernels.DONE)
+
+    @property
+    def method(self) -> str:
+        """How partners are searched for."""
+        if self.arrays.counter[self.layout.WINDOW_BUCKETS]:
+            return "windows of time"
+        images = bool(self.arrays.counter[self.layout.IMAGES])
+        return "neighbour lists" + (" that name the image" if images else "")
 
     @property
     def bytes(self) -> int:

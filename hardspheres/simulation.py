@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hardspheres.engine import Engine, collision_frequency
+from hardspheres.engine import Engine
 from hardspheres.errors import InvariantError, SimulationError
 from hardspheres.scene import Scene, kinetic_energy, thermal_energy, total_momentum
+from hardspheres.tuning import collision_frequency
 
 Floats = NDArray[np.float64]
 
@@ -531,9 +532,10 @@ class Simulation:
             "momentum_drift": float(np.max(np.abs(self.momentum_drift))),
             "late_events": int(count[at.LATE]),
             "stale_events": int(count[at.STALE]),
-            "method": "neighbour lists" + (" that name the image" if count[at.IMAGES] else ""),
+            "method": self._engine.method,
             "cell_size": (1.0 / number[at.CELL_DENSITY : at.CELL_DENSITY + dim]).tolist(),
             "shell": float(number[at.SHELL]),
+            "window": 2.0 * float(number[at.HALF_WINDOW]),
             "list_renewals": int(count[at.RENEWALS]),
             "epoch_length": self._length,
             "bytes_per_particle": self._engine.bytes / self.scene.n,

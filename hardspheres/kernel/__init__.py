@@ -14,28 +14,35 @@ The rows are the canonical state: everything else here can be thrown away and fo
 image, with the formulas of `hardspheres.collision`. All neighbours of a particle are predicted at once: one pass gathers
 the separations, a second one solves all quadratics without a branch, so that the compiler uses vector instructions.
 
-**The neighbours** (`neighbours`). Each particle has a list of those that it can meet while both stay in their shells, as in
-Smallenburg's engine (2022, doi:10.1140/epje/s10189-022-00180-8; before him Donev, Torquato and Stillinger 2005,
+Two methods find out who can meet whom. Which one serves is decided by the density (`hardspheres.tuning`), and by nothing that
+enters the trajectory: both find the same events, to the last bit.
+
+*Dense: lists.* **The neighbours** (`neighbours`). Each particle has a list of those that it can meet while both stay in their
+shells, as in Smallenburg's engine (2022, doi:10.1140/epje/s10189-022-00180-8; before him Donev, Torquato and Stillinger 2005,
 doi:10.1016/j.jcp.2004.08.014). Leaving the shell is an event of the particle, which makes a new list from the 27 cells
-around it, and changes no row: how wide the shells are decides the speed and never the trajectory.
+around it, and changes no row. **The events.** Each particle has one next event: the earliest of its contacts with neighbours,
+its wall (`prediction`), and the end of its shell. A contact is written down with one of the two partners or with both. When a
+partner has since changed, which its version tells, the event is stale: its particle is predicted again at that moment. This is
+safe, because a pair's earliest contact was seen by whichever of the two was predicted last, and what that particle has written
+down is never later. **The calendar** (`calendar`; Brown 1988, doi:10.1145/63039.63045) keeps the coming events in buckets by
+their time. An event that no longer counts stays where it is until its bucket is opened.
 
-**The events.** Each particle has one next event: the earliest of its contacts with neighbours, its wall (`prediction`), and the
-end of its shell. A contact is written down with one of the two partners or with both. When a partner has since changed, which its
-version tells, the event is stale: its particle is predicted again at that moment. This is safe, because a pair's earliest contact
-was seen by whichever of the two was predicted last, and what that particle has written down is never later.
+*Dilute: windows* (`windows`). In a short window of time every flight is a known line and few lines come near another. All
+lines are compared cell by cell with a vectorised filter in single precision, and what passes it is computed exactly. Contacts
+within the window are kept in buckets by their time; a particle that has collided gets a new line and is compared again. Between
+collisions nothing happens at all, where lists would have to be renewed many times for each collision of a dilute gas.
 
-**The calendar** (`calendar`; Brown 1988, doi:10.1145/63039.63045). Coming events lie in buckets by their time, those of the
-current bucket in a small heap, so that the next event is found in a time that does not depend on their number. An event that no
-longer counts stays where it is until its bucket is opened. Equal times are ordered by the lower, then the higher id; a wall
-counts as the id n + 2 axis + side.
+Either way the events of the calendar's current bucket lie in a small heap (`agenda`), so that the next event is found in a time
+that does not depend on their number. Equal times are ordered by the lower, then the higher id; a wall counts as the id
+n + 2 axis + side.
 
-**The loop** (`loop`) takes the next event, executes it, predicts its one or two particles again, and enters them in the calendar.
+**The loop** (`loop`) takes the next event, executes it, and searches for what its one or two particles do next.
 
 Arithmetic is strict everywhere: only + - x / sqrt and integers, no fused or reordered operations, so one scene gives the same bits
 on every IEEE-754 machine.
 
 **Specialisation.** What a scene lacks is not compiled in: `specialise` loads this package's files once for each kind of scene (its
-dimension, whether it has walls, many radii, many masses), each with its own constants in place of `flags`.
+dimension, whether it has walls, many radii, many masses, and whether it is dilute), each with its own constants in place of `flags`.
 """
 
 import importlib
@@ -46,7 +53,7 @@ from pathlib import Path
 __all__ = ["specialise"]
 
 
-def specialise(dim: int, walls: bool, sizes: bool, masses: bool) -> types.ModuleType:
+def specialise(dim: int, walls: bool, sizes: bool, masses: bool, sparse: bool) -> types.ModuleType:
     """Load the kernels for one kind of scene.
 
     Parameters
@@ -55,13 +62,15 @@ def specialise(dim: int, walls: bool, sizes: bool, masses: bool) -> types.Module
         2 or 3.
     walls, sizes, masses : bool
         Whether some axis lies between walls, radii differ, masses differ.
+    sparse : bool
+        Windows in place of lists: the same trajectory, faster where the gas is dilute.
 
     Returns
     -------
     module
         The module `loop` compiled, on first use, for these constants; the same module for the same constants.
     """
-    tag = f"{dim}d" + "_walls" * walls + "_sizes" * sizes + "_masses" * masses
+    tag = f"{dim}d" + "_walls" * walls + "_sizes" * sizes + "_masses" * masses + "_sparse" * sparse
     name = f"{__name__}.{tag}"
     if f"{name}.loop" not in sys.modules:
         from .compiler import cache_folder, cached_in
@@ -69,7 +78,7 @@ def specialise(dim: int, walls: bool, sizes: bool, masses: bool) -> types.Module
         package = types.ModuleType(name)
         package.__path__ = [str(Path(__file__).parent)]
         flags = types.ModuleType(f"{name}.flags")
-        vars(flags).update(DIM=dim, WALLS=walls, SIZES=sizes, MASSES=masses)
+        vars(flags).update(DIM=dim, WALLS=walls, SIZES=sizes, MASSES=masses, SPARSE=sparse)
         sys.modules[name] = package
         sys.modules[flags.__name__] = flags
         with cached_in(cache_folder(tag)):

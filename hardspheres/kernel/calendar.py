@@ -1,14 +1,14 @@
-"""The calendar: a ring of buckets for the coming events, and a small heap for those of the current bucket.
+"""The calendar of the list method: a ring of buckets for the particles' coming events.
 
 A bucket is a chain of chunks (one cache line: a link and seven entries), so that an insertion touches one line and a removal
 none: an entry counts only while its stamp is its particle's latest. Events after the present year of the ring wait in one
 further bucket; events after the epoch are not entered at all, since the epoch predicts them again.
 """
 
+from .agenda import push_agenda
 from .compiler import jit
 from .layout import (
     AGENDA_LENGTH,
-    AGENDA_ROOM,
     BUCKET,
     BUCKETS,
     CHUNK,
@@ -31,69 +31,6 @@ def tie_key(i, partner):
     if partner < 0:
         return 0
     return (min(i, partner) << 32) | max(i, partner)
-
-
-@jit
-def precedes(s, a, b):
-    """Whether agenda entry a comes before entry b."""
-    ta = s.agenda_time[a]
-    tb = s.agenda_time[b]
-    return ta < tb or (ta == tb and s.agenda_key[a] < s.agenda_key[b])
-
-
-@jit
-def swap(s, a, b):
-    """Exchange two agenda entries."""
-    time, key, entry = s.agenda_time[a], s.agenda_key[a], s.agenda_entry[a]
-    s.agenda_time[a], s.agenda_key[a], s.agenda_entry[a] = (
-        s.agenda_time[b],
-        s.agenda_key[b],
-        s.agenda_entry[b],
-    )
-    s.agenda_time[b], s.agenda_key[b], s.agenda_entry[b] = time, key, entry
-
-
-@jit
-def push_agenda(s, i):
-    """Enter i's event in the heap of the current bucket."""
-    a = s.counter[AGENDA_LENGTH]
-    if a == s.counter[AGENDA_ROOM]:
-        s.counter[SHORT_QUEUE] = 1
-        return
-    s.counter[AGENDA_LENGTH] = a + 1
-    event = i * EVENT
-    s.agenda_time[a] = s.event_float[event + TIME]
-    s.agenda_key[a] = tie_key(i, s.event[event + PARTNER])
-    s.agenda_entry[a] = i << 32 | s.event[event + STAMP]
-    while a > 0:
-        parent = (a - 1) >> 1
-        if not precedes(s, a, parent):
-            break
-        swap(s, a, parent)
-        a = parent
-
-
-@jit
-def pop_agenda(s):
-    """Remove the first entry of the heap."""
-    last = s.counter[AGENDA_LENGTH] - 1
-    s.counter[AGENDA_LENGTH] = last
-    s.agenda_time[0], s.agenda_key[0], s.agenda_entry[0] = (
-        s.agenda_time[last],
-        s.agenda_key[last],
-        s.agenda_entry[last],
-    )
-    a = 0
-    while True:
-        child = 2 * a + 1
-        if child >= last:
-            break
-        if child + 1 < last and precedes(s, child + 1, child):
-            child += 1
-        if not precedes(s, child, a):
-            break
-        swap(s, child, a)
-        a = child
 
 
 @jit
@@ -123,11 +60,11 @@ def enter(s, i):
         return
     bucket = int(max(time, 0.0) * s.number[INVERSE_WIDTH])
     now = s.counter[BUCKET]
+    entry = i << 32 | s.event[i * EVENT + STAMP]
     if bucket <= now:
-        push_agenda(s, i)
+        push_agenda(s, time, tie_key(i, s.event[i * EVENT + PARTNER]), entry)
     else:
         year = s.counter[BUCKETS]
-        entry = i << 32 | s.event[i * EVENT + STAMP]
         push_bucket(s, bucket & (year - 1) if bucket < now + year else year, entry)
 
 

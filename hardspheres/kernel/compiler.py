@@ -78,6 +78,13 @@ def jit(function):
     return numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
 
 
+def inline(function):
+    """Compile a part of a kernel into its callers: handing the record of pointers over costs more than a small function."""
+    return numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, forceinline=True)(
+        function
+    )
+
+
 def entry(function):
     """Compile a function that Python calls: cached on disk, and without the interpreter's lock."""
     return numba.njit(error_model="numpy", cache=not PURE_PYTHON and bool(config.CACHE_DIR), nogil=True)(

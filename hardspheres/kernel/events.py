@@ -5,7 +5,7 @@ import math
 from hardspheres import collision
 
 from .compiler import jit
-from .flags import DIM, MASSES, SIZES
+from .flags import DIM, MASSES, SIZES, SPARSE
 from .layout import (
     BOX,
     CENTRE,
@@ -130,7 +130,8 @@ def begin_epoch(s):
                 turns = math.floor(s.row[ri + X + d] * s.number[INVERSE + d])
                 shift = s.number[BOX + d] * turns
                 s.row[ri + X + d] -= shift
-                s.event_float[i * EVENT + CENTRE + d] -= shift
+                if not SPARSE:
+                    s.event_float[i * EVENT + CENTRE + d] -= shift
                 s.turns[i * DIM + d] += int(turns)
     s.counter[EPOCH] += 1
     s.number[NOW] -= length

@@ -4,3 +4,4 @@ DIM = 3  # dimension of space, 2 or 3
 WALLS = False  # some axis lies between walls
 SIZES = False  # radii differ
 MASSES = False  # masses differ
+SPARSE = False  # dilute: common windows of time in place of neighbour lists

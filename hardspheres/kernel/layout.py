@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from .compiler import jit, pointer
-from .flags import DIM
+from .flags import DIM, SPARSE
 
 # A particle's row, 8 float64 (one cache line): the canonical state.
 ROW = 8
@@ -12,12 +12,12 @@ V = DIM  # velocity, DIM numbers
 T = 2 * DIM  # when that was, relative to the epoch
 RADIUS = 7
 
-# A particle's next event, 8 int64 (one cache line); TIME and CENTRE hold float64 bits.
-EVENT = 8
+# A particle's next event, 8 int64 (one cache line); TIME and CENTRE hold float64 bits. Windows need its version only.
+EVENT = 1 if SPARSE else 8
 TIME = 0
 PARTNER = 1  # a particle, n + 2 axis + side for a wall, or one of the codes below
 PARTNER_VERSION = 2  # the partner's VERSION when the event was predicted
-VERSION = 3  # how often this particle's row has changed through events
+VERSION = 0 if SPARSE else 3  # how often this particle's row has changed through events
 STAMP = 4  # of the one queue entry that counts
 CENTRE = 5  # where the particle was when its neighbour list was made (unwrapped as the row), DIM numbers
 
@@ -39,6 +39,10 @@ CELL_DENSITY = 14  # cells per length, 3 slots
 NOW = 17  # time of the last event, relative to the epoch
 LATE_BY = 18  # an event is late if predicted more than this before NOW
 STANDSTILL = 19  # NOW when time was last seen to move
+HALF_WINDOW = 20  # windows: half their length in time
+STRETCH = 21  # how far a registered piece of a flight reaches from its middle
+MARGIN = 22  # added to each radius in the single-precision filter
+SLACK = 23  # added to the squared contact distance there
 NUMBERS = 24
 
 # Sums since the tallies were reset, float64.
@@ -75,11 +79,19 @@ SHORT_LISTS = (
 SHORT_CELLS = 21
 SHORT_QUEUE = 22
 LAST_PAIR_EPOCH = 23  # epoch of the last pair collision
+WINDOW_BUCKETS = 24  # buckets in a window (lists: in an epoch)
+LINE_ROOM = 25  # windows: lines that can be registered
+LINES = 26  # lines registered
+CANDIDATE_ROOM = 27
+CANDIDATES = 28  # contacts noted in this window
 COUNTERS = 32
 
 # Calendar: chunks of 8 int64: the next chunk (-1: none) and how many entries, then 7 entries id << 32 | stamp.
 CHUNK = 8
 STAMP_BITS = 0xFFFFFFFF
+
+LINE = 8  # float32 in a registered line, see `windows`
+TABLE = 512  # lines that one pass of the filter handles
 
 BLOCK = 32  # neighbours that one pass of the prediction handles
 
@@ -105,6 +117,20 @@ class Arrays(NamedTuple):
     agenda_entry: object  # int64: id << 32 | stamp
     scratch: object  # float64 (BLOCK * 16)
     scratch_int: object  # the same memory as int64
+    lines: object  # windows: float32 (LINE_ROOM * LINE)
+    line_ids: object  # int32 (LINE_ROOM)
+    line_versions: object  # int32 (LINE_ROOM)
+    line_next: object  # int32 (LINE_ROOM): the next new line of the same cell
+    pieces: object  # int32 (n): in how many pieces a particle's flight is registered
+    cell_start: object  # int32 (cells + 1): first line of each cell
+    cell_chain: object  # int32 (cells + 1): first new line of each cell
+    candidate_time: object  # float64 (CANDIDATE_ROOM)
+    candidate_pair: object  # int64: lower id << 32 | higher id
+    candidate_versions: object  # int64: of both, when the contact was computed
+    candidate_next: object  # int64: the next candidate of the same bucket
+    table: object  # float32 (TABLE * 7): lines to compare with, column by column
+    table_slots: object  # int32 (TABLE)
+    table_met: object  # int32 (TABLE): 1 where the filter let a line pass
     number: object  # float64: the numbers above
     counter: object  # int64: the counters above
     total: object  # float64: the sums above
@@ -132,6 +158,20 @@ def pointers(a):
         pointer(a.agenda_entry),
         pointer(a.scratch),
         pointer(a.scratch_int),
+        pointer(a.lines),
+        pointer(a.line_ids),
+        pointer(a.line_versions),
+        pointer(a.line_next),
+        pointer(a.pieces),
+        pointer(a.cell_start),
+        pointer(a.cell_chain),
+        pointer(a.candidate_time),
+        pointer(a.candidate_pair),
+        pointer(a.candidate_versions),
+        pointer(a.candidate_next),
+        pointer(a.table),
+        pointer(a.table_slots),
+        pointer(a.table_met),
         pointer(a.number),
         pointer(a.counter),
         pointer(a.total),

@@ -1,10 +1,11 @@
 """The event loop, and the preparation of everything that follows from the rows."""
 
 from . import layout
-from .calendar import clear_calendar, pop_agenda, schedule, turn_page
+from .agenda import pop_agenda
+from .calendar import clear_calendar, schedule, turn_page
 from .compiler import entry, jit
 from .events import begin_epoch, collide_pair, hit_wall
-from .flags import WALLS
+from .flags import SPARSE, WALLS
 from .layout import (
     AGENDA_LENGTH,
     BUCKET,
@@ -29,11 +30,13 @@ from .layout import (
     STAMP_BITS,
     STANDSTILL,
     VERSION,
+    WINDOW_BUCKETS,
     N,
     pointers,
 )
 from .neighbours import make_all_lists, renew_list
 from .prediction import next_event
+from .windows import candidate_holds, follow, open_candidates, open_window
 
 __all__ = ["DONE", "NO_ROOM", "PAUSED", "STANDS_STILL", "layout", "run"]
 
@@ -74,28 +77,34 @@ def run(arrays, cells, chunks, afresh, stop_epoch, stop_time, stop_pairs, budget
     length = s.number[EPOCH_LENGTH]
     search = afresh
     lists = afresh
-    while budget > 0:
+    while budget > 0 or search:  # a search that is due is never put off
         if search:
-            now = max(s.number[NOW], 0.0)
-            if lists:
-                make_all_lists(s, now, cells)
-            if s.counter[SHORT_CELLS] == 0 and s.counter[SHORT_LISTS] == 0:
-                predict_all(s, now, chunks)
+            if SPARSE:
+                open_window(s, cells)
+            else:
+                search_lists(s, lists, cells, chunks)
             search = False
             budget -= n
         elif s.counter[PAIRS] >= stop_pairs:
             return DONE
         elif s.counter[AGENDA_LENGTH] == 0:
             budget -= 1
-            page_ends = (s.counter[BUCKET] + 1) / s.number[INVERSE_WIDTH]
+            bucket = s.counter[BUCKET] + 1
+            page_ends = bucket / s.number[INVERSE_WIDTH]
             if s.counter[EPOCH] == stop_epoch and (page_ends > stop_time or page_ends >= length):
                 return DONE
-            if page_ends < length:
-                turn_page(s)
-            else:
+            if page_ends >= length:
                 begin_epoch(s)
+                s.counter[BUCKET] = 0
                 search = True
                 lists = s.counter[IMAGES] == 1
+            elif SPARSE:
+                s.counter[BUCKET] = bucket
+                search = (bucket & (s.counter[WINDOW_BUCKETS] - 1)) == 0
+                if not search:
+                    open_candidates(s)
+            else:
+                turn_page(s)
         else:
             time = s.agenda_time[0]
             if s.counter[EPOCH] == stop_epoch and time > stop_time:
@@ -103,18 +112,58 @@ def run(arrays, cells, chunks, afresh, stop_epoch, stop_time, stop_pairs, budget
             budget -= 1
             first = s.agenda_entry[0]
             pop_agenda(s)
-            i = first >> 32
-            if s.event[i * EVENT + STAMP] == first & STAMP_BITS:
-                other = execute(s, i, time)
-                while i >= 0:
-                    predict(s, i, max(time, 0.0))
-                    i = other
-                    other = -1
-                if s.counter[LONE] > 1000 * n:
-                    return STANDS_STILL
+            if SPARSE:
+                execute_candidate(s, first, time)
+            else:
+                execute_and_predict(s, first, time)
+            if s.counter[LONE] > 1000 * n:
+                return STANDS_STILL
         if s.counter[SHORT_QUEUE] or s.counter[SHORT_LISTS] or s.counter[SHORT_CELLS]:
             return NO_ROOM
     return PAUSED
+
+
+@jit
+def search_lists(s, lists, cells, chunks):
+    """Predict all events from the rows, with new lists if asked for."""
+    now = max(s.number[NOW], 0.0)
+    if lists:
+        make_all_lists(s, now, cells)
+    if s.counter[SHORT_CELLS] == 0 and s.counter[SHORT_LISTS] == 0:
+        predict_all(s, now, chunks)
+
+
+@jit
+def execute_candidate(s, c, time):
+    """Let a candidate of the window happen, if it still holds, and search for what follows."""
+    if not candidate_holds(s, c):
+        s.counter[STALE] += 1
+        return
+    i = s.candidate_pair[c] >> 32
+    partner = s.candidate_pair[c] & STAMP_BITS
+    keep_clock(s, time)
+    other = -1
+    if partner < s.counter[N]:
+        collide_pair(s, i, partner, time)
+        other = partner
+    elif WALLS:
+        hit_wall(s, i, partner, time)
+    while i >= 0:
+        follow(s, i, time)
+        i = other
+        other = -1
+
+
+@jit
+def execute_and_predict(s, first, time):
+    """Let the event of an agenda entry happen, if the entry still counts, and predict its particles again."""
+    i = first >> 32
+    if s.event[i * EVENT + STAMP] == first & STAMP_BITS:
+        other = execute(s, i, time)
+        while i >= 0:
+            predict(s, i, max(time, 0.0))
+            i = other
+            other = -1
 
 
 @jit

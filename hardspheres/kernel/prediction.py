@@ -46,39 +46,45 @@ PICK = 10 * BLOCK
 
 
 @jit
-def gather(s, i, now, first, m):
-    """Separation and relative velocity of i and each neighbour, both flown to the later of their local times."""
+def lay_out(s, k, i, j, now):
+    """Separation and relative velocity of i and j, both flown to the later of their local times, in line k of the table."""
     row, scratch = s.row, s.scratch
     ri = i * ROW
+    rj = j * ROW
     ti = row[ri + T]
+    tj = row[rj + T]
+    later = max(ti, tj)
+    dti = later - ti
+    dtj = later - tj
+    for d in range(DIM):
+        sep = (row[ri + X + d] + row[ri + V + d] * dti) - (row[rj + X + d] + row[rj + V + d] * dtj)
+        scratch[SEP + d * BLOCK + k] = sep
+        scratch[VEL + d * BLOCK + k] = row[ri + V + d] - row[rj + V + d]
+    scratch[AGO + k] = now - later
+    scratch[LATER + k] = later
+    if SIZES:
+        sigma = row[ri + RADIUS] + row[rj + RADIUS]
+        scratch[CONTACT2 + k] = sigma * sigma
+    s.scratch_int[PICK + k] = j
+
+
+@jit
+def gather(s, i, now, first, m):
+    """Lay out i and m of its neighbours, in the images that the list names, if it does."""
     entry = i * s.counter[LIST_ROOM] + 1 + first
-    images = s.counter[IMAGES]
     for k in range(m):
-        j = s.neighbours[entry + k]
-        rj = j * ROW
-        tj = row[rj + T]
-        later = max(ti, tj)
-        dti = later - ti
-        dtj = later - tj
-        for d in range(DIM):
-            sep = (row[ri + X + d] + row[ri + V + d] * dti) - (row[rj + X + d] + row[rj + V + d] * dtj)
-            if images:
-                sep -= s.images[(entry + k) * DIM + d] * s.number[BOX + d]
-            scratch[SEP + d * BLOCK + k] = sep
-            scratch[VEL + d * BLOCK + k] = row[ri + V + d] - row[rj + V + d]
-        scratch[AGO + k] = now - later
-        scratch[LATER + k] = later
-        if SIZES:
-            sigma = row[ri + RADIUS] + row[rj + RADIUS]
-            scratch[CONTACT2 + k] = sigma * sigma
-        s.scratch_int[PICK + k] = j
+        lay_out(s, k, i, s.neighbours[entry + k], now)
+    if s.counter[IMAGES]:
+        for k in range(m):
+            for d in range(DIM):
+                s.scratch[SEP + d * BLOCK + k] -= s.images[(entry + k) * DIM + d] * s.number[BOX + d]
 
 
 @jit
 def solve(s, m):
     """Contact time of each pair that `gather` laid out; the loop is vectorised.
 
-    The periodic image is the nearest one now; the separation is then taken at the later local time, so that the result
+    The periodic image is the nearest one at the time given to `lay_out`; the separation is then taken at the later local time, so that the result
     depends on nothing but the two rows and the image. Where lists name the image, and on wall axes, INVERSE is 0 here.
     """
     scratch = s.scratch
@@ -182,6 +188,14 @@ def shell_exit(s, i):
     if uv > 0.0:
         return row[ri + T] + left / (uv + root)
     return row[ri + T] + (root - uv) / vv
+
+
+@jit
+def pair_contact(s, i, j, about):
+    """Time of contact of one pair, in the image that is the nearest at about that time."""
+    lay_out(s, 0, i, j, about)
+    solve(s, 1)
+    return s.scratch[WHEN]
 
 
 @jit

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scenes import KINDS, gas
 
 import hardspheres as hs
-from hardspheres import engine
+from hardspheres import tuning
 
 COLLISIONS = 3000
 
@@ -36,6 +36,10 @@ def run(scene, collisions=COLLISIONS):
     return sim
 
 
+LISTS = {2: 0.0, 3: 0.0}
+WINDOWS = {2: 1.0, 3: 1.0}
+
+
 @pytest.fixture(scope="module", params=KINDS)
 def scene(request):
     return gas(request.param, 500, 0.1, seed=5)
@@ -43,11 +47,23 @@ def scene(request):
 
 @pytest.fixture(scope="module")
 def expected(scene):
-    return state(run(scene))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tuning, "SPARSE_BELOW", LISTS)
+        sim = run(scene)
+    assert "lists" in sim.status()["method"]
+    return state(sim)
 
 
-def test_the_same_scene_gives_the_same_bits(scene, expected):
-    assert state(run(scene)) == expected
+@pytest.fixture(params=[LISTS, WINDOWS], ids=["lists", "windows"])
+def method(request, monkeypatch):
+    monkeypatch.setattr(tuning, "SPARSE_BELOW", request.param)
+    return request.param
+
+
+def test_both_searches_give_the_same_bits(scene, expected, method):
+    sim = run(scene)
+    assert ("windows" in sim.status()["method"]) is (method is WINDOWS)
+    assert state(sim) == expected
 
 
 def test_a_changed_bit_is_seen(scene, expected):
@@ -57,7 +73,7 @@ def test_a_changed_bit_is_seen(scene, expected):
     assert state(run(scene.replace(velocities=velocities))) != expected
 
 
-def test_looking_changes_nothing(scene, expected):
+def test_looking_changes_nothing(scene, expected, method):
     sim = hs.Simulation(scene)
     for _ in sim.frames(collisions_per_particle=np.linspace(0, 2 * COLLISIONS / scene.n, 37)):
         sim.check()
@@ -82,15 +98,27 @@ def test_any_set_of_stops_gives_the_same_bits(cuts):
 
 @pytest.mark.parametrize("wanted", [4.0, 30.0])
 def test_the_width_of_the_shells_changes_nothing(scene, expected, wanted, monkeypatch):
+    monkeypatch.setattr(tuning, "SPARSE_BELOW", LISTS)
     usual = hs.Simulation(scene).status()["shell"]
-    monkeypatch.setattr(engine, "NEIGHBOURS_WANTED", {2: wanted, 3: wanted})
+    monkeypatch.setattr(tuning, "NEIGHBOURS_WANTED", {2: wanted, 3: wanted})
     sim = run(scene)
     assert state(sim) == expected
     assert sim.status()["shell"] != usual
 
 
-def test_naming_the_image_changes_nothing(scene, expected):
+@pytest.mark.parametrize("speeds", [0.7, 5.0])
+def test_the_length_of_the_pieces_changes_nothing(scene, expected, speeds, monkeypatch):
+    """Flights registered in many pieces, or in ones so long that others lie many cells away."""
+    monkeypatch.setattr(tuning, "SPARSE_BELOW", WINDOWS)
+    usual = tuning.window_plan(scene)
+    monkeypatch.setattr(tuning, "THERMAL_SPEEDS", speeds)
+    assert tuning.window_plan(scene) != usual
+    assert state(run(scene)) == expected
+
+
+def test_naming_the_image_changes_nothing(scene, expected, monkeypatch):
     """Lists that name the periodic image, needed in small boxes only, give what the nearest image gives."""
+    monkeypatch.setattr(tuning, "SPARSE_BELOW", LISTS)
     sim = hs.Simulation(scene)
     at, e = sim._at, sim._engine
     assert e.arrays.counter[at.IMAGES] == 0
@@ -100,23 +128,24 @@ def test_naming_the_image_changes_nothing(scene, expected):
     assert state(sim) == expected
 
 
-def test_running_out_of_room_changes_nothing(scene, expected):
-    """Lists, cells and calendar that begin far too small grow on the way."""
+def test_running_out_of_room_changes_nothing(scene, expected, method):
+    """Lists, cells, lines, candidates and calendar that begin far too small grow on the way."""
     sim = hs.Simulation(scene)
     at, e = sim._at, sim._engine
-    e.arrays.counter[at.LIST_ROOM] = 4
-    e.arrays.counter[at.CELL_ROOM] = 1
-    e.arrays.counter[at.AGENDA_ROOM] = 2
-    e.chunks = 4
+    small = (
+        {at.LIST_ROOM: 4, at.CELL_ROOM: 1} if method is LISTS else {at.LINE_ROOM: 10, at.CANDIDATE_ROOM: 2}
+    )
+    small |= {at.AGENDA_ROOM: 2}
+    for slot, room in small.items():
+        e.arrays.counter[slot] = room
+    e.chunks = min(e.chunks, 4)
     e.arrays = e.arrays._replace(**e._searching_arrays(e.arrays.counter))
     sim.run(collisions=COLLISIONS)
     assert state(sim) == expected
-    assert e.arrays.counter[at.LIST_ROOM] > 4
-    assert e.arrays.counter[at.CELL_ROOM] > 1
-    assert e.chunks > 4
+    assert all(e.arrays.counter[slot] > room for slot, room in small.items() if slot != at.AGENDA_ROOM)
 
 
-def test_searching_anew_at_any_moment_changes_nothing(scene, expected):
+def test_searching_anew_at_any_moment_changes_nothing(scene, expected, method):
     """Everything but the rows can be thrown away: what a restart will rely on."""
     sim = hs.Simulation(scene)
     for _ in range(10):
@@ -126,7 +155,7 @@ def test_searching_anew_at_any_moment_changes_nothing(scene, expected):
 
 
 @pytest.mark.parametrize(("length", "time"), [(2.0, 1.0), (0.25, 1.0), (1.0, 4.0), (1024.0, 0.5)])
-def test_scaling_by_powers_of_two_is_exact(scene, length, time):
+def test_scaling_by_powers_of_two_is_exact(scene, length, time, method):
     sim = run(scene)
     scaled = run(
         hs.Scene(

@@ -1,0 +1,131 @@
+"""How the engine searches: the scene's unit of time, the method, and the sizes of cells, shells and windows.
+
+Only `epoch_length` enters the trajectory; everything else decides how fast it is found.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from hardspheres.scene import Scene
+
+NEIGHBOURS_WANTED = {2: 11.0, 3: 14.0}  # per list: fewer means more renewals, more means dearer predictions
+SLACK = 1e-6  # by which lists and lines reach further than they must, so that rounding never matters
+THERMAL_SPEEDS = 2.6  # flights up to this many sqrt(kT/m) are registered in one piece
+SPARSE_BELOW = {2: 0.3, 3: 0.16}  # packing fraction below which windows are faster than lists
+
+
+def power_of_two_below(x: float) -> float:
+    """Largest power of two that is not above x > 0; scaling x by a power of two scales the result exactly."""
+    return math.ldexp(1.0, math.frexp(x)[1] - 1)
+
+
+def root_of_power_below(x: float, degree: int) -> float:
+    """Power of two 2^floor(log2(x) / degree), rounded down in the exponent: a coarse root without rounding."""
+    return math.ldexp(1.0, (math.frexp(x)[1] - 1) // degree)
+
+
+def epoch_length(scene: Scene) -> float:
+    """Length of an epoch: about one to four times the time to fly the mean distance between particles, a power of two.
+
+    It depends on the scene alone, and on it in a way that scales exactly: multiplying all lengths or times by a power of two
+    multiplies it by a power of two.
+    """
+    spacing = root_of_power_below(scene.volume / scene.n, scene.dim)
+    v2 = math.fsum((scene.velocities * scene.velocities).ravel().tolist()) / scene.n
+    if v2 == 0.0:
+        return 1.0
+    return 2.0 * spacing / root_of_power_below(v2, 2)
+
+
+def collision_frequency(scene: Scene) -> float:
+    """Rough number of collisions per particle and time (Enskog with a crude contact value), for tuning only."""
+    sigma = 2.0 * float(scene.radii.mean())
+    speed = math.sqrt(2.0 * scene.kinetic_energy / float(scene.masses.sum()))
+    room = max(1.0 - scene.packing_fraction, 0.05)
+    chi = (1.0 - 0.5 * scene.packing_fraction) / room**scene.dim
+    cross_section = math.pi * sigma * sigma if scene.dim == 3 else 2.0 * sigma
+    return math.sqrt(2.0) * scene.number_density * cross_section * chi * speed
+
+
+def shell_width(scene: Scene) -> float:
+    """How far a particle may go before its neighbour list is renewed: as far as leaves lists of about the wanted length."""
+    ball = 4.0 * math.pi / 3.0 if scene.dim == 3 else math.pi
+
+    def neighbours(shell: float) -> float:
+        r1, r2, r3 = (float(np.mean((scene.radii + shell) ** k)) for k in (1, 2, 3))
+        pairs = 2.0 * r3 + 6.0 * r1 * r2 if scene.dim == 3 else 2.0 * r2 + 2.0 * r1 * r1
+        return ball * scene.number_density * pairs
+
+    largest = 2.0 * float(scene.radii.max())
+    low, high = 0.0, float(np.linalg.norm(scene.box))
+    edges = scene.box[scene.periodic]
+    if edges.size:
+        high = min(high, 0.5 * (float(edges.min()) - largest) / (1.0 + 10.0 * SLACK))
+    high = max(high, SLACK * largest)
+    limit = high
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if neighbours(middle) < NEIGHBOURS_WANTED[scene.dim] else (low, middle)
+    return min(limit, max(high, 0.05 * float(scene.radii.mean())))
+
+
+def cells_per_axis(scene: Scene, width: float) -> list[int]:
+    """Cells along each axis, each at least `width` wide, and not many more than particles in all."""
+    cells = [max(1, int(edge / (width * (1.0 + SLACK)))) for edge in scene.box.tolist()]
+    most = max(2 * scene.n, 8)
+    while math.prod(cells) > most:
+        longest = cells.index(max(cells))
+        excess = (math.prod(cells) / most) ** (1.0 / scene.dim)
+        cells[longest] = max(1, min(cells[longest] - 1, int(cells[longest] / excess)))
+    return cells
+
+
+@dataclass(frozen=True)
+class WindowPlan:
+    """Windows for a dilute gas.
+
+    Attributes
+    ----------
+    length : float
+        Length of a window in time, a power of two less than an epoch.
+    stretch : float
+        How far a registered piece of a flight reaches from its middle.
+    cells : list of int
+        Cells along each axis.
+    """
+
+    length: float
+    stretch: float
+    cells: list[int]
+
+
+def window_plan(scene: Scene) -> WindowPlan | None:
+    """Return the windows that cost least, or None where lists serve better or the box is too small for them."""
+    largest = 2.0 * float(scene.radii.max())
+    rms = math.sqrt(float(np.mean(np.sum(scene.velocities**2, axis=1))))
+    fastest = math.sqrt(float(np.max(np.sum(scene.velocities**2, axis=1))))
+    if scene.packing_fraction > SPARSE_BELOW[scene.dim] or rms == 0.0 or fastest > 50.0 * rms:
+        return None
+    frequency = collision_frequency(scene)
+    plans = {}
+    for halvings in range(12):
+        length = epoch_length(scene) / 2.0**halvings
+        stretch = 0.5 * THERMAL_SPEEDS * rms / math.sqrt(scene.dim) * length
+        cells = [
+            max(1, int(edge / ((largest + 2.0 * stretch) * (1.0 + 1e-3)))) for edge in scene.box.tolist()
+        ]
+        if any(c < 3 for c, periodic in zip(cells, scene.periodic, strict=True) if periodic):
+            continue
+        occupancy = scene.n / math.prod(cells)
+        # Measured, in ns: registering a line and comparing it with half the cells around, passing by a cell, and for each
+        # collision comparing the new line with all cells around; more of that where contacts are foiled by earlier ones.
+        around = occupancy * 3**scene.dim
+        collisions = frequency * length
+        cost = (
+            100.0 + 0.4 * around + 20.0 / occupancy + collisions * (1.0 + collisions) * (150.0 + 3.0 * around)
+        )
+        cost /= length
+        plans[cost] = WindowPlan(length, stretch, cells)
+    return plans[min(plans)] if plans else None
