@@ -39,14 +39,20 @@ def epoch_length(scene: Scene) -> float:
     return 2.0 * spacing / root_of_power_below(v2, 2)
 
 
+def typical_speed(scene: Scene) -> float:
+    """Root mean square speed: now, or once the energy is shared out equally, if that is more (light particles)."""
+    now = float(np.mean(np.sum(scene.velocities * scene.velocities, axis=1)))
+    shared = 2.0 * scene.kinetic_energy / scene.n * float(np.mean(1.0 / scene.masses))
+    return math.sqrt(max(now, shared))
+
+
 def collision_frequency(scene: Scene) -> float:
     """Rough number of collisions per particle and time (Enskog with a crude contact value), for tuning only."""
     sigma = 2.0 * float(scene.radii.mean())
-    speed = math.sqrt(2.0 * scene.kinetic_energy / float(scene.masses.sum()))
     room = max(1.0 - scene.packing_fraction, 0.05)
     chi = (1.0 - 0.5 * scene.packing_fraction) / room**scene.dim
     cross_section = math.pi * sigma * sigma if scene.dim == 3 else 2.0 * sigma
-    return math.sqrt(2.0) * scene.number_density * cross_section * chi * speed
+    return math.sqrt(2.0) * scene.number_density * cross_section * chi * typical_speed(scene)
 
 
 def shell_width(scene: Scene) -> float:
@@ -104,7 +110,7 @@ class WindowPlan:
 def window_plan(scene: Scene) -> WindowPlan | None:
     """Return the windows that cost least, or None where lists serve better or the box is too small for them."""
     largest = 2.0 * float(scene.radii.max())
-    rms = math.sqrt(float(np.mean(np.sum(scene.velocities**2, axis=1))))
+    rms = typical_speed(scene)
     fastest = math.sqrt(float(np.max(np.sum(scene.velocities**2, axis=1))))
     if scene.packing_fraction > SPARSE_BELOW[scene.dim] or rms == 0.0 or fastest > 50.0 * rms:
         return None

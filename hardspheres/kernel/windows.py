@@ -117,7 +117,7 @@ def write_line(s, slot, i, t, middle, pieces):
     reach = s.row[ri + RADIUS] if SIZES else s.number[CORE]
     reach += s.number[MARGIN]
     if pieces > 1:
-        reach += 1e-3 * pieces * s.number[STRETCH]
+        reach += 3e-3 * pieces * s.number[STRETCH]
     s.lines[line + REACH_OF_LINE] = reach
     s.line_ids[slot] = i
     s.line_versions[slot] = s.event[i * EVENT + VERSION] & 0x7FFFFFFF

@@ -86,6 +86,18 @@ def test_invariants_over_ten_million_collisions(case):
     run_and_check(case, 10**7, 10)
 
 
+@pytest.mark.slow
+def test_a_million_spheres():
+    """Ten million collisions of a million spheres at packing fraction 0.3, in a few hundred bytes each."""
+    sim = hs.Simulation(hs.lattice_gas(n=1_000_000, packing_fraction=0.3, seed=1))
+    sim.run(collisions=10**7)
+    sim.check()
+    status = sim.status()
+    print(f"bytes per particle: {status['bytes_per_particle']:.0f}")
+    assert status["late_events"] == 0
+    assert status["bytes_per_particle"] < 600
+
+
 def test_the_check_sees_one_bad_collision():
     """Sibling: a single velocity off by 1e-9 in a gas of 500 breaks energy and momentum beyond the limits."""
     sim = run_and_check(MINIATURES[0], 1000, 1)

@@ -1,0 +1,95 @@
+"""What the compiled kernels must be: free of reference counts, vectorised, strict, cached, and never stale."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import hardspheres as hs
+
+PROGRAM = """
+import json, re
+import hardspheres as hs
+sim = hs.Simulation(hs.lattice_gas(n=108, packing_fraction=0.3, seed=1))
+sim.run(collisions=10)
+run = sim._engine.kernels.run
+asm = "".join(run.inspect_asm().values()) if not run.stats.cache_hits else ""
+body = asm[asm.find("loop3run"):]
+print(json.dumps({
+    "hits": sum(run.stats.cache_hits.values()),
+    "misses": sum(run.stats.cache_misses.values()),
+    "references": len(re.findall("NRT_incref", asm)),
+    "vector_roots": len(re.findall("vsqrtpd|fsqrt|sqrtpd", asm)),
+    "fused": len(re.findall("vfm(add|sub)|fmadd|fmla", asm)),
+    "calls_for_roots": len(re.findall(r"call\\S*\\s+sqrt", asm)),
+}))
+"""
+
+
+def child(program, cache, *path):
+    """Run a program in a fresh interpreter with its own kernel cache; returns the JSON that it prints."""
+    env = {key: value for key, value in os.environ.items() if not key.startswith("NUMBA_")}
+    env |= {
+        "XDG_CACHE_HOME": str(cache),
+        "PYTHONPATH": os.pathsep.join(map(str, path)),
+        "PYTHONSAFEPATH": "1",
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=env, capture_output=True, text=True, check=True
+    )
+    return json.loads(done.stdout)
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    return tmp_path_factory.mktemp("cache")
+
+
+@pytest.fixture(scope="module")
+def compiled(cache):
+    return child(PROGRAM, cache)
+
+
+def test_no_reference_counts_and_vector_arithmetic(compiled):
+    """Only the entry holds references to its arguments; the prediction takes its square roots in vectors, nothing is fused."""
+    assert compiled["misses"] == 1
+    assert compiled["references"] <= 60
+    assert compiled["vector_roots"] >= 1
+    assert compiled["calls_for_roots"] == 0
+    assert compiled["fused"] == 0
+
+
+def test_the_next_process_finds_the_kernel(cache, compiled):
+    again = child(PROGRAM, cache)
+    assert (again["hits"], again["misses"]) == (1, 0)
+    assert len(list(Path(cache).rglob("*.nbc"))) == 1
+
+
+def test_an_edit_anywhere_in_the_kernels_makes_a_new_cache(tmp_path):
+    """Numba itself looks at the outermost function's file only."""
+    copy = tmp_path / "hardspheres"
+    shutil.copytree(Path(hs.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    program = "import json, hardspheres.kernel.compiler as c; print(json.dumps([c.__file__, str(c.cache_folder('3d'))]))"
+    folders = set()
+    for edited in (None, "kernel/events.py", "kernel/flags.py", "collision.py"):
+        if edited:
+            with open(copy / edited, "a", encoding="utf-8") as file:
+                file.write("# an edit\n")
+        where, folder = child(program, tmp_path / "cache", tmp_path)
+        assert where.startswith(str(tmp_path))
+        folders.add(folder)
+    assert len(folders) == 4
+
+
+def test_another_packages_cache_is_left_alone():
+    import numba
+
+    from hardspheres.kernel import specialise
+
+    before = numba.config.CACHE_DIR
+    specialise(3, False, False, False, False)
+    assert before == numba.config.CACHE_DIR
