@@ -99,7 +99,7 @@ class Engine:
             scratch_int=scratch.view(np.int64),
             number=number,
             counter=count,
-            total=np.zeros(at.SUMS),
+            total=np.zeros(at.LEDGER + 3),
             **self._searching_arrays(count),
         )
         self._afresh = True
@@ -142,7 +142,10 @@ class Engine:
 
     def _set_cells(self, scene: Scene, cells: list[int], number: Any, count: Any) -> None:
         at, dim = self.layout, scene.dim
+        number[at.CELL_DENSITY : at.CELL_DENSITY + 3] = 1.0  # in 2D one layer of cells
+        count[at.CELLS : at.CELLS + 3] = 1
         number[at.CELL_DENSITY : at.CELL_DENSITY + dim] = np.array(cells) / scene.box
+        number[at.CELL_EDGE : at.CELL_EDGE + dim] = scene.box / np.array(cells)
         count[at.CELLS : at.CELLS + dim] = cells
         self.cells = math.prod(cells)
 

@@ -111,8 +111,6 @@ class Simulation:
         self._moment = 0.0
         self._budget = 2000 + scene.n
         self._energy = scene.kinetic_energy
-        self._wall_momentum = np.zeros((scene.dim, 2))
-        self._worst_slice = 0.0
         self.reset_tallies()
 
     # Running.
@@ -393,8 +391,7 @@ class Simulation:
 
     def reset_tallies(self) -> None:
         """Begin the tallies anew; time, collisions and the dynamics go on."""
-        self._wall_momentum = self._wall_momentum + self._sums(self._at.WALL_IMPULSE)
-        self._engine.arrays.total[:] = 0.0
+        self._engine.arrays.total[: self._at.SUMS] = 0.0
         self._since = (self._epoch, self._moment, self.collisions, self.wall_collisions)
 
     def _sums(self, first: int) -> Floats:
@@ -468,8 +465,8 @@ class Simulation:
     @property
     def momentum_drift(self) -> Floats:
         """Change of momentum since the start less the walls' impulses, over sum m |v|, shape (d,)."""
-        walls = self._wall_momentum + self._sums(self._at.WALL_IMPULSE)
-        change = self.momentum - self.scene.momentum + (walls[:, 1] - walls[:, 0])
+        given = self._engine.arrays.total[self._at.LEDGER : self._at.LEDGER + self.scene.dim]
+        change = self.momentum - self.scene.momentum + given
         scale = float(np.sum(self.scene.masses * np.linalg.norm(self.velocities, axis=1)))
         drift: Floats = change / scale if scale > 0 else change
         return drift

@@ -43,7 +43,8 @@ HALF_WINDOW = 20  # windows: half their length in time
 STRETCH = 21  # how far a registered piece of a flight reaches from its middle
 MARGIN = 22  # added to each radius in the single-precision filter
 SLACK = 23  # added to the squared contact distance there
-NUMBERS = 24
+CELL_EDGE = 24  # edges of a cell, 3 slots
+NUMBERS = 27
 
 # Sums since the tallies were reset, float64.
 VIRIAL = 0  # sum of r_a dp_b over pair collisions: xx, yy, zz, xy, xz, yz
@@ -52,7 +53,10 @@ STRESS_MOMENT = 12  # sum of (time within the epoch) d(m v_a v_b)
 STRESS_EPOCHS = 18  # sum of (epoch) d(m v_a v_b) of earlier epochs
 WALL_IMPULSE = 24  # momentum given to the wall, per axis: lower, upper
 WALL_RADIUS_IMPULSE = 30  # the same times the particle's radius
-SUMS = 36
+SUMS = 36  # how many begin anew with the tallies
+LEDGER = (
+    36  # net momentum given to the walls since the start, 3 slots: small, so that it stays exact to rounding
+)
 
 # Counters, int64.
 N = 0

@@ -2,7 +2,16 @@
 
 from .compiler import jit
 from .flags import DIM
-from .layout import EPOCH, STRESS, STRESS_EPOCHS, STRESS_MOMENT, VIRIAL, WALL_IMPULSE, WALL_RADIUS_IMPULSE
+from .layout import (
+    EPOCH,
+    LEDGER,
+    STRESS,
+    STRESS_EPOCHS,
+    STRESS_MOMENT,
+    VIRIAL,
+    WALL_IMPULSE,
+    WALL_RADIUS_IMPULSE,
+)
 
 
 @jit
@@ -34,5 +43,6 @@ def tally_pair(s, push, t, x, y, z, u, v, w):
 @jit
 def tally_wall(s, axis, side, impulse, radius):
     """Add the momentum that a particle gave to a wall (positive: outwards)."""
+    s.total[LEDGER + axis] += impulse if side else -impulse
     s.total[WALL_IMPULSE + 2 * axis + side] += impulse
     s.total[WALL_RADIUS_IMPULSE + 2 * axis + side] += impulse * radius

@@ -24,6 +24,7 @@ from .layout import (
     CANDIDATE_ROOM,
     CANDIDATES,
     CELL_DENSITY,
+    CELL_EDGE,
     CELLS,
     CORE,
     EVENT,
@@ -112,7 +113,7 @@ def write_line(s, slot, i, t, middle, pieces):
     for d in range(DIM):
         cell, shift = cell_of(s, i, d, t)
         place = s.row[ri + X + d] + s.row[ri + V + d] * dt
-        s.lines[line + PLACE + d] = (place - shift) - cell / s.number[CELL_DENSITY + d]
+        s.lines[line + PLACE + d] = (place - shift) - cell * s.number[CELL_EDGE + d]
         s.lines[line + WAY + d] = s.row[ri + V + d] * s.number[HALF_WINDOW]
     reach = s.row[ri + RADIUS] if SIZES else s.number[CORE]
     reach += s.number[MARGIN]
@@ -307,45 +308,43 @@ def offset_of(k):
     return k // 9 - 1, k // 3 % 3 - 1, k % 3 - 1
 
 
+@inline
+def cell_beside(s, kx, ky, kz, k):
+    """Index of the k-th cell around a cell, -1 where a wall is in between, and where it lies from that cell."""
+    ox, oy, oz = offset_of(k)
+    x, y, z = side_cell(s, kx + ox, 0), side_cell(s, ky + oy, 1), side_cell(s, kz + oz, 2)
+    cell = (x * s.counter[CELLS + 1] + y) * s.counter[CELLS + 2] + z if min(x, y, z) >= 0 else -1
+    return (
+        cell,
+        np.float32(ox * s.number[CELL_EDGE]),
+        np.float32(oy * s.number[CELL_EDGE + 1]),
+        np.float32(oz * s.number[CELL_EDGE + 2]),
+    )
+
+
 @jit
 def meet_cell(s, kx, ky, kz):
     """Compare the lines of a cell with each other and with those of the half of its neighbours that come after it."""
-    ny, nz = s.counter[CELLS + 1], s.counter[CELLS + 2]
-    cell = kx * ny + ky
-    if DIM == 3:
-        cell = cell * nz + kz
+    cell = (kx * s.counter[CELLS + 1] + ky) * s.counter[CELLS + 2] + kz
     first, last = s.cell_start[cell], s.cell_start[cell + 1]
     if first == last:
         return
     m = 0
     own = True  # whether this cell's own lines head the table
-    for offset in range(STENCIL // 2, STENCIL):
-        ox, oy, oz = offset_of(offset)
-        cx = side_cell(s, kx + ox, 0)
-        cy = side_cell(s, ky + oy, 1)
-        cz = side_cell(s, kz + oz, 2) if DIM == 3 else 0
-        if cx < 0 or cy < 0 or cz < 0:
+    for k in range(STENCIL // 2, STENCIL):
+        other, sx, sy, sz = cell_beside(s, kx, ky, kz, k)
+        if other < 0:
             continue
-        other = cx * ny + cy
-        if DIM == 3:
-            other = other * nz + cz
-        sx = np.float32(ox / s.number[CELL_DENSITY])
-        sy = np.float32(oy / s.number[CELL_DENSITY + 1])
-        sz = np.float32(oz / s.number[CELL_DENSITY + 2]) if DIM == 3 else np.float32(0.0)
-        begin, end = s.cell_start[other], s.cell_start[other + 1]
-        while begin < end:
+        for slot in range(s.cell_start[other], s.cell_start[other + 1]):
             if m == TABLE:
                 compare_run(s, first, last, m, own)
                 m, own = 0, False
-            stop = min(end, begin + TABLE - m)
-            for slot in range(begin, stop):
-                copy_line(s, m, slot, sx, sy, sz)
-                m += 1
-            begin = stop
+            copy_line(s, m, slot, sx, sy, sz)
+            m += 1
     compare_run(s, first, last, m, own)
 
 
-@inline
+@jit
 def compare_run(s, first, last, m, own):
     """Compare the lines of a run with the table; where the run itself heads the table, each of its pairs once."""
     fill_up(s, m)
@@ -367,10 +366,9 @@ def open_window(s, cells):
     register_all(s, cells)
     if s.counter[SHORT_LISTS]:
         return
-    nz = s.counter[CELLS + 2] if DIM == 3 else 1
     for kx in range(s.counter[CELLS]):
         for ky in range(s.counter[CELLS + 1]):
-            for kz in range(nz):
+            for kz in range(s.counter[CELLS + 2]):
                 meet_cell(s, kx, ky, kz)
     if WALLS:
         for i in range(s.counter[N]):
@@ -423,23 +421,12 @@ def meet_table(s, m, slot, since):
 def meet_around(s, slot, cell, since):
     """Compare a new line with all lines of its cell and the cells around."""
     ny, nz = s.counter[CELLS + 1], s.counter[CELLS + 2]
-    kz = cell % nz if DIM == 3 else 0
-    flat = cell // nz if DIM == 3 else cell
-    kx, ky = flat // ny, flat % ny
+    kx, ky, kz = cell // nz // ny, cell // nz % ny, cell % nz
     m = 0
-    for offset in range(STENCIL):
-        ox, oy, oz = offset_of(offset)
-        cx = side_cell(s, kx + ox, 0)
-        cy = side_cell(s, ky + oy, 1)
-        cz = side_cell(s, kz + oz, 2) if DIM == 3 else 0
-        if cx < 0 or cy < 0 or cz < 0:
+    for k in range(STENCIL):
+        other, sx, sy, sz = cell_beside(s, kx, ky, kz, k)
+        if other < 0:
             continue
-        other = cx * ny + cy
-        if DIM == 3:
-            other = other * nz + cz
-        sx = np.float32(ox / s.number[CELL_DENSITY])
-        sy = np.float32(oy / s.number[CELL_DENSITY + 1])
-        sz = np.float32(oz / s.number[CELL_DENSITY + 2]) if DIM == 3 else np.float32(0.0)
         for old in range(s.cell_start[other], s.cell_start[other + 1]):
             if m == TABLE:
                 meet_table(s, m, slot, since)
