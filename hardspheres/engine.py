@@ -76,7 +76,7 @@ class Engine:
         number[at.SIGMA2] = sigma * sigma
         number[at.CORE] = scene.radii[0]
         number[at.MASS] = scene.masses[0]
-        number[at.REDUCED] = scene.masses[0] * scene.masses[0] / (scene.masses[0] + scene.masses[0])
+        number[at.REDUCED] = 1.0 / (1.0 / scene.masses[0] + 1.0 / scene.masses[0])
         number[at.LATE_BY] = 4.0 * math.ulp(length)
         number[at.STANDSTILL] = -length
         count[at.N] = n
@@ -100,7 +100,7 @@ class Engine:
             number=number,
             counter=count,
             total=np.zeros(at.LEDGER + 3),
-            **self._searching_arrays(count),
+            **self._searching_arrays(count, self.chunks),
         )
         self._afresh = True
 
@@ -130,8 +130,7 @@ class Engine:
         edge = float(np.max(scene.box / plan.cells))
         number[at.HALF_WINDOW] = 0.5 * plan.length
         number[at.STRETCH] = plan.stretch
-        number[at.MARGIN] = 1e-4 * edge
-        number[at.SLACK] = 1e-5 * edge * edge
+        number[at.LINE_UNIT] = 1.0 / edge
         self.chunks = 0
         self._set_buckets(scene, 1.0, number)
         buckets = plan.length * number[at.INVERSE_WIDTH]
@@ -155,7 +154,7 @@ class Engine:
         events = events_per_collision * scene.n * collision_frequency(scene) * length / EVENTS_PER_BUCKET
         number[at.INVERSE_WIDTH] = power_of_two_below(min(max(events, 16.0), 2.0**40)) / length
 
-    def _searching_arrays(self, count: Any) -> dict[str, Any]:
+    def _searching_arrays(self, count: Any, chunks: int) -> dict[str, Any]:
         """Allocate everything that the search needs and that can be found again from the rows."""
         at = self.layout
         n, dim, sparse = int(count[at.N]), self.scene.dim, bool(count[at.WINDOW_BUCKETS])
@@ -170,7 +169,7 @@ class Engine:
             "cell_ids": np.zeros(self.cells * cell_room + 1, dtype=np.int32),
             "cell_centres": aligned(self.cells * (dim + 1) * cell_room + 1, np.float64),
             "buckets": np.zeros(int(count[at.BUCKETS]) + 1, dtype=np.int64),
-            "chunks": aligned(self.chunks * at.CHUNK + 1, np.int64),
+            "chunks": aligned(chunks * at.CHUNK + 1, np.int64),
             "agenda_time": np.zeros(agenda),
             "agenda_key": np.zeros(agenda, dtype=np.int64),
             "agenda_entry": np.zeros(agenda, dtype=np.int64),
@@ -191,8 +190,8 @@ class Engine:
         }
 
     def _make_room(self) -> None:
-        """Double whatever ran out; the search then starts again from the rows."""
-        at, count = self.layout, self.arrays.counter
+        """Double whatever ran out; the search then starts again from the rows. Complete, or not at all."""
+        at, count, chunks = self.layout, self.arrays.counter.copy(), self.chunks
         if count[at.SHORT_LISTS]:
             count[at.LIST_ROOM] *= 2
             count[at.LINE_ROOM] *= 2
@@ -201,19 +200,26 @@ class Engine:
         if count[at.SHORT_QUEUE]:
             count[at.AGENDA_ROOM] *= 2
             count[at.CANDIDATE_ROOM] *= 2
-            self.chunks *= 2
+            chunks *= 2
         count[[at.SHORT_LISTS, at.SHORT_CELLS, at.SHORT_QUEUE]] = 0
-        self.arrays = self.arrays._replace(**self._searching_arrays(count))
+        self.arrays = self.arrays._replace(**self._searching_arrays(count, chunks))
+        self.arrays.counter[:] = count  # after the arrays: never room in the books that is not there
+        self.chunks = chunks
 
     def run(self, stop_epoch: int, stop_time: float, stop_pairs: int, budget: int) -> bool:
         """Execute events up to a time or a number of pair collisions; False where the budget of work ran out first."""
+        afresh, self._afresh = (
+            self._afresh,
+            True,
+        )  # an interrupt before the result is known costs a new search only
         status = self.kernels.run(
-            self.arrays, self.cells, self.chunks, self._afresh, stop_epoch, stop_time, stop_pairs, budget
+            self.arrays, self.cells, self.chunks, afresh, stop_epoch, stop_time, stop_pairs, budget
         )
-        self._afresh = status == self.kernels.NO_ROOM
-        if self._afresh:
+        if status == self.kernels.NO_ROOM:
             self._make_room()
-        elif status == self.kernels.STANDS_STILL:
+            return False
+        self._afresh = False
+        if status == self.kernels.STANDS_STILL:
             raise SimulationError(
                 f"time stands still: {1000 * self.scene.n} events without progress at "
                 f"{self.arrays.counter[self.layout.PAIRS]} collisions; the particles touch on all sides (a jammed packing), "

@@ -393,7 +393,7 @@ def _require_representable(
         raise SceneError(
             "volumes of the box or the particles leave the range of double precision; choose another unit of length"
         )
-    if not math.isfinite(energy):
+    if not math.isfinite(energy) or (energy < tiny and bool(np.any(velocities))):
         raise SceneError(
             "the kinetic energy leaves the range of double precision; choose other units of time or mass"
         )

@@ -25,6 +25,25 @@ COMPONENTS = {
 }  # where the sums keep a symmetric tensor
 
 
+def _number(name: str, value: Any) -> float:
+    """Return a finite number, or raise SimulationError."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+    if isinstance(value, str) or not math.isfinite(number):
+        raise SimulationError(f"{name} needs a finite number, not {value!r}")
+    return number
+
+
+def _whole(name: str, value: Any) -> int:
+    """Return a whole number of at least 0 that can be counted to, or raise SimulationError."""
+    number = _number(name, value)
+    if number != int(number) or not 0 <= number < FOREVER // 2:
+        raise SimulationError(f"{name} needs a whole number of at least 0 and below 2^61, not {value!r}")
+    return int(value)
+
+
 @dataclass(frozen=True)
 class Frame:
     """The gas at one moment.
@@ -136,18 +155,21 @@ class Simulation:
         if (time is None) == (collisions is None):
             raise SimulationError("run needs either time=... or collisions=..., and not both")
         if time is not None:
-            if not (math.isfinite(time) and time >= 0):
-                raise SimulationError(f"run(time={time}) must be a finite time of at least 0")
-            self._run_until(*self._later(self._epoch, self._moment + float(time)))
+            duration = _number("run(time=...)", time)
+            if duration < 0:
+                raise SimulationError(f"run(time={time}) must be a time of at least 0")
+            self._run_until(*self._later(self._epoch, self._moment + duration))
         elif collisions is not None:
-            if collisions != int(collisions) or collisions < 0:
-                raise SimulationError(f"run(collisions={collisions}) must be a whole number of at least 0")
-            self._run_collisions(self.collisions + int(collisions))
+            self._run_collisions(self.collisions + _whole("run(collisions=...)", collisions))
 
     def _later(self, epoch: int, moment: float) -> tuple[int, float]:
         """Bring the time within an epoch into its range; exact, as epochs are a power of two long."""
         length = self._length
         whole = math.floor(moment / length)
+        if epoch + whole >= FOREVER:
+            raise SimulationError(
+                f"a time of {epoch * length + moment:.3g} is more than can be counted; {FOREVER * length:.3g} is"
+            )
         return epoch + whole, moment - whole * length
 
     @property
@@ -257,23 +279,21 @@ class Simulation:
                 "collisions_per_particle", collisions_per_particle, self.collisions_per_particle
             )
             return self._frames_after([math.ceil(value * self.scene.n / 2 - 1e-9) for value in s])
-        if (
-            every is None
-            or count is None
-            or not (math.isfinite(every) and every > 0)
-            or count != int(count)
-            or count < 0
-        ):
-            raise SimulationError(
-                f"frames(every={every}, count={count}) needs a time above 0 and a number of frames"
-            )
+        if every is None or count is None:
+            raise SimulationError("frames(every=..., count=...) needs both: how far apart, and how many")
+        step, number = _number("frames(every=...)", every), _whole("frames(count=...)", count)
+        if step <= 0:
+            raise SimulationError(f"frames(every={every}) must be a time above 0")
         now = self.time
-        return self._frames_at([now + k * every for k in range(int(count))])
+        return self._frames_at([now + k * step for k in range(number)])
 
     def _ascending(self, name: str, values: Sequence[float], first: float) -> list[float]:
-        numbers = [float(value) for value in values]
-        if not all(math.isfinite(value) for value in numbers) or numbers != sorted(numbers):
-            raise SimulationError(f"frames({name}=...) needs finite values in ascending order")
+        try:
+            numbers = [_number(f"frames({name}=...)", value) for value in values]
+        except TypeError:
+            raise SimulationError(f"frames({name}=...) needs a sequence of numbers, not {values!r}") from None
+        if numbers != sorted(numbers):
+            raise SimulationError(f"frames({name}=...) needs values in ascending order")
         if numbers and numbers[0] < first:
             raise SimulationError(
                 f"frames({name}=...) begins at {numbers[0]}, but the simulation is at {first} already"
@@ -448,7 +468,7 @@ class Simulation:
 
     def _tallied(self) -> Tallies:
         t = self.tallies
-        if t.time <= 0 or self._energy == 0:
+        if t.time <= 0 or self.thermal_energy == 0:
             raise SimulationError(
                 "no pressure yet: run the simulation for some time first, with particles that move"
             )

@@ -39,11 +39,9 @@ def epoch_length(scene: Scene) -> float:
     return 2.0 * spacing / root_of_power_below(v2, 2)
 
 
-def typical_speed(scene: Scene) -> float:
-    """Root mean square speed: now, or once the energy is shared out equally, if that is more (light particles)."""
-    now = float(np.mean(np.sum(scene.velocities * scene.velocities, axis=1)))
-    shared = 2.0 * scene.kinetic_energy / scene.n * float(np.mean(1.0 / scene.masses))
-    return math.sqrt(max(now, shared))
+def typical_speed(scene: Scene, energy: float) -> float:
+    """Root mean square speed of the particles, once a kinetic energy is shared out equally (light ones move fast)."""
+    return math.sqrt(2.0 * energy / scene.n * float(np.mean(1.0 / scene.masses)))
 
 
 def collision_frequency(scene: Scene) -> float:
@@ -52,7 +50,8 @@ def collision_frequency(scene: Scene) -> float:
     room = max(1.0 - scene.packing_fraction, 0.05)
     chi = (1.0 - 0.5 * scene.packing_fraction) / room**scene.dim
     cross_section = math.pi * sigma * sigma if scene.dim == 3 else 2.0 * sigma
-    return math.sqrt(2.0) * scene.number_density * cross_section * chi * typical_speed(scene)
+    speed = typical_speed(scene, scene.thermal_energy)
+    return math.sqrt(2.0) * scene.number_density * cross_section * chi * speed
 
 
 def shell_width(scene: Scene) -> float:
@@ -110,19 +109,17 @@ class WindowPlan:
 def window_plan(scene: Scene) -> WindowPlan | None:
     """Return the windows that cost least, or None where lists serve better or the box is too small for them."""
     largest = 2.0 * float(scene.radii.max())
-    rms = typical_speed(scene)
-    fastest = math.sqrt(float(np.max(np.sum(scene.velocities**2, axis=1))))
-    if scene.packing_fraction > SPARSE_BELOW[scene.dim] or rms == 0.0 or fastest > 50.0 * rms:
+    now = np.sum(scene.velocities * scene.velocities, axis=1)
+    rms = max(math.sqrt(float(np.mean(now))), typical_speed(scene, scene.kinetic_energy))
+    if scene.packing_fraction > SPARSE_BELOW[scene.dim] or rms == 0.0 or math.sqrt(np.max(now)) > 50.0 * rms:
         return None
     frequency = collision_frequency(scene)
     plans = {}
     for halvings in range(12):
         length = epoch_length(scene) / 2.0**halvings
         stretch = 0.5 * THERMAL_SPEEDS * rms / math.sqrt(scene.dim) * length
-        cells = [
-            max(1, int(edge / ((largest + 2.0 * stretch) * (1.0 + 1e-3)))) for edge in scene.box.tolist()
-        ]
-        if any(c < 3 for c, periodic in zip(cells, scene.periodic, strict=True) if periodic):
+        cells = [int(edge / ((largest + 2.0 * stretch) * (1.0 + 1e-3))) for edge in scene.box.tolist()]
+        if any(c < (3 if periodic else 1) for c, periodic in zip(cells, scene.periodic, strict=True)):
             continue
         occupancy = scene.n / math.prod(cells)
         # Measured, in ns: registering a line and comparing it with half the cells around, passing by a cell, and for each

@@ -204,13 +204,15 @@ def _movie(film: Sequence[Any]) -> Movie:
     )
 
 
-def sampling_points(end: float) -> tuple[float, ...]:
-    """Return where to measure up to `end` collisions per particle, dense early.
+def sampling_points(end: float, n: int) -> tuple[float, ...]:
+    """Return where to measure up to `end` collisions per particle, dense early, no collision twice.
 
     Parameters
     ----------
     end : float
         Largest s, positive.
+    n : int
+        Number of particles: s advances by steps of 2 / n.
 
     Returns
     -------
@@ -218,11 +220,14 @@ def sampling_points(end: float) -> tuple[float, ...]:
         From 0 to `end`, 17 points for 10; beyond 10 by steps of a sixth.
     """
     if end < 1.0:
-        return tuple(float(s) for s in np.linspace(0.0, end, 9))
-    points = [0.0, 0.25, 0.5, 0.75, *np.arange(1.0, 4.01, 0.5), *np.arange(5.0, 10.01)]
-    while points[-1] < end:
-        points.append(float(f"{points[-1] * 7 / 6:.2g}"))
-    return tuple(float(s) for s in points if s < end - 1e-9) + (float(end),)
+        points = list(np.linspace(0.0, end, 9))
+    else:
+        points = [0.0, 0.25, 0.5, 0.75, *np.arange(1.0, 4.01, 0.5), *np.arange(5.0, 10.01)]
+        while points[-1] < end:
+            points.append(float(f"{points[-1] * 7 / 6:.2g}"))
+    wanted = [float(s) for s in points if s < end - 1e-9] + [float(end)]
+    by_collision = {math.ceil(s * n / 2 - 1e-9): s for s in reversed(wanted)}
+    return tuple(sorted(by_collision.values()))
 
 
 @dataclass(frozen=True)
@@ -327,7 +332,7 @@ def thermalise(study: Thermalisation, out: OutputFolder, screen: Screen) -> tupl
     ready = time.perf_counter()
     out.create()
 
-    s = sampling_points(study.collisions_per_particle)
+    s = sampling_points(study.collisions_per_particle, recipe.n)
     with out.partial("trajectory.xyz") if study.frames > 0 else contextlib.nullcontext() as path:
         task = Replicas(
             recipe,

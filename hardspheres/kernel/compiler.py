@@ -1,6 +1,7 @@
 """How kernels are compiled: strict arithmetic, raw pointers, and a disk cache that never serves a stale kernel."""
 
 import contextlib
+import getpass
 import hashlib
 import os
 import tempfile
@@ -51,7 +52,7 @@ def cache_folder(tag: str) -> Path | None:
     base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
     roots = [
         Path(base) if base else Path.home() / ".cache",
-        Path(tempfile.gettempdir()) / f"cache-{os.getuid()}",
+        Path(tempfile.gettempdir()) / f"cache-{getpass.getuser()}",
     ]
     for root in roots:
         folder = root / "hardspheres" / digest.hexdigest()[:16] / tag

@@ -41,8 +41,7 @@ LATE_BY = 18  # an event is late if predicted more than this before NOW
 STANDSTILL = 19  # NOW when time was last seen to move
 HALF_WINDOW = 20  # windows: half their length in time
 STRETCH = 21  # how far a registered piece of a flight reaches from its middle
-MARGIN = 22  # added to each radius in the single-precision filter
-SLACK = 23  # added to the squared contact distance there
+LINE_UNIT = 22  # 1 / the longest edge of a cell
 CELL_EDGE = 24  # edges of a cell, 3 slots
 NUMBERS = 27
 
@@ -87,6 +86,7 @@ WINDOW_BUCKETS = 24  # buckets in a window (lists: in an epoch)
 LINE_ROOM = 25  # windows: lines that can be registered
 LINES = 26  # lines registered
 CANDIDATE_ROOM = 27
+REGISTERED = 29  # of them, those of the window's beginning
 CANDIDATES = 28  # contacts noted in this window
 COUNTERS = 32
 

@@ -16,11 +16,13 @@ from .layout import (
     INVERSE_WIDTH,
     LATE,
     LATE_BY,
+    LINE_ROOM,
     LONE,
     NOW,
     PAIRS,
     PARTNER,
     PARTNER_VERSION,
+    REGISTERED,
     RENEW,
     SHORT_CELLS,
     SHORT_LISTS,
@@ -118,6 +120,11 @@ def run(arrays, cells, chunks, afresh, stop_epoch, stop_time, stop_pairs, budget
                 execute_and_predict(s, first, time)
             if s.counter[LONE] > 1000 * n:
                 return STANDS_STILL
+        if SPARSE and s.counter[SHORT_LISTS] and 5 * s.counter[REGISTERED] < 4 * s.counter[LINE_ROOM]:
+            s.counter[SHORT_LISTS] = (
+                0  # room for all lines, but not for all that were replaced: clear those away
+            )
+            search = True
         if s.counter[SHORT_QUEUE] or s.counter[SHORT_LISTS] or s.counter[SHORT_CELLS]:
             return NO_ROOM
     return PAUSED

@@ -23,18 +23,18 @@ def tally_stress(s, k, change, t):
 
 
 @jit
-def tally_pair(s, push, t, x, y, z, u, v, w):
-    """Add a pair collision: dp = push * (x, y, z) on the first; (u, v, w) = its old plus new velocity less the other's."""
-    s.total[VIRIAL] += push * x * x
-    s.total[VIRIAL + 1] += push * y * y
-    s.total[VIRIAL + 3] += push * x * y
+def tally_pair(s, push, t, x, y, z, u, v, w, scale):
+    """Add a pair collision that gave the first push (x, y, z), scale (x, y, z) apart; (u, v, w): old and new v_ij added."""
+    s.total[VIRIAL] += scale * push * x * x
+    s.total[VIRIAL + 1] += scale * push * y * y
+    s.total[VIRIAL + 3] += scale * push * x * y
     tally_stress(s, 0, push * x * u, t)
     tally_stress(s, 1, push * y * v, t)
     tally_stress(s, 3, 0.5 * push * (x * v + y * u), t)
     if DIM == 3:
-        s.total[VIRIAL + 2] += push * z * z
-        s.total[VIRIAL + 4] += push * x * z
-        s.total[VIRIAL + 5] += push * y * z
+        s.total[VIRIAL + 2] += scale * push * z * z
+        s.total[VIRIAL + 4] += scale * push * x * z
+        s.total[VIRIAL + 5] += scale * push * y * z
         tally_stress(s, 2, push * z * w, t)
         tally_stress(s, 4, 0.5 * push * (x * w + z * u), t)
         tally_stress(s, 5, 0.5 * push * (y * w + z * v), t)

@@ -33,13 +33,13 @@ from .layout import (
     INVERSE_WIDTH,
     LINE,
     LINE_ROOM,
+    LINE_UNIT,
     LINES,
-    MARGIN,
     RADIUS,
+    REGISTERED,
     ROW,
     SHORT_LISTS,
     SHORT_QUEUE,
-    SLACK,
     STAMP_BITS,
     STRETCH,
     TABLE,
@@ -58,8 +58,12 @@ TINY = np.float32(1e-30)
 STENCIL = 3**DIM
 LANES = 16  # the table is filled up to a multiple of this
 FAR = np.float32(1e18)
+MARGIN = 1e-4  # added to each radius: single precision is off by a few 1e-6 of a cell
+SLACK = np.float32(1e-5)  # added to the squared contact distance
+MANY = 1000000  # pieces; more than anybody can need
 
-# A line, LINE float32: its place in the middle of the window relative to the cell's corner, half its way, its reach.
+# A line, LINE float32, in units of the longest cell edge: its place in the middle of the window relative to the cell's
+# corner, half its way, its reach. Cells are wider than flights, so these numbers stay near 1 and so do the margins' errors.
 PLACE = 0
 WAY = 3
 REACH_OF_LINE = 6
@@ -80,7 +84,8 @@ def pieces_of(s, i, duration):
     for d in range(DIM):
         v = s.row[i * ROW + V + d]
         vv += v * v
-    return 1 + int(math.sqrt(vv) * 0.5 * duration / s.number[STRETCH])
+    pieces = math.sqrt(vv) * 0.5 * duration / s.number[STRETCH]
+    return 1 + int(pieces) if pieces < MANY else MANY
 
 
 @inline
@@ -90,8 +95,11 @@ def cell_of(s, i, d, t):
     shift = 0.0
     if s.number[INVERSE + d] > 0.0:
         shift = s.number[BOX + d] * math.floor(x * s.number[INVERSE + d])
-    cell = int(max((x - shift) * s.number[CELL_DENSITY + d], 0.0))
-    return min(cell, s.counter[CELLS + d] - 1), shift
+    last = s.counter[CELLS + d] - 1
+    cell = (x - shift) * s.number[CELL_DENSITY + d]
+    if cell > 0.0:  # written so that not even a NaN leaves the grid
+        return (int(cell) if cell < last else last), shift
+    return 0, shift
 
 
 @jit
@@ -110,15 +118,15 @@ def write_line(s, slot, i, t, middle, pieces):
     line = slot * LINE
     ri = i * ROW
     dt = middle - s.row[ri + T]
+    unit = s.number[LINE_UNIT]
     for d in range(DIM):
         cell, shift = cell_of(s, i, d, t)
         place = s.row[ri + X + d] + s.row[ri + V + d] * dt
-        s.lines[line + PLACE + d] = (place - shift) - cell * s.number[CELL_EDGE + d]
-        s.lines[line + WAY + d] = s.row[ri + V + d] * s.number[HALF_WINDOW]
-    reach = s.row[ri + RADIUS] if SIZES else s.number[CORE]
-    reach += s.number[MARGIN]
+        s.lines[line + PLACE + d] = ((place - shift) - cell * s.number[CELL_EDGE + d]) * unit
+        s.lines[line + WAY + d] = s.row[ri + V + d] * s.number[HALF_WINDOW] * unit
+    reach = (s.row[ri + RADIUS] if SIZES else s.number[CORE]) * unit + MARGIN
     if pieces > 1:
-        reach += 3e-3 * pieces * s.number[STRETCH]
+        reach += 3e-3 * pieces * s.number[STRETCH] * unit
     s.lines[line + REACH_OF_LINE] = reach
     s.line_ids[slot] = i
     s.line_versions[slot] = s.event[i * EVENT + VERSION] & 0x7FFFFFFF
@@ -143,6 +151,7 @@ def register_all(s, cells):
             cell = cell_at(s, i, begin + duration * (p + 0.5) / pieces)
             s.where[i] = cell
             s.cell_start[cell] += 1
+    s.counter[REGISTERED] = total
     if total > s.counter[LINE_ROOM]:
         s.counter[SHORT_LISTS] = 1
         return
@@ -210,13 +219,12 @@ def count_meetings(s, first, m, slot, since):
     x, y, z = s.lines[line + PLACE], s.lines[line + PLACE + 1], s.lines[line + PLACE + 2]
     u, v, w = s.lines[line + WAY], s.lines[line + WAY + 1], s.lines[line + WAY + 2]
     reach = s.lines[line + REACH_OF_LINE]
-    slack = np.float32(s.number[SLACK])
     meetings = 0
     for block in range(first - first % LANES, m, LANES):
         for k in range(block, block + LANES):
             _, gap2 = closest(s, k, x, y, z, u, v, w, since)
             limit = s.table[6 * TABLE + k] + reach
-            met = 1 if gap2 < limit * limit + slack and k >= first else 0
+            met = 1 if gap2 < limit * limit + SLACK and k >= first else 0
             s.table_met[k] = met
             meetings += met
     return meetings
@@ -312,13 +320,14 @@ def offset_of(k):
 def cell_beside(s, kx, ky, kz, k):
     """Index of the k-th cell around a cell, -1 where a wall is in between, and where it lies from that cell."""
     ox, oy, oz = offset_of(k)
+    unit = s.number[LINE_UNIT]
     x, y, z = side_cell(s, kx + ox, 0), side_cell(s, ky + oy, 1), side_cell(s, kz + oz, 2)
     cell = (x * s.counter[CELLS + 1] + y) * s.counter[CELLS + 2] + z if min(x, y, z) >= 0 else -1
     return (
         cell,
-        np.float32(ox * s.number[CELL_EDGE]),
-        np.float32(oy * s.number[CELL_EDGE + 1]),
-        np.float32(oz * s.number[CELL_EDGE + 2]),
+        np.float32(ox * s.number[CELL_EDGE] * unit),
+        np.float32(oy * s.number[CELL_EDGE + 1] * unit),
+        np.float32(oz * s.number[CELL_EDGE + 2] * unit),
     )
 
 

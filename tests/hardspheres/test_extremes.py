@@ -308,7 +308,6 @@ def test_the_check_holds_after_many_hits_of_walls():
 # What is broken when these lines are written; a fix turns them green, and the mark goes.
 
 
-@pytest.mark.xfail(reason="the window filter has an absolute scale: 1e-30, 1e18, float32", strict=True)
 @pytest.mark.parametrize("power", [-60, 64])
 def test_the_unit_of_length_does_not_matter(power):
     scene, unit = gas("3d", 500, 0.01), 2.0**power
@@ -323,16 +322,12 @@ def test_the_unit_of_length_does_not_matter(power):
     assert np.array_equal(other.positions, one.positions * unit)
 
 
-@pytest.mark.xfail(
-    reason="patience is reckoned with the drift's speed", strict=True, raises=hs.SimulationError
-)
 def test_a_gas_that_drifts_fast_still_collides():
     scene = gas("3d", 100, 0.01)
     hs.Simulation(scene.replace(velocities=scene.velocities + [1e3, 0, 0])).run(collisions=20)
 
 
-@pytest.mark.xfail(reason="m m / (m + m) leaves the range of doubles", strict=True)
-@pytest.mark.parametrize("mass", [2.0**-600])  # 2**600 gives NaN, and NaN writes out of bounds
+@pytest.mark.parametrize("mass", [2.0**-500, 2.0**500])
 def test_the_unit_of_mass_does_not_matter(mass):
     scene = gas("3d", 100, 0.1)
     one, other = hs.Simulation(scene), hs.Simulation(scene.replace(masses=mass))
@@ -341,7 +336,6 @@ def test_the_unit_of_mass_does_not_matter(mass):
     assert np.array_equal(other.positions, one.positions)
 
 
-@pytest.mark.xfail(reason="int64 overflows before the request is refused", strict=True)
 @pytest.mark.parametrize("call", [{"time": 1e300}, {"collisions": math.inf}, {"collisions": math.nan}])
 def test_absurd_requests_are_refused_in_a_sentence(call):
     scene = gas("3d", 20, 0.1)
@@ -349,9 +343,6 @@ def test_absurd_requests_are_refused_in_a_sentence(call):
         hs.Simulation(scene.replace(velocities=0 * scene.velocities) if "time" in call else scene).run(**call)
 
 
-@pytest.mark.xfail(
-    reason="r.r is rounded where the spacing of doubles doubles: a bias of 2e-17 each time", strict=True
-)
 def test_the_error_of_the_energy_has_no_sign():
     """Two spheres of diameter 1 after 300 000 collisions: a random walk of roundings stays near 1e-13."""
     sim = hs.Simulation(gas("3d", 2, 0.1))
@@ -367,7 +358,6 @@ def test_the_error_of_the_energy_has_no_sign_at_another_diameter():
     assert abs(sim.energy_drift) < 1e-12
 
 
-@pytest.mark.xfail(reason="the pressure divides by the thermal energy", strict=True, raises=ZeroDivisionError)
 def test_a_drift_without_heat_has_no_pressure():
     sim = hs.Simulation(hs.Scene([[1.0, 1, 1], [2.5, 1, 1]], np.ones((2, 3)), box=(4, 4, 4)))
     sim.run(time=1.0)

@@ -56,7 +56,7 @@ def test_equal_speeds_relax_as_the_boltzmann_equation_says(dim):
 def test_relaxation_at_full_size(dim):
     """400 000 particles in 100 replicas at packing fraction 0.005: the same statements, three times as sharp."""
     curve = relaxation(
-        Recipe(n=4000, dim=dim), sampling_points(10.0), replicas=100, seed=10 + dim, workers=None
+        Recipe(n=4000, dim=dim), sampling_points(10.0, 4000), replicas=100, seed=10 + dim, workers=None
     )
     comparison = curve.compare()
     print(f"{dim}D: {comparison.chi_square}, rate {curve.fit_rate()}")
@@ -113,11 +113,11 @@ def test_maxwell_stays_maxwell():
 
 
 def test_sampling_points():
-    assert sampling_points(10.0)[:5] == (0.0, 0.25, 0.5, 0.75, 1.0)
-    assert len(sampling_points(10.0)) == 17
-    assert sampling_points(0.4)[-1] == 0.4 and len(sampling_points(0.4)) == 9
+    assert sampling_points(10.0, 4000)[:5] == (0.0, 0.25, 0.5, 0.75, 1.0)
+    assert len(sampling_points(10.0, 4000)) == 17
+    assert sampling_points(0.4, 4000)[-1] == 0.4 and len(sampling_points(0.4, 4000)) == 9
     for end in (0.3, 1.0, 4.7, 10.0, 33.0, 500.0):
-        points = sampling_points(end)
+        points = sampling_points(end, 4000)
         assert points[0] == 0.0 and points[-1] == end
         assert list(points) == sorted(set(points)) and len(points) < 60
 
