@@ -40,7 +40,7 @@ class Engine:
     Attributes
     ----------
     arrays : Arrays
-        What the kernels work on; `number`, `count`, `total` are addressed by the names in `kernel.layout`.
+        What the kernels work on; `number`, `counter`, `total` are addressed by the names in `kernel.layout`.
     layout : module
         Those names, for this kind of scene.
     """
@@ -208,10 +208,8 @@ class Engine:
 
     def run(self, stop_epoch: int, stop_time: float, stop_pairs: int, budget: int) -> bool:
         """Execute events up to a time or a number of pair collisions; False where the budget of work ran out first."""
-        afresh, self._afresh = (
-            self._afresh,
-            True,
-        )  # an interrupt before the result is known costs a new search only
+        # An interrupt before the result is known costs a new search and no more.
+        afresh, self._afresh = self._afresh, True
         status = self.kernels.run(
             self.arrays, self.cells, self.chunks, afresh, stop_epoch, stop_time, stop_pairs, budget
         )

@@ -19,10 +19,8 @@ Floats = NDArray[np.float64]
 SLICE = 0.1  # seconds after which control comes back to Python
 FOREVER = 2**62
 PATIENCE = 1000.0  # expected times to the next collision without one, until `run(collisions=...)` gives up
-COMPONENTS = {
-    2: ((0, 3), (3, 1)),
-    3: ((0, 3, 4), (3, 1, 5), (4, 5, 2)),
-}  # where the sums keep a symmetric tensor
+# Where the sums keep the components of a symmetric tensor.
+COMPONENTS = {2: ((0, 3), (3, 1)), 3: ((0, 3, 4), (3, 1, 5), (4, 5, 2))}
 
 
 def _number(name: str, value: Any) -> float:

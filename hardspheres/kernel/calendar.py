@@ -12,7 +12,6 @@ from .layout import (
     BUCKET,
     BUCKETS,
     CHUNK,
-    CHUNKS_LEFT,
     EPOCH_LENGTH,
     EVENT,
     FREE_CHUNK,
@@ -43,7 +42,6 @@ def push_bucket(s, slot, entry):
             s.counter[SHORT_QUEUE] = 1
             return
         s.counter[FREE_CHUNK] = s.chunks[fresh * CHUNK] >> 3
-        s.counter[CHUNKS_LEFT] -= 1
         s.chunks[fresh * CHUNK] = chunk << 3
         s.buckets[slot] = fresh
         chunk = fresh
@@ -92,7 +90,6 @@ def open_bucket(s, slot):
                 enter(s, i)
         s.chunks[chunk * CHUNK] = s.counter[FREE_CHUNK] << 3
         s.counter[FREE_CHUNK] = chunk
-        s.counter[CHUNKS_LEFT] += 1
         chunk = header >> 3
 
 
@@ -115,7 +112,6 @@ def clear_calendar(s, chunks):
     for chunk in range(chunks):
         s.chunks[chunk * CHUNK] = (chunk + 1 if chunk + 1 < chunks else -1) << 3
     s.counter[FREE_CHUNK] = 0
-    s.counter[CHUNKS_LEFT] = chunks
     s.counter[AGENDA_LENGTH] = 0
     s.counter[SHORT_QUEUE] = 0
     s.counter[BUCKET] = 0

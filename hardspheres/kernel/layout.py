@@ -54,7 +54,7 @@ WALL_IMPULSE = 24  # momentum given to the wall, per axis: lower, upper
 WALL_RADIUS_IMPULSE = 30  # the same times the particle's radius
 SUMS = 36  # how many begin anew with the tallies
 LEDGER = (
-    36  # net momentum given to the walls since the start, 3 slots: small, so that it stays exact to rounding
+    36  # net momentum given to the walls since the start, 3 slots: it stays small and so exact to rounding
 )
 
 # Counters, int64.
@@ -73,21 +73,18 @@ STALE = 13
 RENEWALS = 14
 LONE = 15  # events since time was last seen to move
 FREE_CHUNK = 16  # head of the list of free chunks
-CHUNKS_LEFT = 17
 AGENDA_LENGTH = 18
 AGENDA_ROOM = 19
-SHORT_LISTS = (
-    20  # set where room ran out: the run stops, makes room and starts its search again from the rows
-)
+SHORT_LISTS = 20  # set where room ran out: the run stops, makes room, and searches again from the rows
 SHORT_CELLS = 21
 SHORT_QUEUE = 22
 LAST_PAIR_EPOCH = 23  # epoch of the last pair collision
-WINDOW_BUCKETS = 24  # buckets in a window (lists: in an epoch)
+WINDOW_BUCKETS = 24  # buckets in a window; 0 for lists
 LINE_ROOM = 25  # windows: lines that can be registered
-LINES = 26  # lines registered
-CANDIDATE_ROOM = 27
-REGISTERED = 29  # of them, those of the window's beginning
-CANDIDATES = 28  # contacts noted in this window
+LINES = 26  # lines written in this window
+REGISTERED = 27  # of them, those of its beginning
+CANDIDATE_ROOM = 28
+CANDIDATES = 29  # contacts noted in this window
 COUNTERS = 32
 
 # Calendar: chunks of 8 int64: the next chunk (-1: none) and how many entries, then 7 entries id << 32 | stamp.
@@ -101,7 +98,7 @@ BLOCK = 32  # neighbours that one pass of the prediction handles
 
 
 class Arrays(NamedTuple):
-    """The arrays of a simulation, owned by `Simulation`; kernels turn them into pointers on entry."""
+    """The arrays of a simulation, owned by `Engine`; kernels turn them into pointers on entry."""
 
     row: object  # float64 (n * ROW)
     event: object  # int64 (n * EVENT)

@@ -121,9 +121,8 @@ def run(arrays, cells, chunks, afresh, stop_epoch, stop_time, stop_pairs, budget
             if s.counter[LONE] > 1000 * n:
                 return STANDS_STILL
         if SPARSE and s.counter[SHORT_LISTS] and 5 * s.counter[REGISTERED] < 4 * s.counter[LINE_ROOM]:
-            s.counter[SHORT_LISTS] = (
-                0  # room for all lines, but not for all that were replaced: clear those away
-            )
+            # There is room for all lines, but not for all that were replaced: a new search clears those away.
+            s.counter[SHORT_LISTS] = 0
             search = True
         if s.counter[SHORT_QUEUE] or s.counter[SHORT_LISTS] or s.counter[SHORT_CELLS]:
             return NO_ROOM

@@ -61,6 +61,7 @@ FAR = np.float32(1e18)
 MARGIN = 1e-4  # added to each radius: single precision is off by a few 1e-6 of a cell
 SLACK = np.float32(1e-5)  # added to the squared contact distance
 MANY = 1000000  # pieces; more than anybody can need
+VERSION_BITS = 0x7FFFFFFF  # of a version, kept with a line
 
 # A line, LINE float32, in units of the longest cell edge: its place in the middle of the window relative to the cell's
 # corner, half its way, its reach. Cells are wider than flights, so these numbers stay near 1 and so do the margins' errors.
@@ -72,9 +73,8 @@ REACH_OF_LINE = 6
 @inline
 def middle_of_window(s):
     """Time, within the epoch, at the middle of the current window."""
-    return (s.counter[BUCKET] // s.counter[WINDOW_BUCKETS]) * 2.0 * s.number[HALF_WINDOW] + s.number[
-        HALF_WINDOW
-    ]
+    windows = s.counter[BUCKET] // s.counter[WINDOW_BUCKETS]
+    return windows * 2.0 * s.number[HALF_WINDOW] + s.number[HALF_WINDOW]
 
 
 @inline
@@ -129,12 +129,12 @@ def write_line(s, slot, i, t, middle, pieces):
         reach += 3e-3 * pieces * s.number[STRETCH] * unit
     s.lines[line + REACH_OF_LINE] = reach
     s.line_ids[slot] = i
-    s.line_versions[slot] = s.event[i * EVENT + VERSION] & 0x7FFFFFFF
+    s.line_versions[slot] = s.event[i * EVENT + VERSION] & VERSION_BITS
 
 
 @jit
 def register_all(s, cells):
-    """Sort the lines of all particles into contiguous runs, one for each cell. Returns whether there was room."""
+    """Sort the lines of all particles into contiguous runs, one for each cell; SHORT_LISTS tells if there was no room."""
     n = s.counter[N]
     middle = middle_of_window(s)
     duration = 2.0 * s.number[HALF_WINDOW]
@@ -244,9 +244,18 @@ def note_meetings(s, first, m, slot, since):
             when, _ = closest(s, k, x, y, z, u, v, w, since)
             other = s.table_slots[k]
             j = int(s.line_ids[other])
-            if j != i and s.line_versions[other] == s.event[j * EVENT + VERSION] & 0x7FFFFFFF:
+            if j != i and s.line_versions[other] == s.event[j * EVENT + VERSION] & VERSION_BITS:
                 time = pair_contact(s, i, j, middle + half * when)
                 note_candidate(s, min(i, j), max(i, j), time, middle + half)
+
+
+@inline
+def versions_of(s, low, high):
+    """Versions of both partners in one number; a wall has none."""
+    versions = s.event[low * EVENT + VERSION] << 32
+    if high < s.counter[N]:
+        versions |= s.event[high * EVENT + VERSION] & STAMP_BITS
+    return versions
 
 
 @jit
@@ -259,12 +268,9 @@ def note_candidate(s, low, high, time, end):
         s.counter[SHORT_QUEUE] = 1
         return
     s.counter[CANDIDATES] = c + 1
-    versions = s.event[low * EVENT + VERSION] << 32
-    if high < s.counter[N]:
-        versions |= s.event[high * EVENT + VERSION] & STAMP_BITS
     s.candidate_time[c] = time
     s.candidate_pair[c] = low << 32 | high
-    s.candidate_versions[c] = versions
+    s.candidate_versions[c] = versions_of(s, low, high)
     bucket = int(max(time, 0.0) * s.number[INVERSE_WIDTH])
     if bucket <= s.counter[BUCKET]:
         push_agenda(s, time, low << 32 | high, c)
@@ -279,10 +285,7 @@ def candidate_holds(s, c):
     """Whether neither partner of a candidate has changed since it was noted."""
     low = s.candidate_pair[c] >> 32
     high = s.candidate_pair[c] & STAMP_BITS
-    versions = s.event[low * EVENT + VERSION] << 32
-    if high < s.counter[N]:
-        versions |= s.event[high * EVENT + VERSION] & STAMP_BITS
-    return versions == s.candidate_versions[c]
+    return versions_of(s, low, high) == s.candidate_versions[c]
 
 
 @jit
@@ -426,6 +429,16 @@ def meet_table(s, m, slot, since):
         note_meetings(s, 0, m, slot, since)
 
 
+@inline
+def take_line(s, m, slot, old, sx, sy, sz, since):
+    """Copy a line to the table that a new line is to be compared with, first emptying a full one; returns its length."""
+    if m == TABLE:
+        meet_table(s, m, slot, since)
+        m = 0
+    copy_line(s, m, old, sx, sy, sz)
+    return m + 1
+
+
 @jit
 def meet_around(s, slot, cell, since):
     """Compare a new line with all lines of its cell and the cells around."""
@@ -437,17 +450,9 @@ def meet_around(s, slot, cell, since):
         if other < 0:
             continue
         for old in range(s.cell_start[other], s.cell_start[other + 1]):
-            if m == TABLE:
-                meet_table(s, m, slot, since)
-                m = 0
-            copy_line(s, m, old, sx, sy, sz)
-            m += 1
+            m = take_line(s, m, slot, old, sx, sy, sz, since)
         new = s.cell_chain[other]
         while new >= 0:
-            if m == TABLE:
-                meet_table(s, m, slot, since)
-                m = 0
-            copy_line(s, m, new, sx, sy, sz)
-            m += 1
+            m = take_line(s, m, slot, new, sx, sy, sz, since)
             new = s.line_next[new]
     meet_table(s, m, slot, since)

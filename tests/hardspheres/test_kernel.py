@@ -18,7 +18,6 @@ sim = hs.Simulation(hs.lattice_gas(n=108, packing_fraction=0.3, seed=1))
 sim.run(collisions=10)
 run = sim._engine.kernels.run
 asm = "".join(run.inspect_asm().values()) if not run.stats.cache_hits else ""
-body = asm[asm.find("loop3run"):]
 print(json.dumps({
     "hits": sum(run.stats.cache_hits.values()),
     "misses": sum(run.stats.cache_misses.values()),
