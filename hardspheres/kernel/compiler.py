@@ -4,6 +4,7 @@ import contextlib
 import getpass
 import hashlib
 import os
+import struct
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,6 +23,14 @@ if PURE_PYTHON:
         """In plain Python an array is its own pointer."""
         return array
 
+    def bits(x):
+        """The bits of a float64 as int64."""
+        return struct.unpack("q", struct.pack("d", x))[0]
+
+    def from_bits(k):
+        """The float64 that has these bits."""
+        return struct.unpack("d", struct.pack("q", k))[0]
+
 else:
 
     @intrinsic
@@ -37,6 +46,24 @@ else:
             return context.make_array(signature.args[0])(context, builder, args[0]).data
 
         return types.CPointer(array.dtype)(array), codegen
+
+    @intrinsic
+    def bits(typingctx, x):
+        """The bits of a float64 as int64."""
+
+        def codegen(context, builder, signature, args):
+            return builder.bitcast(args[0], context.get_value_type(types.int64))
+
+        return types.int64(types.float64), codegen
+
+    @intrinsic
+    def from_bits(typingctx, k):
+        """The float64 that has these bits."""
+
+        def codegen(context, builder, signature, args):
+            return builder.bitcast(args[0], context.get_value_type(types.float64))
+
+        return types.float64(types.int64), codegen
 
 
 def cache_folder(tag: str) -> Path | None:
@@ -76,7 +103,7 @@ def cached_in(folder: Path | None) -> Iterator[None]:
 
 def jit(function):
     """Compile a part of a kernel: strict IEEE arithmetic, x/0 as in NumPy (checks would stop vectorisation)."""
-    return numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
+    return inline(function)
 
 
 def inline(function):

@@ -95,6 +95,7 @@ LINE = 8  # float32 in a registered line, see `windows`
 TABLE = 512  # lines that one pass of the filter handles
 
 BLOCK = 32  # neighbours that one pass of the prediction handles
+LANES = 8  # of them in a vector
 
 
 class Arrays(NamedTuple):

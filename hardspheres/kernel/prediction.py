@@ -4,7 +4,7 @@ import math
 
 from hardspheres import collision
 
-from .compiler import jit
+from .compiler import bits, from_bits, jit
 from .flags import DIM, SIZES, WALLS
 from .layout import (
     BLOCK,
@@ -14,6 +14,7 @@ from .layout import (
     EVENT,
     IMAGES,
     INVERSE,
+    LANES,
     LIST_ROOM,
     NOTHING,
     RADIUS,
@@ -35,74 +36,95 @@ NEVER = math.inf
 NO_TIME = 0x7FF0000000000000  # the bits of infinity: non-negative times order as their bits do
 NO_PARTICLE = 0x7FFFFFFF
 
-# Columns of the scratch table: separation, relative velocity, time since the separation, its time, contact, result.
-SEP = 0
+# Columns of the table that the prediction works on: a partner's row as it is, its id, the contact time found.
+PLACE = 0
 VEL = 3 * BLOCK
-AGO = 6 * BLOCK
-LATER = 7 * BLOCK
-CONTACT2 = 8 * BLOCK
+SINCE = 6 * BLOCK
+SIZE = 7 * BLOCK
+WHO = 8 * BLOCK
 WHEN = 9 * BLOCK
-PICK = 10 * BLOCK
+SHIFT = 10 * BLOCK
 
 
 @jit
-def lay_out(s, k, i, j, now):
-    """Separation and relative velocity of i and j, both flown to the later of their local times, in line k of the table."""
-    row, scratch = s.row, s.scratch
-    ri = i * ROW
+def lay_out(s, k, j):
+    """Copy the row of j to line k of the table."""
     rj = j * ROW
-    ti = row[ri + T]
-    tj = row[rj + T]
-    later = max(ti, tj)
-    dti = later - ti
-    dtj = later - tj
     for d in range(DIM):
-        sep = (row[ri + X + d] + row[ri + V + d] * dti) - (row[rj + X + d] + row[rj + V + d] * dtj)
-        scratch[SEP + d * BLOCK + k] = sep
-        scratch[VEL + d * BLOCK + k] = row[ri + V + d] - row[rj + V + d]
-    scratch[AGO + k] = now - later
-    scratch[LATER + k] = later
+        s.scratch[PLACE + d * BLOCK + k] = s.row[rj + X + d]
+        s.scratch[VEL + d * BLOCK + k] = s.row[rj + V + d]
+    s.scratch[SINCE + k] = s.row[rj + T]
     if SIZES:
-        sigma = row[ri + RADIUS] + row[rj + RADIUS]
-        scratch[CONTACT2 + k] = sigma * sigma
-    s.scratch_int[PICK + k] = j
+        s.scratch[SIZE + k] = s.row[rj + RADIUS]
+    s.scratch_int[WHO + k] = j
 
 
 @jit
-def gather(s, i, now, first, m):
-    """Lay out i and m of its neighbours, in the images that the list names, if it does."""
+def fill_up(s, m):
+    """Fill the last vector of the table with lines that nobody meets."""
+    k = m
+    while k % LANES:
+        for d in range(DIM):
+            s.scratch[PLACE + d * BLOCK + k] = 0.0
+            s.scratch[VEL + d * BLOCK + k] = math.nan
+        s.scratch[SINCE + k] = 0.0
+        if SIZES:
+            s.scratch[SIZE + k] = 0.0
+        s.scratch_int[WHO + k] = NO_PARTICLE
+        k += 1
+    return k
+
+
+@jit
+def gather(s, i, first, m):
+    """Lay out m of i's neighbours, and the images that the list names, if it does; returns the lines of the table."""
     entry = i * s.counter[LIST_ROOM] + 1 + first
     for k in range(m):
-        lay_out(s, k, i, s.neighbours[entry + k], now)
+        lay_out(s, k, s.neighbours[entry + k])
     if s.counter[IMAGES]:
         for k in range(m):
             for d in range(DIM):
-                s.scratch[SEP + d * BLOCK + k] -= s.images[(entry + k) * DIM + d] * s.number[BOX + d]
+                s.scratch[SHIFT + d * BLOCK + k] = s.images[(entry + k) * DIM + d]
+    return fill_up(s, m)
 
 
 @jit
-def solve(s, m):
-    """Contact time of each pair that `gather` laid out; the loop is vectorised.
+def solve(s, i, now, m):
+    """Contact time of i with each line of the table, and the soonest; the loop is vectorised.
 
-    The periodic image is the nearest one at the time given to `lay_out`; the separation is then taken at the later local time, so that the result
-    depends on nothing but the two rows and the image. Where lists name the image, and on wall axes, INVERSE is 0 here.
+    The periodic image is the nearest one at `now`; separation and velocity are then taken at the later local time, so that the
+    result depends on nothing but the two rows and the image. Where lists name the image, and on wall axes, INVERSE is 0 here.
     """
-    scratch = s.scratch
+    scratch, row = s.scratch, s.row
+    ri = i * ROW
+    px, py, pz = row[ri + X], row[ri + X + 1], row[ri + X + 2]
+    pu, pv, pw = row[ri + V], row[ri + V + 1], row[ri + V + 2]
+    ti = row[ri + T]
     lx, ly, lz = s.number[BOX], s.number[BOX + 1], s.number[BOX + 2]
     ix, iy, iz = s.number[INVERSE], s.number[INVERSE + 1], s.number[INVERSE + 2]
-    if s.counter[IMAGES]:
-        ix, iy, iz = 0.0, 0.0, 0.0
-    common = s.number[SIGMA2]
+    named = s.counter[IMAGES] == 1
+    sigma2 = s.number[SIGMA2]
+    radius = row[ri + RADIUS]
+    soonest = NO_TIME
     for k in range(m):
-        ago = scratch[AGO + k]
-        x, u = scratch[SEP + k], scratch[VEL + k]
-        y, v = scratch[SEP + BLOCK + k], scratch[VEL + BLOCK + k]
-        x -= lx * rint((x + u * ago) * ix)
-        y -= ly * rint((y + v * ago) * iy)
-        sigma2 = scratch[CONTACT2 + k] if SIZES else common
+        tj = scratch[SINCE + k]
+        later = max(ti, tj)
+        dti, dtj = later - ti, later - tj
+        ago = now - later
+        vx, vy = scratch[VEL + k], scratch[VEL + BLOCK + k]
+        u, v = pu - vx, pv - vy
+        x = (px + pu * dti) - (scratch[PLACE + k] + vx * dtj)
+        y = (py + pv * dti) - (scratch[PLACE + BLOCK + k] + vy * dtj)
+        x -= lx * (scratch[SHIFT + k] if named else rint((x + u * ago) * ix))
+        y -= ly * (scratch[SHIFT + BLOCK + k] if named else rint((y + v * ago) * iy))
+        if SIZES:
+            sigma = radius + scratch[SIZE + k]
+            sigma2 = sigma * sigma
         if DIM == 3:
-            z, w = scratch[SEP + 2 * BLOCK + k], scratch[VEL + 2 * BLOCK + k]
-            z -= lz * rint((z + w * ago) * iz)
+            vz = scratch[VEL + 2 * BLOCK + k]
+            w = pw - vz
+            z = (pz + pw * dti) - (scratch[PLACE + 2 * BLOCK + k] + vz * dtj)
+            z -= lz * (scratch[SHIFT + 2 * BLOCK + k] if named else rint((z + w * ago) * iz))
             b = x * u + y * v + z * w
             rr = x * x + y * y + z * z
             d = discriminant_3d(x, y, z, u, v, w, sigma2)
@@ -111,7 +133,10 @@ def solve(s, m):
             rr = x * x + y * y
             d = discriminant_2d(x, y, u, v, sigma2)
         root = math.sqrt(max(d, 0.0))
-        scratch[WHEN + k] = scratch[LATER + k] + contact_time(b, rr - sigma2, root)
+        time = later + contact_time(b, rr - sigma2, root)
+        scratch[WHEN + k] = time
+        soonest = min(soonest, bits(time))
+    return soonest
 
 
 @jit
@@ -126,23 +151,17 @@ def earliest_contact(s, i, now):
     total = s.neighbours[i * s.counter[LIST_ROOM]]
     best = NO_TIME
     partner = NO_PARTICLE
-    time = NEVER
     for first in range(0, total, BLOCK):
-        m = min(total - first, BLOCK)
-        gather(s, i, now, first, m)
-        solve(s, m)
-        soonest = NO_TIME
-        for k in range(m):
-            soonest = min(soonest, s.scratch_int[WHEN + k])
+        m = gather(s, i, first, min(total - first, BLOCK))
+        soonest = solve(s, i, now, m)
         if soonest < best or (soonest == best and soonest < NO_TIME):
             if soonest < best:
                 partner = NO_PARTICLE
             best = soonest
             for k in range(m):
-                pick = s.scratch_int[PICK + k] if s.scratch_int[WHEN + k] == soonest else NO_PARTICLE
-                partner = min(partner, pick)
-                time = s.scratch[WHEN + k] if s.scratch_int[WHEN + k] == soonest else time
-    return time, partner
+                who = s.scratch_int[WHO + k] if s.scratch_int[WHEN + k] == soonest else NO_PARTICLE
+                partner = min(partner, who)
+    return from_bits(best), partner
 
 
 @jit
@@ -179,23 +198,19 @@ def shell_exit(s, i):
         uu += u * u
         uv += u * v
         vv += v * v
-    if vv == 0.0:
-        return NEVER
-    left = (
-        s.number[SHELL] * s.number[SHELL] - uu
-    )  # negative where the row was written before i came into this shell
+    # `left` is negative where the row was written before i came into this shell.
+    left = s.number[SHELL] * s.number[SHELL] - uu
     root = math.sqrt(max(uv * uv + vv * left, 0.0))
-    if uv > 0.0:
-        return row[ri + T] + left / (uv + root)
-    return row[ri + T] + (root - uv) / vv
+    outwards = uv > 0.0
+    time = (left if outwards else root - uv) / (uv + root if outwards else vv)
+    return row[ri + T] + time if vv > 0.0 else NEVER
 
 
 @jit
 def pair_contact(s, i, j, about):
     """Time of contact of one pair, in the image that is the nearest at about that time."""
-    lay_out(s, 0, i, j, about)
-    solve(s, 1)
-    return s.scratch[WHEN]
+    lay_out(s, 0, j)
+    return from_bits(solve(s, i, about, 1))
 
 
 @jit

@@ -56,7 +56,7 @@ ONE = np.float32(1.0)
 TWO = np.float32(2.0)
 TINY = np.float32(1e-30)
 STENCIL = 3**DIM
-LANES = 16  # the table is filled up to a multiple of this
+LINE_LANES = 16
 FAR = np.float32(1e18)
 MARGIN = 1e-4  # added to each radius: single precision is off by a few 1e-6 of a cell
 SLACK = np.float32(1e-5)  # added to the squared contact distance
@@ -188,7 +188,7 @@ def copy_line(s, m, slot, sx, sy, sz):
 @inline
 def fill_up(s, m):
     """Fill the table's last vector with lines that nobody meets."""
-    while m % LANES:
+    while m % LINE_LANES:
         s.table[m] = FAR
         s.table[TABLE + m] = FAR
         s.table[2 * TABLE + m] = FAR
@@ -220,8 +220,8 @@ def count_meetings(s, first, m, slot, since):
     u, v, w = s.lines[line + WAY], s.lines[line + WAY + 1], s.lines[line + WAY + 2]
     reach = s.lines[line + REACH_OF_LINE]
     meetings = 0
-    for block in range(first - first % LANES, m, LANES):
-        for k in range(block, block + LANES):
+    for block in range(first - first % LINE_LANES, m, LINE_LANES):
+        for k in range(block, block + LINE_LANES):
             _, gap2 = closest(s, k, x, y, z, u, v, w, since)
             limit = s.table[6 * TABLE + k] + reach
             met = 1 if gap2 < limit * limit + SLACK and k >= first else 0
