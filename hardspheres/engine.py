@@ -59,8 +59,9 @@ class Engine:
         at = self.layout
         n, dim = scene.n, scene.dim
 
-        row = aligned(n * at.ROW, np.float64)
-        table = row.reshape(n, at.ROW)
+        row = aligned((n + 1) * at.ROW, np.float64)
+        row[n * at.ROW :] = math.nan
+        table = row[: n * at.ROW].reshape(n, at.ROW)
         table[:, at.X : at.X + dim] = scene.positions
         table[:, at.V : at.V + dim] = scene.velocities
         if sizes:
@@ -86,12 +87,13 @@ class Engine:
         else:
             self._plan_windows(scene, plan, number, count)
 
-        scratch = aligned(self.layout.BLOCK * 16, np.float64)
-        event = aligned(n * at.EVENT, np.int64)
+        scratch = aligned(at.LANES * 16, np.float64)
+        event = aligned(n * at.EVENT + 1, np.int64)
         self.arrays: Any = at.Arrays(
             row=row,
             event=event,
             event_float=event.view(np.float64),
+            version=np.zeros(n, dtype=np.int32),
             mass=np.array(scene.masses if masses else scene.masses[:1]),
             turns=np.zeros(n * dim, dtype=np.int32),
             where=np.zeros(n, dtype=np.int32),
@@ -112,15 +114,17 @@ class Engine:
         self._set_cells(scene, cells, number, count)
         one_size = bool(np.all(scene.radii == scene.radii[0]))
         number[at.SHELL] = shell
-        number[at.REACH] = 2.0 * shell * (1.0 + SLACK) + (2.0 * scene.radii[0] if one_size else 0.0)
+        rounding = SLACK * float(np.max(scene.box / cells))  # of the centres in their cells
+        number[at.REACH] = 2.0 * shell * (1.0 + SLACK) + rounding + (2.0 * scene.radii[0] if one_size else 0.0)
         # With four cells per axis only one image of a pair can matter; below that, lists say which image they mean.
         count[at.IMAGES] = int(
             any(c < 4 for c, periodic in zip(cells, scene.periodic, strict=True) if periodic)
         )
-        count[at.CELL_ROOM] = 8 * math.ceil(min(n, 1.5 * n / self.cells + 3) / 8)
+        lanes = at.CELL_LANES
+        count[at.CELL_ROOM] = lanes * math.ceil(min(n, 1.5 * n / self.cells + 3) / lanes)
         count[at.LIST_ROOM] = 32
-        count[at.BUCKETS] = max(16, int(power_of_two_below(max(n / 4, 1))))
-        self.chunks = int(count[at.BUCKETS]) + n // 2 + 64
+        count[at.BUCKETS] = max(16, int(power_of_two_below(max(8*n / EVENTS_PER_BUCKET, 1))))
+        self.chunks = int(count[at.BUCKETS]) + n + 64
         self._set_buckets(scene, 2.0, number)
 
     def _plan_windows(self, scene: Scene, plan: WindowPlan, number: Any, count: Any) -> None:
@@ -167,7 +171,9 @@ class Engine:
             "images": np.zeros(n * room * dim * int(count[at.IMAGES]) + 1, dtype=np.int32),
             "cell_count": np.zeros(self.cells * lists + 1, dtype=np.int32),
             "cell_ids": np.zeros(self.cells * cell_room + 1, dtype=np.int32),
-            "cell_centres": aligned(self.cells * (dim + 1) * cell_room + 1, np.float64),
+            "cell_places": aligned(self.cells * at.CELL_COLUMNS * cell_room + 1, np.float32),
+            "near_excess": aligned((27 * cell_room + at.CELL_LANES) * lists + 1, np.float32),
+            "near_ids": aligned((27 * cell_room + at.CELL_LANES) * lists + 1, np.int32),
             "buckets": np.zeros(int(count[at.BUCKETS]) + 1, dtype=np.int64),
             "chunks": aligned(chunks * at.CHUNK + 1, np.int64),
             "agenda_time": np.zeros(agenda),

@@ -346,7 +346,7 @@ class Simulation:
 
     @property
     def _rows(self) -> Floats:
-        rows: Floats = self._engine.arrays.row.reshape(self.scene.n, self._at.ROW)
+        rows: Floats = self._engine.arrays.row.reshape(-1, self._at.ROW)[: self.scene.n]
         return rows
 
     def _flown(self) -> Floats:

@@ -22,7 +22,6 @@ from .layout import (
     REDUCED,
     ROW,
     STANDSTILL,
-    VERSION,
     WALL_HITS,
     N,
     T,
@@ -87,8 +86,8 @@ def collide_pair(s, i, j, t):
     u += row[ri + V] - row[rj + V]
     v += row[ri + V + 1] - row[rj + V + 1]
     tally_pair(s, push, t, x, y, z, u, v, w, 1.0 / THREE_QUARTERS)
-    s.event[i * EVENT + VERSION] += 1
-    s.event[j * EVENT + VERSION] += 1
+    s.version[i] += 1
+    s.version[j] += 1
     s.counter[PAIRS] += 1
     s.counter[LAST_PAIR_EPOCH] = s.counter[EPOCH]
 
@@ -114,7 +113,7 @@ def hit_wall(s, i, wall, t):
     for d in range(DIM):
         if d != axis:
             tally_stress(s, d + axis + 2, -2.0 * mass * v * s.row[ri + V + d], t)
-    s.event[i * EVENT + VERSION] += 1
+    s.version[i] += 1
     s.counter[WALL_HITS] += 1
 
 

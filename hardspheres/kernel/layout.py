@@ -3,23 +3,22 @@
 from typing import NamedTuple
 
 from .compiler import jit, pointer
-from .flags import DIM, SPARSE
+from .flags import DIM, SIZES, SPARSE
 
-# A particle's row, 8 float64 (one cache line): the canonical state.
+# A particle's row, 8 float64 (one cache line): the canonical state. One more row, of NaN, stands for nobody.
 ROW = 8
 X = 0  # position when the row was last written, DIM numbers
 V = DIM  # velocity, DIM numbers
 T = 2 * DIM  # when that was, relative to the epoch
 RADIUS = 7
 
-# A particle's next event, 8 int64 (one cache line); TIME and CENTRE hold float64 bits. Windows need its version only.
-EVENT = 1 if SPARSE else 8
+# A particle's next event, 8 int64 (one cache line); TIME and CENTRE hold float64 bits. Windows need none.
+EVENT = 0 if SPARSE else 8
 TIME = 0
 PARTNER = 1  # a particle, n + 2 axis + side for a wall, or one of the codes below
-PARTNER_VERSION = 2  # the partner's VERSION when the event was predicted
-VERSION = 0 if SPARSE else 3  # how often this particle's row has changed through events
-STAMP = 4  # of the one queue entry that counts
-CENTRE = 5  # where the particle was when its neighbour list was made (unwrapped as the row), DIM numbers
+PARTNER_VERSION = 2  # the partner's version when the event was predicted
+STAMP = 3  # of the one queue entry that counts
+CENTRE = 4  # where the particle was when its neighbour list was made (unwrapped as the row), DIM numbers
 
 RENEW = -1  # the particle leaves its shell: a new neighbour list is due
 NOTHING = -2  # no event before the epoch ends
@@ -61,7 +60,7 @@ LEDGER = (
 N = 0
 CELLS = 1  # cells per axis, 3 slots
 CELL_ROOM = 4  # particles that a cell can hold
-LIST_ROOM = 5  # slots in a neighbour list, the count in slot 0 included
+LIST_ROOM = 5  # slots in a neighbour list, a multiple of LANES
 IMAGES = 6  # 1: lists name the periodic image (boxes too small for the nearest image to be meant)
 BUCKETS = 7  # buckets in a year of the calendar, a power of two
 BUCKET = 8  # the calendar's current bucket, counted from the epoch's start
@@ -94,30 +93,34 @@ STAMP_BITS = 0xFFFFFFFF
 LINE = 8  # float32 in a registered line, see `windows`
 TABLE = 512  # lines that one pass of the filter handles
 
-BLOCK = 32  # neighbours that one pass of the prediction handles
-LANES = 8  # of them in a vector
+LANES = 16  # neighbours that one pass of the prediction handles
+CELL_LANES = 16  # centres that one pass through a cell handles
+CELL_COLUMNS = DIM + 1 if SIZES else DIM  # of a cell: place as seen from its corner, radius
 
 
 class Arrays(NamedTuple):
     """The arrays of a simulation, owned by `Engine`; kernels turn them into pointers on entry."""
 
-    row: object  # float64 (n * ROW)
+    row: object  # float64 ((n + 1) * ROW)
     event: object  # int64 (n * EVENT)
     event_float: object  # the same memory as float64
+    version: object  # int32 (n): how often a particle's row has changed through events
     mass: object  # float64 (n), or one element where all are equal
     turns: object  # int32 (n * DIM): how often the row was wrapped back into the box
-    neighbours: object  # int32 (n * LIST_ROOM): count, then ids
+    neighbours: object  # int32 (n * LIST_ROOM): ids, then n in all slots that are left
     images: object  # int32 (n * LIST_ROOM * DIM): image of each neighbour, where IMAGES
     where: object  # int32 (n): slot in the cells
     cell_count: object  # int32 (cells)
     cell_ids: object  # int32 (cells * CELL_ROOM)
-    cell_centres: object  # float64 (cells * (DIM + 1) * CELL_ROOM): wrapped centres, coordinate by coordinate, then radius
+    cell_places: object  # float32 (cells * CELL_COLUMNS * CELL_ROOM): centres as seen from the cell's corner, then radii
+    near_excess: object  # float32 (27 * CELL_ROOM + CELL_LANES): see `neighbours.measure_cell`
+    near_ids: object  # int32, the same
     buckets: object  # int64 (BUCKETS + 1): first chunk of each bucket; the last is for later years
     chunks: object  # int64 (chunks * CHUNK)
     agenda_time: object  # float64: binary heap of the current bucket's events
     agenda_key: object  # int64: lower id << 32 | higher id
     agenda_entry: object  # int64: id << 32 | stamp
-    scratch: object  # float64 (BLOCK * 16)
+    scratch: object  # float64 (LANES * 16)
     scratch_int: object  # the same memory as int64
     lines: object  # windows: float32 (LINE_ROOM * LINE)
     line_ids: object  # int32 (LINE_ROOM)
@@ -145,6 +148,7 @@ def pointers(a):
         pointer(a.row),
         pointer(a.event),
         pointer(a.event_float),
+        pointer(a.version),
         pointer(a.mass),
         pointer(a.turns),
         pointer(a.neighbours),
@@ -152,7 +156,9 @@ def pointers(a):
         pointer(a.where),
         pointer(a.cell_count),
         pointer(a.cell_ids),
-        pointer(a.cell_centres),
+        pointer(a.cell_places),
+        pointer(a.near_excess),
+        pointer(a.near_ids),
         pointer(a.buckets),
         pointer(a.chunks),
         pointer(a.agenda_time),

@@ -31,7 +31,6 @@ from .layout import (
     STAMP,
     STAMP_BITS,
     STANDSTILL,
-    VERSION,
     WINDOW_BUCKETS,
     N,
     pointers,
@@ -55,7 +54,7 @@ def predict(s, i, now):
     time, partner = next_event(s, i, now)
     event = i * EVENT
     if 0 <= partner < s.counter[N]:
-        s.event[event + PARTNER_VERSION] = s.event[partner * EVENT + VERSION]
+        s.event[event + PARTNER_VERSION] = s.version[partner]
     schedule(s, i, time, partner)
 
 
@@ -182,7 +181,7 @@ def execute(s, i, time):
         if WALLS:
             keep_clock(s, time)
             hit_wall(s, i, partner, time)
-    elif s.event[partner * EVENT + VERSION] == s.event[i * EVENT + PARTNER_VERSION]:
+    elif s.version[partner] == s.event[i * EVENT + PARTNER_VERSION]:
         keep_clock(s, time)
         collide_pair(s, i, partner, time)
         return partner

@@ -2,17 +2,24 @@
 
 A list names every particle whose centre (where *it* was when its own list was made) lies within REACH. REACH is the contact
 distance and two shells, so nobody can meet a stranger before one of the two has left its shell. Lists are symmetric, and
-making a new one touches only the old and new neighbours. Cells are at least REACH wide: 27 of them (9 in 2D) hold all candidates.
-On a periodic axis of one or two cells the same cell is visited again as another image of itself, which lists then name.
+making a new one touches only the neighbours lost and won. A list ends with the id n, the row of which nobody meets, and so does
+every slot after that. Cells are at least REACH wide: 27 of them (9 in 2D) hold all candidates; they keep the centres as seen
+from their own corner, in single precision, which REACH makes up for. On a periodic axis of one or two cells the same cell is
+visited again as another image of itself, which lists then name.
 """
 
 import math
+
+import numpy as np
 
 from .compiler import jit
 from .flags import DIM, SIZES
 from .layout import (
     BOX,
+    CELL_COLUMNS,
     CELL_DENSITY,
+    CELL_EDGE,
+    CELL_LANES,
     CELL_ROOM,
     CELLS,
     CENTRE,
@@ -43,18 +50,29 @@ def wrapped(s, i, d):
 
 
 @jit
-def cell_index(s, i, d):
-    """Index along axis d of the cell that holds i's centre; rounding at the last edge stays inside."""
-    cell = int(wrapped(s, i, d) * s.number[CELL_DENSITY + d])
-    return min(max(cell, 0), s.counter[CELLS + d] - 1)
+def cell_and_place(s, i, d):
+    """Index along axis d of the cell that holds i's centre (rounding at the last edge stays inside), and the place in it."""
+    x = wrapped(s, i, d)
+    cell = min(max(int(x * s.number[CELL_DENSITY + d]), 0), s.counter[CELLS + d] - 1)
+    return cell, np.float32(x - cell * s.number[CELL_EDGE + d])
+
+
+@jit
+def locate(s, i):
+    """Indices of the cell that holds i's centre, and its place as seen from the cell's corner."""
+    cx, x = cell_and_place(s, i, 0)
+    cy, y = cell_and_place(s, i, 1)
+    cz, z = 0, np.float32(0.0)
+    if DIM == 3:
+        cz, z = cell_and_place(s, i, 2)
+    return cx, cy, cz, x, y, z
 
 
 @jit
 def put_in_cell(s, i):
     """Enter i's centre in its cell."""
-    cell = cell_index(s, i, 0)
-    for d in range(1, DIM):
-        cell = cell * s.counter[CELLS + d] + cell_index(s, i, d)
+    cx, cy, cz, x, y, z = locate(s, i)
+    cell = (cx * s.counter[CELLS + 1] + cy) * s.counter[CELLS + 2] + cz
     room = s.counter[CELL_ROOM]
     slot = s.cell_count[cell]
     if slot == room:
@@ -64,10 +82,13 @@ def put_in_cell(s, i):
     s.cell_count[cell] = slot + 1
     s.cell_ids[cell * room + slot] = i
     s.where[i] = cell * room + slot
-    for d in range(DIM):
-        s.cell_centres[(cell * (DIM + 1) + d) * room + slot] = wrapped(s, i, d)
+    column = cell * CELL_COLUMNS * room + slot
+    s.cell_places[column] = x
+    s.cell_places[column + room] = y
+    if DIM == 3:
+        s.cell_places[column + 2 * room] = z
     if SIZES:
-        s.cell_centres[(cell * (DIM + 1) + DIM) * room + slot] = s.row[i * ROW + RADIUS]
+        s.cell_places[column + DIM * room] = s.row[i * ROW + RADIUS]
 
 
 @jit
@@ -81,9 +102,9 @@ def take_from_cell(s, i):
     moved = s.cell_ids[cell * room + last]
     s.cell_ids[cell * room + slot] = moved
     s.where[moved] = cell * room + slot
-    for d in range(DIM + 1):
-        column = (cell * (DIM + 1) + d) * room
-        s.cell_centres[column + slot] = s.cell_centres[column + last]
+    for d in range(CELL_COLUMNS):
+        column = (cell * CELL_COLUMNS + d) * room
+        s.cell_places[column + slot] = s.cell_places[column + last]
 
 
 @jit
@@ -95,43 +116,51 @@ def set_centre(s, i, now):
 
 
 @jit
-def append(s, i, j):
-    """Append j to i's list; returns its slot, or -1 where the list is full (then the run makes room and starts over)."""
+def position_in_list(s, i, j):
+    """Slot of the first entry of j in i's list; the number of slots where there is none."""
     room = s.counter[LIST_ROOM]
-    k = s.neighbours[i * room] + 1
-    if k == room:
-        s.counter[SHORT_LISTS] = 1
-        return -1
-    s.neighbours[i * room] = k
-    s.neighbours[i * room + k] = j
-    return i * room + k
+    found = room
+    for k in range(room):
+        found = min(found, k if s.neighbours[i * room + k] == j else room)
+    return found
 
 
 @jit
-def strike(s, j, i):
-    """Remove one entry of i from j's list."""
+def append(s, i, j):
+    """Append j to i's list; returns its slot, or -1 where the list is full (then the run makes room and starts over)."""
     room = s.counter[LIST_ROOM]
-    base = j * room
-    last = s.neighbours[base]
-    k = 1
-    while k <= last and s.neighbours[base + k] != i:
-        k += 1
+    end = position_in_list(s, i, s.counter[N])
+    if end >= room - 1:
+        s.counter[SHORT_LISTS] = 1
+        return -1
+    s.neighbours[i * room + end] = j
+    return i * room + end
+
+
+@jit
+def strike(s, i, j):
+    """Remove one entry of j from i's list; the last entry takes its slot."""
+    room = s.counter[LIST_ROOM]
+    k = position_in_list(s, i, j)
+    last = position_in_list(s, i, s.counter[N]) - 1
     if k > last:
         return
-    s.neighbours[base + k] = s.neighbours[base + last]
-    s.neighbours[base] = last - 1
+    s.neighbours[i * room + k] = s.neighbours[i * room + last]
+    s.neighbours[i * room + last] = s.counter[N]
     if s.counter[IMAGES]:
         for d in range(DIM):
-            s.images[(base + k) * DIM + d] = s.images[(base + last) * DIM + d]
+            s.images[(i * room + k) * DIM + d] = s.images[(i * room + last) * DIM + d]
 
 
 @jit
 def forget(s, i):
     """Empty i's list, and remove i from the lists of those on it."""
-    base = i * s.counter[LIST_ROOM]
-    for k in range(1, s.neighbours[base] + 1):
-        strike(s, s.neighbours[base + k], i)
-    s.neighbours[base] = 0
+    room = s.counter[LIST_ROOM]
+    for k in range(room):
+        j = s.neighbours[i * room + k]
+        if j < s.counter[N]:
+            strike(s, j, i)
+        s.neighbours[i * room + k] = s.counter[N]
 
 
 @jit
@@ -156,106 +185,144 @@ def link(s, i, j, sx, sy, sz):
 
 
 @jit
-def scan_cell(s, i, cell, sx, sy, sz, x, y, z, half):
-    """Link i with the centres of one cell that lie within reach of (x, y, z); `half`: only with lower ids."""
-    room = s.counter[CELL_ROOM]
-    column = cell * (DIM + 1) * room
-    reach = s.number[REACH]
-    for slot in range(s.cell_count[cell]):
-        j = s.cell_ids[cell * room + slot]
-        dx = x - s.cell_centres[column + slot]
-        dy = y - s.cell_centres[column + room + slot]
-        rr = dx * dx + dy * dy
-        if DIM == 3:
-            dz = z - s.cell_centres[column + 2 * room + slot]
-            rr += dz * dz
-        limit = reach
-        if SIZES:
-            limit += s.row[i * ROW + RADIUS] + s.cell_centres[column + DIM * room + slot]
-        if rr < limit * limit and (j < i or (j > i and not half)):
-            link(s, i, j, sx, sy, sz)
-
-
-@jit
-def find_neighbours(s, i, half):
-    """Fill i's list from the cells around its centre; `half`: with lower ids only, when all lists are made in turn."""
-    nx, ny, nz = s.counter[CELLS], s.counter[CELLS + 1], s.counter[CELLS + 2]
-    cx, cy = cell_index(s, i, 0), cell_index(s, i, 1)
-    x, y = wrapped(s, i, 0), wrapped(s, i, 1)
-    cz, z = 0, 0.0
-    if DIM == 3:
-        cz, z = cell_index(s, i, 2), wrapped(s, i, 2)
-    for ox in range(-1, 2):
-        kx, sx, inside_x = neighbour_cell(s, cx + ox, nx, 0)
-        if not inside_x:
-            continue
-        for oy in range(-1, 2):
-            ky, sy, inside_y = neighbour_cell(s, cy + oy, ny, 1)
-            if not inside_y:
-                continue
-            if DIM == 2:
-                scan_cell(
-                    s,
-                    i,
-                    kx * ny + ky,
-                    sx,
-                    sy,
-                    0.0,
-                    x - sx * s.number[BOX],
-                    y - sy * s.number[BOX + 1],
-                    0.0,
-                    half,
-                )
-            else:
-                for oz in range(-1, 2):
-                    kz, sz, inside_z = neighbour_cell(s, cz + oz, nz, 2)
-                    if inside_z:
-                        scan_cell(
-                            s,
-                            i,
-                            (kx * ny + ky) * nz + kz,
-                            sx,
-                            sy,
-                            sz,
-                            x - sx * s.number[BOX],
-                            y - sy * s.number[BOX + 1],
-                            z - sz * s.number[BOX + 2],
-                            half,
-                        )
-
-
-@jit
-def neighbour_cell(s, cell, cells, d):
-    """Index of a cell that may lie beyond the box's edge, in boxes how far beyond, and whether there is one at all."""
+def neighbour_cell(s, cell, d):
+    """Index of a cell that may lie beyond the box's edge, -1 where there is none, and in boxes how far beyond."""
+    cells = s.counter[CELLS + d]
+    if 0 <= cell < cells:
+        return cell, 0.0
+    if s.number[INVERSE + d] == 0.0:
+        return -1, 0.0
     if cell < 0:
-        return cell + cells, -1.0, s.number[INVERSE + d] > 0.0
-    if cell >= cells:
-        return cell - cells, 1.0, s.number[INVERSE + d] > 0.0
-    return cell, 0.0, True
+        return cell + cells, -1.0
+    return cell - cells, 1.0
+
+
+@jit
+def measure_cell(s, cell, m, x, y, z, reach):
+    """Squared distances, less the squared reach, from (x, y, z) to the centres of a cell, in the table from line m on."""
+    room = s.counter[CELL_ROOM]
+    count = s.cell_count[cell]
+    ids = cell * room
+    column = cell * CELL_COLUMNS * room
+    limit = reach
+    for first in range(0, count, CELL_LANES):
+        for k in range(first, first + CELL_LANES):
+            dx = x - s.cell_places[column + k]
+            dy = y - s.cell_places[column + room + k]
+            rr = dx * dx + dy * dy
+            if DIM == 3:
+                dz = z - s.cell_places[column + 2 * room + k]
+                rr += dz * dz
+            if SIZES:
+                limit = reach + s.cell_places[column + DIM * room + k]
+            s.near_excess[m + k] = rr - limit * limit
+            s.near_ids[m + k] = s.cell_ids[ids + k]
+    return m + count
+
+
+@jit
+def keep_near(s, m):
+    """Keep those of the table's m lines that are within reach; returns how many."""
+    kept = 0
+    for k in range(m):
+        s.near_ids[kept] = s.near_ids[k]
+        kept += 1 if s.near_excess[k] < 0.0 else 0
+    for k in range(kept, kept + CELL_LANES):
+        s.near_ids[k] = -1
+    return kept
+
+
+@jit
+def look_around(s, i):
+    """Ids of all centres within reach of i's, in the first lines of the table; where lists name images, link them at once."""
+    cx, cy, cz, x, y, z = locate(s, i)
+    named = s.counter[IMAGES] == 1
+    reach = np.float32(s.number[REACH])
+    if SIZES:
+        reach = np.float32(s.number[REACH] + s.row[i * ROW + RADIUS])
+    m = 0
+    for ox in range(-1, 2):
+        kx, sx = neighbour_cell(s, cx + ox, 0)
+        px = np.float32(x - np.float32(ox * s.number[CELL_EDGE]))
+        for oy in range(-1, 2):
+            ky, sy = neighbour_cell(s, cy + oy, 1)
+            py = np.float32(y - np.float32(oy * s.number[CELL_EDGE + 1]))
+            if kx < 0 or ky < 0:
+                continue
+            row_of_cells = (kx * s.counter[CELLS + 1] + ky) * s.counter[CELLS + 2]
+            for oz in range(-1 if DIM == 3 else 0, 2 if DIM == 3 else 1):
+                kz, sz = neighbour_cell(s, cz + oz, 2)
+                pz = np.float32(z - np.float32(oz * s.number[CELL_EDGE + 2]))
+                if kz >= 0:
+                    m = measure_cell(s, row_of_cells + kz, m, px, py, pz, reach)
+                    if named:
+                        for k in range(keep_near(s, m)):
+                            link(s, i, s.near_ids[k], sx, sy, sz)
+                        m = 0
+    return keep_near(s, m)
+
+
+@jit
+def is_near(s, kept, j):
+    """Whether j is in the first lines of the table."""
+    found = False
+    for k in range(0, kept, CELL_LANES):
+        for a in range(k, k + CELL_LANES):
+            found |= s.near_ids[a] == j
+    return found
+
+
+@jit
+def relist(s, i):
+    """Replace i's list by what `look_around` finds, and tell those lost and won."""
+    room = s.counter[LIST_ROOM]
+    n = s.counter[N]
+    kept = look_around(s, i)
+    if kept >= room:
+        s.counter[SHORT_LISTS] = 1
+        return
+    for k in range(kept):
+        j = s.near_ids[k]
+        if position_in_list(s, i, j) == room:
+            append(s, j, i)
+    for k in range(room):
+        j = s.neighbours[i * room + k]
+        if j == n:
+            break
+        if not is_near(s, kept, j):
+            strike(s, j, i)
+    for k in range(room):
+        s.neighbours[i * room + k] = s.near_ids[k] if k < kept else n
 
 
 @jit
 def renew_list(s, i, now):
     """Move i's centre to where i is, and make its list anew."""
-    forget(s, i)
     take_from_cell(s, i)
     set_centre(s, i, now)
+    if s.counter[IMAGES]:
+        forget(s, i)
+        look_around(s, i)
+    else:
+        relist(s, i)
     put_in_cell(s, i)
-    find_neighbours(s, i, False)
     s.counter[RENEWALS] += 1
 
 
 @jit
 def make_all_lists(s, now, cells):
-    """Centres, cells and lists of all particles from their rows."""
+    """Centres, cells and lists of all particles from their rows: each looks for those that came before."""
     n = s.counter[N]
     s.counter[SHORT_CELLS] = 0
     s.counter[SHORT_LISTS] = 0
     for cell in range(cells):
         s.cell_count[cell] = 0
+    for k in range(n * s.counter[LIST_ROOM]):
+        s.neighbours[k] = n
     for i in range(n):
         set_centre(s, i, now)
+        if s.counter[IMAGES]:
+            look_around(s, i)
+        else:
+            relist(s, i)
         put_in_cell(s, i)
-        s.neighbours[i * s.counter[LIST_ROOM]] = 0
-    for i in range(n):
-        find_neighbours(s, i, True)

@@ -7,7 +7,6 @@ from hardspheres import collision
 from .compiler import bits, from_bits, jit
 from .flags import DIM, SIZES, WALLS
 from .layout import (
-    BLOCK,
     BOX,
     CENTRE,
     CORE,
@@ -38,12 +37,12 @@ NO_PARTICLE = 0x7FFFFFFF
 
 # Columns of the table that the prediction works on: a partner's row as it is, its id, the contact time found.
 PLACE = 0
-VEL = 3 * BLOCK
-SINCE = 6 * BLOCK
-SIZE = 7 * BLOCK
-WHO = 8 * BLOCK
-WHEN = 9 * BLOCK
-SHIFT = 10 * BLOCK
+VEL = 3 * LANES
+SINCE = 6 * LANES
+SIZE = 7 * LANES
+WHO = 8 * LANES
+WHEN = 9 * LANES
+SHIFT = 10 * LANES
 
 
 @jit
@@ -51,8 +50,8 @@ def lay_out(s, k, j):
     """Copy the row of j to line k of the table."""
     rj = j * ROW
     for d in range(DIM):
-        s.scratch[PLACE + d * BLOCK + k] = s.row[rj + X + d]
-        s.scratch[VEL + d * BLOCK + k] = s.row[rj + V + d]
+        s.scratch[PLACE + d * LANES + k] = s.row[rj + X + d]
+        s.scratch[VEL + d * LANES + k] = s.row[rj + V + d]
     s.scratch[SINCE + k] = s.row[rj + T]
     if SIZES:
         s.scratch[SIZE + k] = s.row[rj + RADIUS]
@@ -60,32 +59,15 @@ def lay_out(s, k, j):
 
 
 @jit
-def fill_up(s, m):
-    """Fill the last vector of the table with lines that nobody meets."""
-    k = m
-    while k % LANES:
-        for d in range(DIM):
-            s.scratch[PLACE + d * BLOCK + k] = 0.0
-            s.scratch[VEL + d * BLOCK + k] = math.nan
-        s.scratch[SINCE + k] = 0.0
-        if SIZES:
-            s.scratch[SIZE + k] = 0.0
-        s.scratch_int[WHO + k] = NO_PARTICLE
-        k += 1
-    return k
-
-
-@jit
-def gather(s, i, first, m):
-    """Lay out m of i's neighbours, and the images that the list names, if it does; returns the lines of the table."""
-    entry = i * s.counter[LIST_ROOM] + 1 + first
-    for k in range(m):
+def gather(s, i, first):
+    """Lay out some of i's neighbours, and the images that the list names, if it does."""
+    entry = i * s.counter[LIST_ROOM] + first
+    for k in range(LANES):
         lay_out(s, k, s.neighbours[entry + k])
     if s.counter[IMAGES]:
-        for k in range(m):
+        for k in range(LANES):
             for d in range(DIM):
-                s.scratch[SHIFT + d * BLOCK + k] = s.images[(entry + k) * DIM + d]
-    return fill_up(s, m)
+                s.scratch[SHIFT + d * LANES + k] = s.images[(entry + k) * DIM + d]
 
 
 @jit
@@ -111,20 +93,20 @@ def solve(s, i, now, m):
         later = max(ti, tj)
         dti, dtj = later - ti, later - tj
         ago = now - later
-        vx, vy = scratch[VEL + k], scratch[VEL + BLOCK + k]
+        vx, vy = scratch[VEL + k], scratch[VEL + LANES + k]
         u, v = pu - vx, pv - vy
         x = (px + pu * dti) - (scratch[PLACE + k] + vx * dtj)
-        y = (py + pv * dti) - (scratch[PLACE + BLOCK + k] + vy * dtj)
+        y = (py + pv * dti) - (scratch[PLACE + LANES + k] + vy * dtj)
         x -= lx * (scratch[SHIFT + k] if named else rint((x + u * ago) * ix))
-        y -= ly * (scratch[SHIFT + BLOCK + k] if named else rint((y + v * ago) * iy))
+        y -= ly * (scratch[SHIFT + LANES + k] if named else rint((y + v * ago) * iy))
         if SIZES:
             sigma = radius + scratch[SIZE + k]
             sigma2 = sigma * sigma
         if DIM == 3:
-            vz = scratch[VEL + 2 * BLOCK + k]
+            vz = scratch[VEL + 2 * LANES + k]
             w = pw - vz
-            z = (pz + pw * dti) - (scratch[PLACE + 2 * BLOCK + k] + vz * dtj)
-            z -= lz * (scratch[SHIFT + 2 * BLOCK + k] if named else rint((z + w * ago) * iz))
+            z = (pz + pw * dti) - (scratch[PLACE + 2 * LANES + k] + vz * dtj)
+            z -= lz * (scratch[SHIFT + 2 * LANES + k] if named else rint((z + w * ago) * iz))
             b = x * u + y * v + z * w
             rr = x * x + y * y + z * z
             d = discriminant_3d(x, y, z, u, v, w, sigma2)
@@ -148,19 +130,23 @@ def rint(x):
 @jit
 def earliest_contact(s, i, now):
     """Time and partner of i's earliest contact with a neighbour; equal times: the lower partner."""
-    total = s.neighbours[i * s.counter[LIST_ROOM]]
+    room = s.counter[LIST_ROOM]
     best = NO_TIME
     partner = NO_PARTICLE
-    for first in range(0, total, BLOCK):
-        m = gather(s, i, first, min(total - first, BLOCK))
-        soonest = solve(s, i, now, m)
+    first = 0
+    while True:
+        gather(s, i, first)
+        soonest = solve(s, i, now, LANES)
         if soonest < best or (soonest == best and soonest < NO_TIME):
             if soonest < best:
                 partner = NO_PARTICLE
             best = soonest
-            for k in range(m):
+            for k in range(LANES):
                 who = s.scratch_int[WHO + k] if s.scratch_int[WHEN + k] == soonest else NO_PARTICLE
                 partner = min(partner, who)
+        first += LANES
+        if first == room or s.neighbours[i * room + first] == s.counter[N]:
+            break
     return from_bits(best), partner
 
 

@@ -27,7 +27,6 @@ from .layout import (
     CELL_EDGE,
     CELLS,
     CORE,
-    EVENT,
     HALF_WINDOW,
     INVERSE,
     INVERSE_WIDTH,
@@ -43,7 +42,6 @@ from .layout import (
     STAMP_BITS,
     STRETCH,
     TABLE,
-    VERSION,
     WINDOW_BUCKETS,
     N,
     T,
@@ -61,7 +59,6 @@ FAR = np.float32(1e18)
 MARGIN = 1e-4  # added to each radius: single precision is off by a few 1e-6 of a cell
 SLACK = np.float32(1e-5)  # added to the squared contact distance
 MANY = 1000000  # pieces; more than anybody can need
-VERSION_BITS = 0x7FFFFFFF  # of a version, kept with a line
 
 # A line, LINE float32, in units of the longest cell edge: its place in the middle of the window relative to the cell's
 # corner, half its way, its reach. Cells are wider than flights, so these numbers stay near 1 and so do the margins' errors.
@@ -129,7 +126,7 @@ def write_line(s, slot, i, t, middle, pieces):
         reach += 3e-3 * pieces * s.number[STRETCH] * unit
     s.lines[line + REACH_OF_LINE] = reach
     s.line_ids[slot] = i
-    s.line_versions[slot] = s.event[i * EVENT + VERSION] & VERSION_BITS
+    s.line_versions[slot] = s.version[i]
 
 
 @jit
@@ -244,7 +241,7 @@ def note_meetings(s, first, m, slot, since):
             when, _ = closest(s, k, x, y, z, u, v, w, since)
             other = s.table_slots[k]
             j = int(s.line_ids[other])
-            if j != i and s.line_versions[other] == s.event[j * EVENT + VERSION] & VERSION_BITS:
+            if j != i and s.line_versions[other] == s.version[j]:
                 time = pair_contact(s, i, j, middle + half * when)
                 note_candidate(s, min(i, j), max(i, j), time, middle + half)
 
@@ -252,9 +249,9 @@ def note_meetings(s, first, m, slot, since):
 @inline
 def versions_of(s, low, high):
     """Versions of both partners in one number; a wall has none."""
-    versions = s.event[low * EVENT + VERSION] << 32
+    versions = int(s.version[low]) << 32
     if high < s.counter[N]:
-        versions |= s.event[high * EVENT + VERSION] & STAMP_BITS
+        versions |= int(s.version[high]) & STAMP_BITS
     return versions
 
 
