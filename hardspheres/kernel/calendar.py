@@ -6,7 +6,7 @@ further bucket; events after the epoch are not entered at all, since the epoch p
 """
 
 from .agenda import push_agenda
-from .compiler import jit
+from .compiler import jit, prefetch
 from .layout import (
     AGENDA_LENGTH,
     BUCKET,
@@ -16,11 +16,14 @@ from .layout import (
     EVENT,
     FREE_CHUNK,
     INVERSE_WIDTH,
+    LIST_ROOM,
     PARTNER,
+    ROW,
     SHORT_QUEUE,
     STAMP,
     STAMP_BITS,
     TIME,
+    N,
 )
 
 
@@ -51,6 +54,19 @@ def push_bucket(s, slot, entry):
 
 
 @jit
+def make_ready(s, i):
+    """Have in the cache what the coming event of i needs."""
+    partner = s.event[i * EVENT + PARTNER]
+    prefetch(s.row, i * ROW)
+    prefetch(s.neighbours, i * s.counter[LIST_ROOM])
+    if 0 <= partner < s.counter[N]:
+        prefetch(s.row, partner * ROW)
+        prefetch(s.neighbours, partner * s.counter[LIST_ROOM])
+        prefetch(s.event, partner * EVENT)
+        prefetch(s.version, partner)
+
+
+@jit
 def enter(s, i):
     """Put i's event, just predicted, into the calendar."""
     time = s.event_float[i * EVENT + TIME]
@@ -60,6 +76,7 @@ def enter(s, i):
     now = s.counter[BUCKET]
     entry = i << 32 | s.event[i * EVENT + STAMP]
     if bucket <= now:
+        make_ready(s, i)
         push_agenda(s, time, tie_key(i, s.event[i * EVENT + PARTNER]), entry)
     else:
         year = s.counter[BUCKETS]

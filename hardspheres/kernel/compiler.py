@@ -11,7 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from llvmlite import ir
 from numba import types
+from numba.core import cgutils
 from numba.extending import intrinsic
 
 config: Any = numba.config
@@ -22,6 +24,9 @@ if PURE_PYTHON:
     def pointer(array):
         """In plain Python an array is its own pointer."""
         return array
+
+    def prefetch(array, k):
+        """In plain Python: nothing."""
 
     def bits(x):
         """The bits of a float64 as int64."""
@@ -46,6 +51,20 @@ else:
             return context.make_array(signature.args[0])(context, builder, args[0]).data
 
         return types.CPointer(array.dtype)(array), codegen
+
+    @intrinsic
+    def prefetch(typingctx, pointer, k):
+        """Bring the cache line of pointer[k] nearer; any k will do, it is never read."""
+
+        def codegen(context, builder, signature, args):
+            byte, word = ir.IntType(8).as_pointer(), ir.IntType(32)
+            where = builder.bitcast(builder.gep(args[0], [args[1]]), byte)
+            kind = ir.FunctionType(ir.VoidType(), [byte, word, word, word])
+            hint = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
+            builder.call(hint, [where, word(0), word(3), word(1)])
+            return context.get_dummy_value()
+
+        return types.none(pointer, types.int64), codegen
 
     @intrinsic
     def bits(typingctx, x):
