@@ -19,6 +19,7 @@ from hardspheres.tuning import (
 )
 
 EVENTS_PER_BUCKET = 8
+LINE_MARGIN = 1e-4  # in cells, of boxes that are not many cells long: single precision is off by a few 1e-6
 
 
 def aligned(size: int, dtype: type) -> Any:
@@ -135,6 +136,10 @@ class Engine:
         number[at.HALF_WINDOW] = 0.5 * plan.length
         number[at.STRETCH] = plan.stretch
         number[at.LINE_UNIT] = 1.0 / edge
+        number[at.LINE_MARGIN] = LINE_MARGIN * (1.0 + max(plan.cells) / 256.0)
+        nx, ny, nz = (int(k) for k in count[at.CELLS : at.CELLS + 3])
+        count[at.PLANE_ROWS] = nz * (ny + 3)
+        count[at.PLANE_ROOM] = int(5.0 * n / nx * (1.0 + 2.0 / ny)) + 1024
         self.chunks = 0
         self._set_buckets(scene, 1.0, number)
         buckets = plan.length * number[at.INVERSE_WIDTH]
@@ -179,9 +184,9 @@ class Engine:
             "agenda_time": np.zeros(agenda),
             "agenda_key": np.zeros(agenda, dtype=np.int64),
             "agenda_entry": np.zeros(agenda, dtype=np.int64),
-            "lines": aligned(lines * at.LINE + 1, np.float32),
-            "line_ids": np.zeros(lines + 1, dtype=np.int32),
-            "line_versions": np.zeros(lines + 1, dtype=np.int32),
+            "order": np.arange(n * windows, dtype=np.int32),
+            "lines": aligned(7 * lines + at.LINE_LANES, np.float32),
+            "line_ids": np.zeros(lines + at.LINE_LANES, dtype=np.int32),
             "line_next": np.zeros(lines + 1, dtype=np.int32),
             "pieces": np.zeros(n * windows + 1, dtype=np.int32),
             "cell_start": np.zeros(self.cells * windows + 1, dtype=np.int32),
@@ -190,9 +195,10 @@ class Engine:
             "candidate_pair": np.zeros(candidates + 1, dtype=np.int64),
             "candidate_versions": np.zeros(candidates + 1, dtype=np.int64),
             "candidate_next": np.zeros(candidates + 1, dtype=np.int64),
-            "table": aligned(at.TABLE * 8 * windows + 1, np.float32),
-            "table_slots": np.zeros(at.TABLE * windows + 1, dtype=np.int32),
-            "table_met": np.zeros(at.TABLE * windows + 1, dtype=np.int32),
+            "planes": aligned(14 * int(count[at.PLANE_ROOM]) + 1, np.float32),
+            "plane_ids": np.zeros(2 * int(count[at.PLANE_ROOM]) + 1, dtype=np.int32),
+            "plane_start": np.zeros(2 * int(count[at.PLANE_ROWS]) + 1, dtype=np.int32),
+            "plane_own": np.zeros(2 * int(count[at.PLANE_ROWS]) + 1, dtype=np.int32),
         }
 
     def _make_room(self) -> None:
@@ -203,6 +209,7 @@ class Engine:
             count[at.LINE_ROOM] *= 2
         if count[at.SHORT_CELLS]:
             count[at.CELL_ROOM] *= 2
+            count[at.PLANE_ROOM] *= 2
         if count[at.SHORT_QUEUE]:
             count[at.AGENDA_ROOM] *= 2
             count[at.CANDIDATE_ROOM] *= 2

@@ -41,8 +41,10 @@ STANDSTILL = 19  # NOW when time was last seen to move
 HALF_WINDOW = 20  # windows: half their length in time
 STRETCH = 21  # how far a registered piece of a flight reaches from its middle
 LINE_UNIT = 22  # 1 / the longest edge of a cell
+LINE_MARGIN = 23  # added to the radius of a line
 CELL_EDGE = 24  # edges of a cell, 3 slots
-NUMBERS = 27
+MIDDLE = 27  # time at the middle of the window
+NUMBERS = 28
 
 # Sums since the tallies were reset, float64.
 VIRIAL = 0  # sum of r_a dp_b over pair collisions: xx, yy, zz, xy, xz, yz
@@ -84,14 +86,15 @@ LINES = 26  # lines written in this window
 REGISTERED = 27  # of them, those of its beginning
 CANDIDATE_ROOM = 28
 CANDIDATES = 29  # contacts noted in this window
+PLANE_ROOM = 30  # windows: lines that a plane can hold
+PLANE_ROWS = 31  # in a plane, with those beyond its ends and one more
 COUNTERS = 32
 
 # Calendar: chunks of 8 int64: the next chunk (-1: none) and how many entries, then 7 entries id << 32 | stamp.
 CHUNK = 8
 STAMP_BITS = 0xFFFFFFFF
 
-LINE = 8  # float32 in a registered line, see `windows`
-TABLE = 512  # lines that one pass of the filter handles
+LINE_LANES = 16  # lines that one pass of the filter handles
 
 LANES = 16  # neighbours that one pass of the prediction handles
 CELL_LANES = 16  # centres that one pass through a cell handles
@@ -122,9 +125,9 @@ class Arrays(NamedTuple):
     agenda_entry: object  # int64: id << 32 | stamp
     scratch: object  # float64 (LANES * 16)
     scratch_int: object  # the same memory as int64
-    lines: object  # windows: float32 (LINE_ROOM * LINE)
-    line_ids: object  # int32 (LINE_ROOM)
-    line_versions: object  # int32 (LINE_ROOM)
+    order: object  # windows: int32 (n): the particles in the order in which they are gone through
+    lines: object  # float32 (7 * LINE_ROOM + LINE_LANES), see `lines`
+    line_ids: object  # int32 (LINE_ROOM + LINE_LANES)
     line_next: object  # int32 (LINE_ROOM): the next new line of the same cell
     pieces: object  # int32 (n): in how many pieces a particle's flight is registered
     cell_start: object  # int32 (cells + 1): first line of each cell
@@ -133,9 +136,10 @@ class Arrays(NamedTuple):
     candidate_pair: object  # int64: lower id << 32 | higher id
     candidate_versions: object  # int64: of both, when the contact was computed
     candidate_next: object  # int64: the next candidate of the same bucket
-    table: object  # float32 (TABLE * 7): lines to compare with, column by column
-    table_slots: object  # int32 (TABLE)
-    table_met: object  # int32 (TABLE): 1 where the filter let a line pass
+    planes: object  # float32 (14 * PLANE_ROOM): two planes, see `planes`
+    plane_ids: object  # int32 (2 * PLANE_ROOM)
+    plane_start: object  # int32 (2 * PLANE_ROWS): first line of each row
+    plane_own: object  # int32 (2 * PLANE_ROWS): first line of the cell in the middle of each row
     number: object  # float64: the numbers above
     counter: object  # int64: the counters above
     total: object  # float64: the sums above
@@ -166,9 +170,9 @@ def pointers(a):
         pointer(a.agenda_entry),
         pointer(a.scratch),
         pointer(a.scratch_int),
+        pointer(a.order),
         pointer(a.lines),
         pointer(a.line_ids),
-        pointer(a.line_versions),
         pointer(a.line_next),
         pointer(a.pieces),
         pointer(a.cell_start),
@@ -177,9 +181,10 @@ def pointers(a):
         pointer(a.candidate_pair),
         pointer(a.candidate_versions),
         pointer(a.candidate_next),
-        pointer(a.table),
-        pointer(a.table_slots),
-        pointer(a.table_met),
+        pointer(a.planes),
+        pointer(a.plane_ids),
+        pointer(a.plane_start),
+        pointer(a.plane_own),
         pointer(a.number),
         pointer(a.counter),
         pointer(a.total),

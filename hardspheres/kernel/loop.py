@@ -3,6 +3,7 @@
 from . import layout
 from .agenda import pop_agenda
 from .calendar import clear_calendar, schedule, turn_page
+from .candidates import candidate_holds, open_candidates
 from .compiler import entry, jit
 from .events import begin_epoch, collide_pair, hit_wall
 from .flags import SPARSE, WALLS
@@ -37,7 +38,7 @@ from .layout import (
 )
 from .neighbours import make_all_lists, renew_list
 from .prediction import next_event
-from .windows import candidate_holds, follow, open_candidates, open_window
+from .windows import follow, open_window
 
 __all__ = ["DONE", "NO_ROOM", "PAUSED", "STANDS_STILL", "layout", "run"]
 
