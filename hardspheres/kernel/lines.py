@@ -5,8 +5,6 @@ longest cell edge. The filter asks whether two lines come within contact; roundi
 whatever does, and a little more. It compares one line with a run of others in whole vectors, without a branch.
 """
 
-import math
-
 import numpy as np
 
 from .candidates import note_candidate
@@ -48,7 +46,7 @@ REACH_OF_LINE = 6
 def cell_of(s, i, d, t):
     """Cell along axis d that holds i at time t, and how far the box that holds it is shifted."""
     x = s.row[i * ROW + X + d] + s.row[i * ROW + V + d] * (t - s.row[i * ROW + T])
-    shift = s.number[BOX + d] * math.floor(x * s.number[INVERSE + d])  # INVERSE is 0 between walls
+    shift = s.number[BOX + d] * np.floor(x * s.number[INVERSE + d])  # INVERSE is 0 between walls
     cell = (x - shift) * s.number[CELL_DENSITY + d]
     last = s.counter[CELLS + d] - 1
     if cell > 0.0:  # written so that not even a NaN leaves the grid
@@ -133,14 +131,14 @@ def meet_run(s, p, ids, stride, first, last, i, line, since):
             met |= may_meet(b, vv, c, since)
         if met:
             for k in range(block, min(block + LINE_LANES, last)):
-                b, vv, c = compare(p, stride, k, line)
-                if may_meet(b, vv, c, since):
-                    note_meeting(s, i, int(ids[k]), min(max(-b / (vv + TINY), since), ONE))
+                meet_line(s, p, ids, stride, k, i, line, since)
 
 
 @jit
-def note_meeting(s, i, j, when):
-    """Compute the contact of i and j, whose lines are nearest at that time, and keep it."""
-    if j != i:
-        about = s.number[MIDDLE] + s.number[HALF_WINDOW] * when
+def meet_line(s, p, ids, stride, k, i, line, since):
+    """Compare i's line with line k, and compute their contact if they may meet."""
+    b, vv, c = compare(p, stride, k, line)
+    if may_meet(b, vv, c, since) and ids[k] != i:
+        about = s.number[MIDDLE] + s.number[HALF_WINDOW] * min(max(-b / (vv + TINY), since), ONE)
+        j = int(ids[k])
         note_candidate(s, min(i, j), max(i, j), pair_contact(s, i, j, about))

@@ -39,15 +39,14 @@ def copy_run(s, p, end, first, last, sx, sy, sz):
     if p + (last - first) + LINE_LANES > end:
         s.counter[SHORT_CELLS] = 1
         return p
-    for block in range(0, last - first, LINE_LANES):
-        for column in range(COLUMNS):
-            if DIM == 2 and (column == 2 or column == 5):
-                continue
+    whole = (last - first + LINE_LANES - 1) // LINE_LANES * LINE_LANES  # what is copied too much is overwritten, or never read
+    for column in range(COLUMNS):
+        if DIM == 3 or not (column == 2 or column == 5):
             shift = sx if column == 0 else (sy if column == 1 else (sz if column == 2 else ZERO))
-            for k in range(block, block + LINE_LANES):
+            for k in range(whole):
                 s.planes[column * stride + p + k] = s.lines[column * room + first + k] + shift
-        for k in range(block, block + LINE_LANES):
-            s.plane_ids[p + k] = s.line_ids[first + k]
+    for k in range(whole):
+        s.plane_ids[p + k] = s.line_ids[first + k]
     return p + (last - first)
 
 

@@ -37,7 +37,7 @@ from .layout import (
     N,
     V,
 )
-from .lines import cell_at, line_at, meet_run, write_line
+from .lines import cell_at, line_at, meet_line, meet_run, write_line
 from .planes import ZERO, around, meet_all
 from .prediction import wall_contact
 
@@ -187,7 +187,7 @@ def meet_cells(s, slot, i, first, last, sx, sy, sz, since):
     for cell in range(first, last + 1):
         new = s.cell_chain[cell]
         while new >= 0:
-            meet_run(s, s.lines, s.line_ids, room, new, new + 1, i, line, since)
+            meet_line(s, s.lines, s.line_ids, room, new, i, line, since)
             new = s.line_next[new]
 
 
