@@ -137,15 +137,13 @@ class Engine:
         number[at.STRETCH] = plan.stretch
         number[at.LINE_UNIT] = 1.0 / edge
         number[at.LINE_MARGIN] = LINE_MARGIN * (1.0 + max(plan.cells) / 256.0)
-        nx, ny, nz = (int(k) for k in count[at.CELLS : at.CELLS + 3])
-        count[at.PLANE_ROWS] = nz * (ny + 3)
-        count[at.PLANE_ROOM] = int(5.0 * n / nx * (1.0 + 2.0 / ny)) + 1024
         self.chunks = 0
         self._set_buckets(scene, 1.0, number)
         buckets = plan.length * number[at.INVERSE_WIDTH]
         number[at.INVERSE_WIDTH] *= max(1.0, 1.0 / buckets)
         count[at.WINDOW_BUCKETS] = count[at.BUCKETS] = int(plan.length * number[at.INVERSE_WIDTH])
-        count[at.LINE_ROOM] = n + n // 2 + 1024
+        count[at.LINE_ROOM] = (3 if scene.dim == 3 else 1) * (n + n // 4 + 1024)
+        count[at.NODE_ROOM] = (3 if scene.dim == 3 else 1) * (n // 3 + 1024)
         count[at.CANDIDATE_ROOM] = n // 2 + 1024
 
     def _set_cells(self, scene: Scene, cells: list[int], number: Any, count: Any) -> None:
@@ -174,7 +172,7 @@ class Engine:
         return {
             "neighbours": aligned(n * room + 1, np.int32),
             "images": np.zeros(n * room * dim * int(count[at.IMAGES]) + 1, dtype=np.int32),
-            "cell_count": np.zeros(self.cells * lists + 1, dtype=np.int32),
+            "cell_count": np.zeros(self.cells + 1, dtype=np.int32),
             "cell_ids": np.zeros(self.cells * cell_room + 1, dtype=np.int32),
             "cell_places": aligned(self.cells * at.CELL_COLUMNS * cell_room + 1, np.float32),
             "near_excess": aligned((27 * cell_room + at.CELL_LANES) * lists + 1, np.float32),
@@ -185,20 +183,23 @@ class Engine:
             "agenda_key": np.zeros(agenda, dtype=np.int64),
             "agenda_entry": np.zeros(agenda, dtype=np.int64),
             "order": np.arange(n * windows, dtype=np.int32),
+            "drafts": aligned((n + 1) * 8 * windows + 1, np.float32),
             "lines": aligned(7 * lines + at.LINE_LANES, np.float32),
             "line_ids": np.zeros(lines + at.LINE_LANES, dtype=np.int32),
-            "line_next": np.zeros(lines + 1, dtype=np.int32),
-            "pieces": np.zeros(n * windows + 1, dtype=np.int32),
-            "cell_start": np.zeros(self.cells * windows + 1, dtype=np.int32),
-            "cell_chain": np.zeros(self.cells * windows + 1, dtype=np.int32),
+            "row_start": np.zeros(self.cells * windows + 1, dtype=np.int32),
+            "row_own": np.zeros(self.cells * windows + 1, dtype=np.int32),
+            "row_above": np.zeros(self.cells * windows + 1, dtype=np.int32),
+            "row_up": np.zeros(self.cells * windows + 1, dtype=np.int32),
+            "row_down": np.zeros(self.cells * windows + 1, dtype=np.int32),
+            "row_chain": np.zeros(self.cells * windows + 1, dtype=np.int32),
+            "nodes": aligned(int(count[at.NODE_ROOM]) * 8 + 1, np.float32),
+            "node_ids": np.zeros(int(count[at.NODE_ROOM]) + 1, dtype=np.int32),
+            "node_next": np.zeros(int(count[at.NODE_ROOM]) + 1, dtype=np.int32),
+            "met": aligned(at.LINE_LANES, np.int32),
             "candidate_time": np.zeros(candidates + 1),
             "candidate_pair": np.zeros(candidates + 1, dtype=np.int64),
             "candidate_versions": np.zeros(candidates + 1, dtype=np.int64),
             "candidate_next": np.zeros(candidates + 1, dtype=np.int64),
-            "planes": aligned(14 * int(count[at.PLANE_ROOM]) + 1, np.float32),
-            "plane_ids": np.zeros(2 * int(count[at.PLANE_ROOM]) + 1, dtype=np.int32),
-            "plane_start": np.zeros(2 * int(count[at.PLANE_ROWS]) + 1, dtype=np.int32),
-            "plane_own": np.zeros(2 * int(count[at.PLANE_ROWS]) + 1, dtype=np.int32),
         }
 
     def _make_room(self) -> None:
@@ -207,9 +208,9 @@ class Engine:
         if count[at.SHORT_LISTS]:
             count[at.LIST_ROOM] *= 2
             count[at.LINE_ROOM] *= 2
+            count[at.NODE_ROOM] *= 2
         if count[at.SHORT_CELLS]:
             count[at.CELL_ROOM] *= 2
-            count[at.PLANE_ROOM] *= 2
         if count[at.SHORT_QUEUE]:
             count[at.AGENDA_ROOM] *= 2
             count[at.CANDIDATE_ROOM] *= 2

@@ -81,13 +81,12 @@ SHORT_CELLS = 21
 SHORT_QUEUE = 22
 LAST_PAIR_EPOCH = 23  # epoch of the last pair collision
 WINDOW_BUCKETS = 24  # buckets in a window; 0 for lists
-LINE_ROOM = 25  # windows: lines that can be registered
-LINES = 26  # lines written in this window
-REGISTERED = 27  # of them, those of its beginning
+LINE_ROOM = 25  # windows: lines that the rows can hold, each three times
+NODES = 26  # new lines of this window, each in each of its rows
+REGISTERED = 27  # lines at the beginning of this window
 CANDIDATE_ROOM = 28
 CANDIDATES = 29  # contacts noted in this window
-PLANE_ROOM = 30  # windows: lines that a plane can hold
-PLANE_ROWS = 31  # in a plane, with those beyond its ends and one more
+NODE_ROOM = 30
 COUNTERS = 32
 
 # Calendar: chunks of 8 int64: the next chunk (-1: none) and how many entries, then 7 entries id << 32 | stamp.
@@ -126,20 +125,23 @@ class Arrays(NamedTuple):
     scratch: object  # float64 (LANES * 16)
     scratch_int: object  # the same memory as int64
     order: object  # windows: int32 (n): the particles in the order in which they are gone through
-    lines: object  # float32 (7 * LINE_ROOM + LINE_LANES), see `lines`
+    drafts: object  # float32 ((n + 1) * LINE): lines before they are sorted, and the latest new one
+    lines: object  # float32 (7 * LINE_ROOM + LINE_LANES): sorted into rows, column by column
     line_ids: object  # int32 (LINE_ROOM + LINE_LANES)
-    line_next: object  # int32 (LINE_ROOM): the next new line of the same cell
-    pieces: object  # int32 (n): in how many pieces a particle's flight is registered
-    cell_start: object  # int32 (cells + 1): first line of each cell
-    cell_chain: object  # int32 (cells + 1): first new line of each cell
+    row_start: object  # int32 (cells + 1): first line of each row
+    row_own: object  # int32 (cells): first line of the cell in the middle
+    row_above: object  # int32 (cells): first line of the cell above
+    row_up: object  # int32 (cells): the row above, or -1
+    row_down: object  # int32 (cells): the row below, or -1
+    row_chain: object  # int32 (cells): first node of the row's chain of new lines
+    nodes: object  # float32 (NODE_ROOM * LINE): new lines
+    node_ids: object  # int32 (NODE_ROOM)
+    node_next: object  # int32 (NODE_ROOM)
+    met: object  # int32 (LINE_LANES): 1 where the filter let a line pass
     candidate_time: object  # float64 (CANDIDATE_ROOM)
     candidate_pair: object  # int64: lower id << 32 | higher id
     candidate_versions: object  # int64: of both, when the contact was computed
     candidate_next: object  # int64: the next candidate of the same bucket
-    planes: object  # float32 (14 * PLANE_ROOM): two planes, see `planes`
-    plane_ids: object  # int32 (2 * PLANE_ROOM)
-    plane_start: object  # int32 (2 * PLANE_ROWS): first line of each row
-    plane_own: object  # int32 (2 * PLANE_ROWS): first line of the cell in the middle of each row
     number: object  # float64: the numbers above
     counter: object  # int64: the counters above
     total: object  # float64: the sums above
@@ -171,20 +173,23 @@ def pointers(a):
         pointer(a.scratch),
         pointer(a.scratch_int),
         pointer(a.order),
+        pointer(a.drafts),
         pointer(a.lines),
         pointer(a.line_ids),
-        pointer(a.line_next),
-        pointer(a.pieces),
-        pointer(a.cell_start),
-        pointer(a.cell_chain),
+        pointer(a.row_start),
+        pointer(a.row_own),
+        pointer(a.row_above),
+        pointer(a.row_up),
+        pointer(a.row_down),
+        pointer(a.row_chain),
+        pointer(a.nodes),
+        pointer(a.node_ids),
+        pointer(a.node_next),
+        pointer(a.met),
         pointer(a.candidate_time),
         pointer(a.candidate_pair),
         pointer(a.candidate_versions),
         pointer(a.candidate_next),
-        pointer(a.planes),
-        pointer(a.plane_ids),
-        pointer(a.plane_start),
-        pointer(a.plane_own),
         pointer(a.number),
         pointer(a.counter),
         pointer(a.total),

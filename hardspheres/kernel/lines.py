@@ -9,28 +9,11 @@ import numpy as np
 
 from .candidates import note_candidate
 from .compiler import jit
-from .flags import DIM, SIZES
-from .layout import (
-    BOX,
-    CELL_DENSITY,
-    CELLS,
-    CORE,
-    HALF_WINDOW,
-    INVERSE,
-    LINE_LANES,
-    LINE_MARGIN,
-    LINE_ROOM,
-    LINE_UNIT,
-    MIDDLE,
-    RADIUS,
-    ROW,
-    STRETCH,
-    T,
-    V,
-    X,
-)
+from .flags import DIM
+from .layout import HALF_WINDOW, LINE_LANES, MIDDLE
 from .prediction import pair_contact
 
+ZERO = np.float32(0.0)
 ONE = np.float32(1.0)
 TWO = np.float32(2.0)
 TINY = np.float32(1e-30)
@@ -40,58 +23,24 @@ SLACK = np.float32(1e-5)  # for the rounding of squared distances, of b, and of 
 PLACE = 0
 WAY = 3
 REACH_OF_LINE = 6
+LINE = 8  # float32 in a line that stands alone
 
 
 @jit
-def cell_of(s, i, d, t):
-    """Cell along axis d that holds i at time t, and how far the box that holds it is shifted."""
-    x = s.row[i * ROW + X + d] + s.row[i * ROW + V + d] * (t - s.row[i * ROW + T])
-    shift = s.number[BOX + d] * np.floor(x * s.number[INVERSE + d])  # INVERSE is 0 between walls
-    cell = (x - shift) * s.number[CELL_DENSITY + d]
-    last = s.counter[CELLS + d] - 1
-    if cell > 0.0:  # written so that not even a NaN leaves the grid
-        return (int(cell) if cell < last else last), shift
-    return 0, shift
-
-
-@jit
-def cell_at(s, i, t):
-    """Cell that holds i at time t."""
-    cell, _ = cell_of(s, i, 0, t)
-    for d in range(1, DIM):
-        k, _ = cell_of(s, i, d, t)
-        cell = cell * s.counter[CELLS + d] + k
-    return cell
-
-
-@jit
-def write_line(s, slot, i, t, middle, pieces):
-    """Write i's line to a slot, in the image that is in the box at time t."""
-    room = s.counter[LINE_ROOM]
-    ri = i * ROW
-    dt = middle - s.row[ri + T]
-    unit = s.number[LINE_UNIT]
-    for d in range(DIM):
-        _, shift = cell_of(s, i, d, t)
-        place = s.row[ri + X + d] + s.row[ri + V + d] * dt
-        s.lines[(PLACE + d) * room + slot] = (place - shift) * unit
-        s.lines[(WAY + d) * room + slot] = s.row[ri + V + d] * s.number[HALF_WINDOW] * unit
-    reach = (s.row[ri + RADIUS] if SIZES else s.number[CORE]) * unit + s.number[LINE_MARGIN]
-    if pieces > 1:
-        reach += 3e-3 * pieces * s.number[STRETCH] * unit
-    s.lines[REACH_OF_LINE * room + slot] = reach
-    s.line_ids[slot] = i
-
-
-@jit
-def line_at(p, stride, k, sx, sy, sz):
-    """Place, way and reach of line k, shifted."""
-    z, w = sz, sz
+def line_at(p, stride, k):
+    """Place, way and reach of line k."""
+    x, y, u, v = p[PLACE * stride + k], p[(PLACE + 1) * stride + k], p[WAY * stride + k], p[(WAY + 1) * stride + k]
+    z, w = ZERO, ZERO
     if DIM == 3:
-        z = p[(PLACE + 2) * stride + k] + sz
-        w = p[(WAY + 2) * stride + k]
-    x, y = p[PLACE * stride + k] + sx, p[(PLACE + 1) * stride + k] + sy
-    return x, y, z, p[WAY * stride + k], p[(WAY + 1) * stride + k], w, p[REACH_OF_LINE * stride + k]
+        z, w = p[(PLACE + 2) * stride + k], p[(WAY + 2) * stride + k]
+    return x, y, z, u, v, w, p[REACH_OF_LINE * stride + k]
+
+
+@jit
+def shifted(line, sx, sy):
+    """The same line in another image."""
+    x, y, z, u, v, w, reach = line
+    return x + sx, y + sy, z, u, v, w, reach
 
 
 @jit
@@ -130,14 +79,18 @@ def meet_run(s, p, ids, stride, first, last, i, line, since):
             b, vv, c = compare(p, stride, k, line)
             met |= may_meet(b, vv, c, since)
         if met:
-            for k in range(block, min(block + LINE_LANES, last)):
-                meet_line(s, p, ids, stride, k, i, line, since)
+            for k in range(LINE_LANES):
+                b, vv, c = compare(p, stride, block + k, line)
+                s.met[k] = 1 if may_meet(b, vv, c, since) else 0
+            for k in range(min(LINE_LANES, last - block)):
+                if s.met[k]:
+                    meet_line(s, p, ids, stride, block + k, 1, i, line, since)
 
 
 @jit
-def meet_line(s, p, ids, stride, k, i, line, since):
+def meet_line(s, p, ids, stride, k, step, i, line, since):
     """Compare i's line with line k, and compute their contact if they may meet."""
-    b, vv, c = compare(p, stride, k, line)
+    b, vv, c = compare(p, stride, k * step, line)
     if may_meet(b, vv, c, since) and ids[k] != i:
         about = s.number[MIDDLE] + s.number[HALF_WINDOW] * min(max(-b / (vv + TINY), since), ONE)
         j = int(ids[k])

@@ -17,13 +17,13 @@ from .layout import (
     INVERSE_WIDTH,
     LATE,
     LATE_BY,
-    LINE_ROOM,
     LONE,
+    NODE_ROOM,
+    NODES,
     NOW,
     PAIRS,
     PARTNER,
     PARTNER_VERSION,
-    REGISTERED,
     RENEW,
     SHORT_CELLS,
     SHORT_LISTS,
@@ -120,8 +120,8 @@ def run(arrays, cells, chunks, afresh, stop_epoch, stop_time, stop_pairs, budget
                 execute_and_predict(s, first, time)
             if s.counter[LONE] > 1000 * n:
                 return STANDS_STILL
-        if SPARSE and s.counter[SHORT_LISTS] and 5 * s.counter[REGISTERED] < 4 * s.counter[LINE_ROOM]:
-            # There is room for all lines, but not for all that were replaced: a new search clears those away.
+        if SPARSE and s.counter[SHORT_LISTS] and s.counter[NODES] == s.counter[NODE_ROOM]:
+            # There is no room for more new lines: a new search clears those away that were replaced.
             s.counter[SHORT_LISTS] = 0
             search = True
         if s.counter[SHORT_QUEUE] or s.counter[SHORT_LISTS] or s.counter[SHORT_CELLS]:

@@ -1,0 +1,262 @@
+"""Rows of the window method: all lines, laid out so that those around a cell stand in few contiguous runs.
+
+Row (x, z, y) holds the lines of the cells (x, y, z - 1), (x, y, z) and (x, y, z + 1), in this order, shifted where a cell is on
+the other side of the box; so each line stands in three rows (in 2D in one). Rows follow each other in y. The lines around a
+cell are then three runs, of the rows y - 1 to y + 1 at x - 1, x and x + 1. To meet each pair once, a line meets all that stand
+behind it in its own and the following row, and the three rows at x + 1.
+"""
+
+import math
+
+import numpy as np
+
+from .compiler import jit, prefetch
+from .flags import DIM, SIZES
+from .layout import (
+    BOX,
+    BUCKET,
+    CELL_DENSITY,
+    CELLS,
+    CORE,
+    HALF_WINDOW,
+    INVERSE,
+    LINE_MARGIN,
+    LINE_ROOM,
+    LINE_UNIT,
+    MIDDLE,
+    RADIUS,
+    REGISTERED,
+    ROW,
+    SHORT_LISTS,
+    STRETCH,
+    N,
+    T,
+    V,
+    X,
+)
+from .lines import LINE, PLACE, REACH_OF_LINE, WAY, ZERO, line_at, meet_run, shifted
+
+ALWAYS = np.float32(-1.00001)  # from the beginning of the window
+AHEAD = 12  # particles from here to that whose row is fetched
+COPIES = 3 if DIM == 3 else 1  # of each line
+MANY = 1000000  # pieces; more than anybody can need
+
+
+@jit
+def pieces_of(s, i, duration):
+    """In how many pieces a flight of this duration is registered, so that none reaches further than STRETCH both ways."""
+    vv = 0.0
+    for d in range(DIM):
+        v = s.row[i * ROW + V + d]
+        vv += v * v
+    far = 0.5 * duration / s.number[STRETCH]
+    if vv * far * far < 1.0:
+        return 1
+    return 1 + int(min(math.sqrt(vv) * far, MANY))
+
+
+@jit
+def cell_of(s, i, d, t):
+    """Cell along axis d that holds i at time t, and how far the box that holds it is shifted."""
+    x = s.row[i * ROW + X + d] + s.row[i * ROW + V + d] * (t - s.row[i * ROW + T])
+    shift = s.number[BOX + d] * np.floor(x * s.number[INVERSE + d])  # INVERSE is 0 between walls
+    cell = (x - shift) * s.number[CELL_DENSITY + d]
+    cell = cell if cell > 0.0 else 0.0  # written so that not even a NaN leaves the grid
+    return min(int(cell), s.counter[CELLS + d] - 1), shift
+
+
+@jit
+def draft_line(s, k, i, t, pieces):
+    """Write i's line, in the image that is in the box at time t, to the drafts; returns the cell that holds i then."""
+    ri = i * ROW
+    dt = s.number[MIDDLE] - s.row[ri + T]
+    unit = s.number[LINE_UNIT]
+    x, shift_x = cell_of(s, i, 0, t)
+    y, shift_y = cell_of(s, i, 1, t)
+    z, shift_z = 0, 0.0
+    if DIM == 3:
+        z, shift_z = cell_of(s, i, 2, t)
+    for d in range(DIM):
+        shift = shift_x if d == 0 else (shift_y if d == 1 else shift_z)
+        place = s.row[ri + X + d] + s.row[ri + V + d] * dt
+        s.drafts[k * LINE + PLACE + d] = (place - shift) * unit
+        s.drafts[k * LINE + WAY + d] = s.row[ri + V + d] * s.number[HALF_WINDOW] * unit
+    reach = (s.row[ri + RADIUS] if SIZES else s.number[CORE]) * unit + s.number[LINE_MARGIN]
+    if pieces > 1:
+        reach += 3e-3 * pieces * s.number[STRETCH] * unit
+    s.drafts[k * LINE + REACH_OF_LINE] = reach
+    return (x * s.counter[CELLS + 2] + z) * s.counter[CELLS + 1] + y
+
+
+@jit
+def count_lines(s, begin, duration):
+    """Draft the lines of all particles and count those of each cell; a flight in several pieces is drafted later."""
+    n = s.counter[N]
+    total = n
+    for m in range(n):
+        i = int(s.order[m])
+        prefetch(s.row, s.order[min(m + AHEAD, n - 1)] * ROW)
+        pieces = pieces_of(s, i, duration)
+        if pieces == 1:
+            cell = draft_line(s, m, i, s.number[MIDDLE], 1)
+            s.where[m] = cell
+            s.cell_count[cell] += 1
+        else:
+            s.where[m] = -pieces
+            total += pieces - 1
+            for p in range(pieces):
+                s.cell_count[draft_line(s, m, i, begin + duration * (p + 0.5) / pieces, pieces)] += 1
+    return total
+
+
+@jit
+def lay_out_rows(s):
+    """Find where each row begins, and in it the lines of the cell in its middle and of the cell above."""
+    nx, ny, nz = s.counter[CELLS], s.counter[CELLS + 1], s.counter[CELLS + 2]
+    wraps = s.number[INVERSE + 2] > 0.0
+    place = 0
+    row = 0
+    for _ in range(nx):
+        for z in range(nz):
+            down = -ny if z > 0 else (nz - 1) * ny
+            up = ny if z < nz - 1 else (1 - nz) * ny
+            has_below, has_above = wraps or z > 0, wraps or z < nz - 1
+            for _ in range(ny):
+                s.row_start[row] = place
+                if has_below:
+                    place += s.cell_count[row + down]
+                s.row_own[row] = place
+                place += s.cell_count[row]
+                s.row_above[row] = place
+                if has_above:
+                    place += s.cell_count[row + up]
+                s.row_down[row] = row + down if has_below else -1
+                s.row_up[row] = row + up if has_above else -1
+                row += 1
+    s.row_start[row] = place
+
+
+@jit
+def write_line(s, slot, k, i, shift):
+    """Copy a draft, shifted along z, to a slot of the rows."""
+    room = s.counter[LINE_ROOM]
+    for d in range(DIM):
+        s.lines[(PLACE + d) * room + slot] = s.drafts[k * LINE + PLACE + d] + (shift if d == 2 else ZERO)
+        s.lines[(WAY + d) * room + slot] = s.drafts[k * LINE + WAY + d]
+    s.lines[REACH_OF_LINE * room + slot] = s.drafts[k * LINE + REACH_OF_LINE]
+    s.line_ids[slot] = i
+
+
+@jit
+def insert_draft(s, k, i, cell, length):
+    """Copy a draft to the rows of the cell, of the one above and of the one below, the last free slot first."""
+    rank = s.cell_count[cell] - 1
+    s.cell_count[cell] = rank
+    write_line(s, s.row_own[cell] + rank, k, i, ZERO)
+    if DIM == 3:
+        up, down = int(s.row_up[cell]), int(s.row_down[cell])
+        if up >= 0:
+            write_line(s, s.row_start[up] + rank, k, i, -length if up < cell else ZERO)
+        if down >= 0:
+            write_line(s, s.row_above[down] + rank, k, i, length if down > cell else ZERO)
+
+
+@jit
+def register_all(s, cells, begin):
+    """Lay all lines out in rows; SHORT_LISTS tells if there was no room."""
+    n = s.counter[N]
+    duration = 2.0 * s.number[HALF_WINDOW]
+    for cell in range(cells):
+        s.cell_count[cell] = 0
+        s.row_chain[cell] = -1
+    total = count_lines(s, begin, duration)
+    s.counter[REGISTERED] = total
+    if COPIES * total > s.counter[LINE_ROOM]:
+        s.counter[SHORT_LISTS] = 1
+        return
+    lay_out_rows(s)
+    length = np.float32(s.number[BOX + 2] * s.number[LINE_UNIT])
+    for m in range(n):
+        i = int(s.order[m])
+        if s.where[m] >= 0:
+            insert_draft(s, m, i, int(s.where[m]), length)
+        else:
+            pieces = -int(s.where[m])
+            for p in range(pieces):
+                cell = draft_line(s, m, i, begin + duration * (p + 0.5) / pieces, pieces)
+                insert_draft(s, m, i, cell, length)
+    if s.counter[BUCKET] == 0:
+        keep_order(s, cells)
+
+
+@jit
+def keep_order(s, cells):
+    """Go through the particles in the order of their cells from now on: it saves waiting for memory, and changes nothing else."""
+    n = s.counter[N]
+    for i in range(n):
+        s.where[i] = 0
+    m = 0
+    for cell in range(cells):
+        for slot in range(s.row_own[cell], s.row_above[cell]):
+            i = int(s.line_ids[slot])
+            if s.where[i] == 0:
+                s.where[i] = 1
+                s.order[m] = i
+                m += 1
+
+
+@jit
+def around(s, cell, d):
+    """Index of a cell that may lie beyond the box's edge, -1 where there is none, and how far it is shifted."""
+    cells = s.counter[CELLS + d]
+    if 0 <= cell < cells:
+        return cell, ZERO
+    if s.number[INVERSE + d] == 0.0:
+        return -1, ZERO
+    length = np.float32(s.number[BOX + d] * s.number[LINE_UNIT])
+    if cell < 0:
+        return cell + cells, -length
+    return cell - cells, length
+
+
+@jit
+def meet_rows(s, row, y, i, line, since):
+    """Compare i's line with the rows from y - 1 to y + 1 of those that begin with `row`."""
+    ny = s.counter[CELLS + 1]
+    room = s.counter[LINE_ROOM]
+    first, last = row + max(y - 1, 0), row + min(y + 1, ny - 1)
+    meet_run(s, s.lines, s.line_ids, room, s.row_start[first], s.row_start[last + 1], i, line, since)
+    if last - first < 2:
+        meet_beyond(s, row, y, -1, i, line, since)
+        meet_beyond(s, row, y, 1, i, line, since)
+
+
+@jit
+def meet_beyond(s, row, y, step, i, line, since):
+    """Compare i's line with the row at y + step, if that lies on the other side of the box."""
+    other, shift = around(s, y + step, 1)
+    if other >= 0 and shift != ZERO:
+        first, last = s.row_start[row + other], s.row_start[row + other + 1]
+        meet_run(s, s.lines, s.line_ids, s.counter[LINE_ROOM], first, last, i, shifted(line, ZERO, -shift), since)
+
+
+@jit
+def meet_all(s):
+    """Compare all lines with those of the same and the neighbouring cells, each pair once."""
+    nx, ny, nz = s.counter[CELLS], s.counter[CELLS + 1], s.counter[CELLS + 2]
+    room = s.counter[LINE_ROOM]
+    for x in range(nx):
+        right, shift = around(s, x + 1, 0)
+        for z in range(nz):
+            row = (x * nz + z) * ny
+            beside = (right * nz + z) * ny
+            for y in range(ny):
+                behind = s.row_start[row + min(y + 2, ny)]
+                for k in range(s.row_own[row + y], s.row_above[row + y]):
+                    i = int(s.line_ids[k])
+                    line = line_at(s.lines, room, k)
+                    meet_run(s, s.lines, s.line_ids, room, k + 1, behind, i, line, ALWAYS)
+                    if y == ny - 1:
+                        meet_beyond(s, row, y, 1, i, line, ALWAYS)
+                    if right >= 0:
+                        meet_rows(s, beside, y, i, shifted(line, -shift, ZERO), ALWAYS)
