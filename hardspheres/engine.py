@@ -145,6 +145,7 @@ class Engine:
         count[at.LINE_ROOM] = (3 if scene.dim == 3 else 1) * (n + n // 4 + 1024)
         count[at.NODE_ROOM] = (3 if scene.dim == 3 else 1) * (n // 3 + 1024)
         count[at.CANDIDATE_ROOM] = n // 2 + 1024
+        count[at.MEETING_ROOM] = 1024
 
     def _set_cells(self, scene: Scene, cells: list[int], number: Any, count: Any) -> None:
         at, dim = self.layout, scene.dim
@@ -196,6 +197,10 @@ class Engine:
             "node_ids": np.zeros(int(count[at.NODE_ROOM]) + 1, dtype=np.int32),
             "node_next": np.zeros(int(count[at.NODE_ROOM]) + 1, dtype=np.int32),
             "met": aligned(at.LINE_LANES, np.int32),
+            "met_when": aligned(at.LINE_LANES, np.float32),
+            "meeting_i": np.zeros(int(count[at.MEETING_ROOM]), dtype=np.int32),
+            "meeting_j": np.zeros(int(count[at.MEETING_ROOM]), dtype=np.int32),
+            "meeting_when": np.zeros(int(count[at.MEETING_ROOM]), dtype=np.float32),
             "candidate_time": np.zeros(candidates + 1),
             "candidate_pair": np.zeros(candidates + 1, dtype=np.int64),
             "candidate_versions": np.zeros(candidates + 1, dtype=np.int64),
@@ -214,6 +219,7 @@ class Engine:
         if count[at.SHORT_QUEUE]:
             count[at.AGENDA_ROOM] *= 2
             count[at.CANDIDATE_ROOM] *= 2
+            count[at.MEETING_ROOM] *= 2
             chunks *= 2
         count[[at.SHORT_LISTS, at.SHORT_CELLS, at.SHORT_QUEUE]] = 0
         self.arrays = self.arrays._replace(**self._searching_arrays(count, chunks))

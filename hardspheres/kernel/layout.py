@@ -87,7 +87,9 @@ REGISTERED = 27  # lines at the beginning of this window
 CANDIDATE_ROOM = 28
 CANDIDATES = 29  # contacts noted in this window
 NODE_ROOM = 30
-COUNTERS = 32
+MEETINGS = 31  # pairs whose lines may meet
+MEETING_ROOM = 32
+COUNTERS = 33
 
 # Calendar: chunks of 8 int64: the next chunk (-1: none) and how many entries, then 7 entries id << 32 | stamp.
 CHUNK = 8
@@ -138,6 +140,10 @@ class Arrays(NamedTuple):
     node_ids: object  # int32 (NODE_ROOM)
     node_next: object  # int32 (NODE_ROOM)
     met: object  # int32 (LINE_LANES): 1 where the filter let a line pass
+    met_when: object  # float32 (LINE_LANES): when the two lines are nearest
+    meeting_i: object  # int32 (MEETING_ROOM): pairs whose lines may meet
+    meeting_j: object  # int32 (MEETING_ROOM)
+    meeting_when: object  # float32 (MEETING_ROOM)
     candidate_time: object  # float64 (CANDIDATE_ROOM)
     candidate_pair: object  # int64: lower id << 32 | higher id
     candidate_versions: object  # int64: of both, when the contact was computed
@@ -186,6 +192,10 @@ def pointers(a):
         pointer(a.node_ids),
         pointer(a.node_next),
         pointer(a.met),
+        pointer(a.met_when),
+        pointer(a.meeting_i),
+        pointer(a.meeting_j),
+        pointer(a.meeting_when),
         pointer(a.candidate_time),
         pointer(a.candidate_pair),
         pointer(a.candidate_versions),

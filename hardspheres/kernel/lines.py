@@ -10,7 +10,7 @@ import numpy as np
 from .candidates import note_candidate
 from .compiler import jit
 from .flags import DIM
-from .layout import HALF_WINDOW, LINE_LANES, MIDDLE
+from .layout import HALF_WINDOW, LINE_LANES, MEETING_ROOM, MEETINGS, MIDDLE, SHORT_QUEUE
 from .prediction import pair_contact
 
 ZERO = np.float32(0.0)
@@ -72,7 +72,7 @@ def may_meet(b, vv, c, since):
 
 @jit
 def meet_run(s, p, ids, stride, first, last, i, line, since):
-    """Compare i's line with those from `first` to `last`, and compute the contacts of those that it may meet."""
+    """Compare i's line with those from `first` to `last`, and note those that it may meet."""
     for block in range(first, last, LINE_LANES):
         met = False
         for k in range(block, block + LINE_LANES):
@@ -82,16 +82,39 @@ def meet_run(s, p, ids, stride, first, last, i, line, since):
             for k in range(LINE_LANES):
                 b, vv, c = compare(p, stride, block + k, line)
                 s.met[k] = 1 if may_meet(b, vv, c, since) else 0
+                s.met_when[k] = min(max(-b / (vv + TINY), since), ONE)
+            m = s.counter[MEETINGS]
+            if m + LINE_LANES > s.counter[MEETING_ROOM]:
+                s.counter[SHORT_QUEUE] = 1
+                return
             for k in range(min(LINE_LANES, last - block)):
-                if s.met[k]:
-                    meet_line(s, p, ids, stride, block + k, 1, i, line, since)
+                s.meeting_i[m] = i
+                s.meeting_j[m] = ids[block + k]
+                s.meeting_when[m] = s.met_when[k]
+                m += s.met[k]
+            s.counter[MEETINGS] = m
 
 
 @jit
-def meet_line(s, p, ids, stride, k, step, i, line, since):
-    """Compare i's line with line k, and compute their contact if they may meet."""
-    b, vv, c = compare(p, stride, k * step, line)
-    if may_meet(b, vv, c, since) and ids[k] != i:
-        about = s.number[MIDDLE] + s.number[HALF_WINDOW] * min(max(-b / (vv + TINY), since), ONE)
-        j = int(ids[k])
-        note_candidate(s, min(i, j), max(i, j), pair_contact(s, i, j, about))
+def meet_line(s, p, ids, k, i, line, since):
+    """Compare i's line with one that stands alone, and note it if they may meet."""
+    b, vv, c = compare(p, 1, k * LINE, line)
+    m = s.counter[MEETINGS]
+    if m == s.counter[MEETING_ROOM]:
+        s.counter[SHORT_QUEUE] = 1
+        return
+    s.meeting_i[m] = i
+    s.meeting_j[m] = ids[k]
+    s.meeting_when[m] = min(max(-b / (vv + TINY), since), ONE)
+    s.counter[MEETINGS] = m + (1 if may_meet(b, vv, c, since) else 0)
+
+
+@jit
+def solve_meetings(s):
+    """Compute the contacts of those whose lines may meet: in the image in which they are nearest when the lines are."""
+    for m in range(s.counter[MEETINGS]):
+        i, j = int(s.meeting_i[m]), int(s.meeting_j[m])
+        if i != j:
+            about = s.number[MIDDLE] + s.number[HALF_WINDOW] * s.meeting_when[m]
+            note_candidate(s, min(i, j), max(i, j), pair_contact(s, i, j, about))
+    s.counter[MEETINGS] = 0

@@ -23,6 +23,8 @@ from .layout import (
     LINE_MARGIN,
     LINE_ROOM,
     LINE_UNIT,
+    MEETING_ROOM,
+    MEETINGS,
     MIDDLE,
     RADIUS,
     REGISTERED,
@@ -34,7 +36,7 @@ from .layout import (
     V,
     X,
 )
-from .lines import LINE, PLACE, REACH_OF_LINE, WAY, ZERO, line_at, meet_run, shifted
+from .lines import LINE, PLACE, REACH_OF_LINE, WAY, ZERO, line_at, meet_run, shifted, solve_meetings
 
 ALWAYS = np.float32(-1.00001)  # from the beginning of the window
 AHEAD = 12  # particles from here to that whose row is fetched
@@ -260,3 +262,6 @@ def meet_all(s):
                         meet_beyond(s, row, y, 1, i, line, ALWAYS)
                     if right >= 0:
                         meet_rows(s, beside, y, i, shifted(line, -shift, ZERO), ALWAYS)
+                if 2 * s.counter[MEETINGS] > s.counter[MEETING_ROOM]:
+                    solve_meetings(s)
+    solve_meetings(s)

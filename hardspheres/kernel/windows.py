@@ -31,7 +31,7 @@ from .layout import (
     SHORT_QUEUE,
     WINDOW_BUCKETS,
 )
-from .lines import LINE, PLACE, ZERO, line_at, meet_line, shifted
+from .lines import LINE, PLACE, ZERO, line_at, meet_line, shifted, solve_meetings
 from .prediction import wall_contact
 from .rows import around, draft_line, meet_all, meet_rows, pieces_of, register_all
 
@@ -80,6 +80,7 @@ def follow(s, i, now):
     for p in range(pieces):
         cell = draft_line(s, draft, i, now + duration * (p + 0.5) / pieces, pieces)
         meet_around(s, i, line_at(s.drafts, 1, draft * LINE), cell, since)
+        solve_meetings(s)
         chain_draft(s, i, cell, ZERO)
         if DIM == 3:
             length = np.float32(s.number[BOX + 2] * s.number[LINE_UNIT])
@@ -129,5 +130,5 @@ def meet_chain(s, row, i, line, since):
     """Compare i's line with those chained to a row."""
     node = int(s.row_chain[row])
     while node >= 0:
-        meet_line(s, s.nodes, s.node_ids, 1, node, LINE, i, line, since)
+        meet_line(s, s.nodes, s.node_ids, node, i, line, since)
         node = int(s.node_next[node])
