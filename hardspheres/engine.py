@@ -126,7 +126,10 @@ class Engine:
         count[at.LIST_ROOM] = 32
         count[at.BUCKETS] = max(16, int(power_of_two_below(max(8*n / EVENTS_PER_BUCKET, 1))))
         self.chunks = int(count[at.BUCKETS]) + n + 64
-        self._set_buckets(scene, 2.0, number)
+        length = number[at.EPOCH_LENGTH]
+        events = 2.0 * n * collision_frequency(scene) * length / EVENTS_PER_BUCKET
+        count[at.EPOCH_BUCKETS] = int(power_of_two_below(min(max(events, 16.0), 2.0**40)))
+        number[at.INVERSE_WIDTH] = count[at.EPOCH_BUCKETS] / length
 
     def _plan_windows(self, scene: Scene, plan: WindowPlan, number: Any, count: Any) -> None:
         """Choose windows, cells and buckets of the window method."""
@@ -138,10 +141,12 @@ class Engine:
         number[at.LINE_UNIT] = 1.0 / edge
         number[at.LINE_MARGIN] = LINE_MARGIN * (1.0 + max(plan.cells) / 256.0)
         self.chunks = 0
-        self._set_buckets(scene, 1.0, number)
-        buckets = plan.length * number[at.INVERSE_WIDTH]
-        number[at.INVERSE_WIDTH] *= max(1.0, 1.0 / buckets)
-        count[at.WINDOW_BUCKETS] = count[at.BUCKETS] = int(plan.length * number[at.INVERSE_WIDTH])
+        windows = round(number[at.EPOCH_LENGTH] / plan.length)
+        collisions = 0.5 * n * collision_frequency(scene) * plan.length
+        buckets = int(power_of_two_below(min(max(2.0 * collisions / EVENTS_PER_BUCKET, 1.0), 2.0**30)))
+        number[at.INVERSE_WIDTH] = windows * buckets / number[at.EPOCH_LENGTH]
+        count[at.WINDOW_BUCKETS] = count[at.BUCKETS] = buckets
+        count[at.EPOCH_BUCKETS] = windows * buckets
         count[at.LINE_ROOM] = (3 if scene.dim == 3 else 1) * (n + n // 4 + 1024)
         count[at.NODE_ROOM] = (3 if scene.dim == 3 else 1) * (n // 3 + 1024)
         count[at.CANDIDATE_ROOM] = n // 2 + 1024
@@ -155,12 +160,6 @@ class Engine:
         number[at.CELL_EDGE : at.CELL_EDGE + dim] = scene.box / np.array(cells)
         count[at.CELLS : at.CELLS + dim] = cells
         self.cells = math.prod(cells)
-
-    def _set_buckets(self, scene: Scene, events_per_collision: float, number: Any) -> None:
-        """Choose a width of the calendar's buckets that gives each a few events."""
-        at, length = self.layout, number[self.layout.EPOCH_LENGTH]
-        events = events_per_collision * scene.n * collision_frequency(scene) * length / EVENTS_PER_BUCKET
-        number[at.INVERSE_WIDTH] = power_of_two_below(min(max(events, 16.0), 2.0**40)) / length
 
     def _searching_arrays(self, count: Any, chunks: int) -> dict[str, Any]:
         """Allocate everything that the search needs and that can be found again from the rows."""

@@ -3,16 +3,19 @@
 Only `epoch_length` enters the trajectory; everything else decides how fast it is found.
 """
 
+import itertools
 import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.stats
 
 from hardspheres.scene import Scene
 
 NEIGHBOURS_WANTED = {2: 11.0, 3: 14.0}  # per list: fewer means more renewals, more means dearer predictions
 SLACK = 1e-6  # by which lists and lines reach further than they must, so that rounding never matters
-THERMAL_SPEEDS = 2.6  # flights up to this many sqrt(kT/m) are registered in one piece
+THERMAL_SPEEDS = (2.2, 2.6, 3.0, 3.5)  # flights up to this many sqrt(kT/m) are registered in one piece
+REG, PIECE, PAIR, CELL, COLL, NEWP, NEWC = 50.0, 300.0, 0.6, 15.0, 200.0, 1.0, 8.0
 SPARSE_BELOW = {2: 0.3, 3: 0.16}  # packing fraction below which windows are faster than lists
 
 
@@ -94,7 +97,7 @@ class WindowPlan:
     Attributes
     ----------
     length : float
-        Length of a window in time, a power of two less than an epoch.
+        Length of a window in time, a whole fraction of an epoch.
     stretch : float
         How far a registered piece of a flight reaches from its middle.
     cells : list of int
@@ -115,20 +118,20 @@ def window_plan(scene: Scene) -> WindowPlan | None:
         return None
     frequency = collision_frequency(scene)
     plans = {}
-    for halvings in range(12):
-        length = epoch_length(scene) / 2.0**halvings
-        stretch = 0.5 * THERMAL_SPEEDS * rms / math.sqrt(scene.dim) * length
+    for parts, speeds in itertools.product((1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256), THERMAL_SPEEDS):
+        length = epoch_length(scene) / parts
+        stretch = 0.5 * speeds * rms / math.sqrt(scene.dim) * length
         cells = [int(edge / ((largest + 2.0 * stretch) * (1.0 + 1e-3))) for edge in scene.box.tolist()]
         if any(c < (3 if periodic else 1) for c, periodic in zip(cells, scene.periodic, strict=True)):
             continue
         occupancy = scene.n / math.prod(cells)
-        # Measured, in ns: registering a line and comparing it with half the cells around, passing by a cell, and for each
-        # collision comparing the new line with all cells around; more of that where contacts are foiled by earlier ones.
         around = occupancy * 3**scene.dim
         collisions = frequency * length
-        cost = (
-            100.0 + 0.4 * around + 20.0 / occupancy + collisions * (1.0 + collisions) * (150.0 + 3.0 * around)
-        )
+        in_pieces = float(scipy.stats.chi.sf(speeds, scene.dim))
+        # Measured, in ns: registering a line (and more of them for a flight in pieces) and comparing it with half the lines
+        # around, passing by a cell, and for each collision comparing the new lines with all around, those of this window too.
+        cost = REG + PIECE * in_pieces + PAIR * around + CELL / occupancy
+        cost += collisions * (COLL + around * (NEWP + NEWC * collisions))
         cost /= length
         plans[cost] = WindowPlan(length, stretch, cells)
     return plans[min(plans)] if plans else None

@@ -38,7 +38,8 @@ def note_candidate(s, low, high, time):
     s.candidate_time[c] = time
     s.candidate_pair[c] = low << 32 | high
     s.candidate_versions[c] = versions_of(s, low, high)
-    bucket = int(max(time, 0.0) * s.number[INVERSE_WIDTH])
+    last = s.counter[BUCKET] | (s.counter[WINDOW_BUCKETS] - 1)  # of this window, whatever rounding says
+    bucket = min(int(max(time, 0.0) * s.number[INVERSE_WIDTH]), last)
     if bucket <= s.counter[BUCKET]:
         push_agenda(s, time, low << 32 | high, c)
     else:

@@ -89,7 +89,8 @@ CANDIDATES = 29  # contacts noted in this window
 NODE_ROOM = 30
 MEETINGS = 31  # pairs whose lines may meet
 MEETING_ROOM = 32
-COUNTERS = 33
+EPOCH_BUCKETS = 33  # buckets in an epoch
+COUNTERS = 34
 
 # Calendar: chunks of 8 int64: the next chunk (-1: none) and how many entries, then 7 entries id << 32 | stamp.
 CHUNK = 8

@@ -11,7 +11,7 @@ from .layout import (
     AGENDA_LENGTH,
     BUCKET,
     EPOCH,
-    EPOCH_LENGTH,
+    EPOCH_BUCKETS,
     EVENT,
     IMAGES,
     INVERSE_WIDTH,
@@ -41,6 +41,8 @@ from .prediction import next_event
 from .windows import follow, open_window
 
 __all__ = ["DONE", "NO_ROOM", "PAUSED", "STANDS_STILL", "layout", "run"]
+
+BEFORE = 1.0 - 2.0**-50  # a bucket is done with only when rounding cannot have put an earlier event in the next one
 
 # What `run` returns.
 DONE = 0  # reached the time or the number of collisions asked for
@@ -76,7 +78,6 @@ def run(arrays, cells, chunks, afresh, stop_epoch, stop_time, stop_pairs, budget
     """
     s = pointers(arrays)
     n = s.counter[N]
-    length = s.number[EPOCH_LENGTH]
     search = afresh
     lists = afresh
     while budget > 0 or search:  # a search that is due is never put off
@@ -92,10 +93,10 @@ def run(arrays, cells, chunks, afresh, stop_epoch, stop_time, stop_pairs, budget
         elif s.counter[AGENDA_LENGTH] == 0:
             budget -= 1
             bucket = s.counter[BUCKET] + 1
-            page_ends = bucket / s.number[INVERSE_WIDTH]
-            if s.counter[EPOCH] == stop_epoch and (page_ends > stop_time or page_ends >= length):
+            page_ends = bucket / s.number[INVERSE_WIDTH] * BEFORE
+            if s.counter[EPOCH] == stop_epoch and (page_ends > stop_time or bucket == s.counter[EPOCH_BUCKETS]):
                 return DONE
-            if page_ends >= length:
+            if bucket == s.counter[EPOCH_BUCKETS]:
                 begin_epoch(s)
                 s.counter[BUCKET] = 0
                 search = True
