@@ -8,37 +8,53 @@ first are the ones to compare. A peer runs in turn with us, window by window, in
 
 from __future__ import annotations
 
-import os
-import platform
+import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
-from pathlib import Path
-from typing import Any, Protocol
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import hardspheres as hs
 from analysis.statistics import Estimate
+from studies.bench_clock import Memory, Timing, Windows, machine
 from studies.bench_gas import STARTS, Gas
-from studies.bench_peer import Spheropack, fastest_published, require_peer, yardstick
+from studies.bench_peer import Rivals, require_peer
 from studies.report import OutputFolder, Screen
 
-__all__ = ["Bench", "Timing", "Windows", "bench", "measure"]
+__all__ = ["Bench", "bench", "check", "measure"]
 
 FloatArray = NDArray[np.float64]
 
 WINDOWS = 20
 WINDOW_SECONDS = 0.2  # of processor time, where the number of collisions is not given
 WARM = 20_000  # collisions of start-up at least, however small the gas
-PEER_DISCARDED = 2.0  # collisions per particle; spheropack's rate shows no start-up
 MEMORY_FROM = 30_000  # particles from which the growth of resident memory says something
 
 
 @dataclass(frozen=True)
 class Bench:
-    """Options of the study, as on the command line (`hardspheres bench --help`)."""
+    """Options of the study, as on the command line (`hardspheres bench --help`).
+
+    Attributes
+    ----------
+    gas : Gas
+        What to time.
+    collisions : int, optional
+        How many to time; by default as many as `window_seconds` allow.
+    discard : float, optional
+        Collisions per particle to throw away before; by default `Gas.discarded`.
+    against : str, optional
+        Name of the peer.
+    seed : int
+        Of the start.
+    window_seconds : float
+        Processor time of each window, roughly.
+    peer_up_to : int
+        Particles up to which the peer runs the same gas; above, it only serves as yardstick for the fastest code.
+    """
 
     gas: Gas
     collisions: int | None = None
@@ -46,54 +62,7 @@ class Bench:
     against: str | None = None
     seed: int = 1
     window_seconds: float = WINDOW_SECONDS
-
-
-@dataclass
-class Windows:
-    """Short stretches of a run with the time each took.
-
-    Attributes
-    ----------
-    collisions : list of int
-        Pair collisions in each.
-    wall, cpu : list of float
-        Seconds on the wall, and of the processor.
-    """
-
-    collisions: list[int] = field(default_factory=list)
-    wall: list[float] = field(default_factory=list)
-    cpu: list[float] = field(default_factory=list)
-
-    def time(self, runner: Runner, collisions: int) -> None:
-        """Run for so many collisions, or about so many, and note what it took."""
-        before = runner.collisions
-        cpu, wall = time.process_time(), time.perf_counter()
-        runner.run(collisions)
-        took = time.perf_counter() - wall, time.process_time() - cpu
-        self.collisions.append(runner.collisions - before)
-        self.wall.append(took[0])
-        self.cpu.append(took[1])
-
-    @property
-    def cpu_rates(self) -> FloatArray:
-        """Collisions per second of processor time, one per window."""
-        return np.array(self.collisions) / np.maximum(self.cpu, 1e-9)
-
-    @property
-    def wall_rates(self) -> FloatArray:
-        """Collisions per second on the wall, one per window."""
-        return np.array(self.collisions) / np.maximum(self.wall, 1e-9)
-
-
-class Runner(Protocol):
-    """What can be timed: our simulation, or a peer."""
-
-    @property
-    def collisions(self) -> int:
-        """Pair collisions since the start."""
-
-    def run(self, collisions: int) -> None:
-        """Advance by so many pair collisions, or about so many."""
+    peer_up_to: int = 2**40
 
 
 class Ours:
@@ -110,32 +79,6 @@ class Ours:
     def run(self, collisions: int) -> None:
         """Advance by so many pair collisions."""
         self.simulation.run(collisions=collisions)
-
-
-@dataclass(frozen=True)
-class Timing:
-    """What a set of windows says, in collisions per second.
-
-    Attributes
-    ----------
-    median, best, lower_quartile, upper_quartile : float
-        Over the windows.
-    standard_error : float
-        Of the mean over the windows.
-    """
-
-    median: float
-    best: float
-    lower_quartile: float
-    upper_quartile: float
-    standard_error: float
-
-    @classmethod
-    def of(cls, rates: FloatArray) -> Timing:
-        """Return the timing of windows with these rates."""
-        low, middle, high = np.quantile(rates, [0.25, 0.5, 0.75])
-        error = np.std(rates, ddof=1) / np.sqrt(len(rates)) if len(rates) > 1 else np.nan
-        return cls(float(middle), float(np.max(rates)), float(low), float(high), float(error))
 
 
 def bench(study: Bench, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:
@@ -202,7 +145,7 @@ def measure(study: Bench) -> tuple[dict[str, Any], dict[str, FloatArray]]:
         If the gas cannot be made or never collides, or the peer cannot run it.
     """
     gas = study.gas
-    _check(study)
+    check(study)
     clock = [time.process_time()]
     load_kernels(gas)
     clock.append(time.process_time())
@@ -216,23 +159,21 @@ def measure(study: Bench) -> tuple[dict[str, Any], dict[str, FloatArray]]:
     clock.append(time.process_time())
     bytes_grown = memory.peak_growth()
 
-    opponents = _opponents(study, simulation)
-    window = study.collisions or max(WINDOWS, round(WINDOWS * study.window_seconds * rate))
-    sizes = [part for part in _split(window, WINDOWS) if part]
+    rivals = None
+    if study.against is not None:
+        rivals = Rivals(gas, simulation, study.seed, same=gas.n <= study.peer_up_to)
+    total = study.collisions or max(WINDOWS, round(WINDOWS * study.window_seconds * rate))
     simulation.reset_tallies()
-    ours, z = Windows(), []
-    for size in sizes:
+    ours, virial = Windows(), []
+    for size in _split(total, min(WINDOWS, total)):
         ours.time(Ours(simulation), size)
-        z.append(_virial(simulation))
-        for opponent in opponents:
-            opponent.windows.time(
-                opponent.runner, max(1, round(opponent.rate * sum(ours.cpu) / len(ours.cpu)))
-            )
+        virial.append(_virial(simulation))
+        if rivals is not None:
+            rivals.window(sum(ours.cpu) / len(ours.cpu))
 
     status = simulation.status()
-    pressure = _pressure(simulation, z)
+    pressure = _pressure(simulation, virial)
     theory = gas.theory(scene)
-    timing = Timing.of(ours.cpu_rates)
     names = ("kernels", "scene", "engine", "start_up")
     result: dict[str, Any] = {
         "n": scene.n,
@@ -246,11 +187,11 @@ def measure(study: Bench) -> tuple[dict[str, Any], dict[str, FloatArray]]:
         "discarded_collisions": discarded,
         "discarded_collisions_per_particle": 2.0 * discarded / scene.n,
         "collisions": sum(ours.collisions),
-        "windows": len(sizes),
+        "windows": len(ours.cpu),
         "seconds": sum(ours.wall),
         "cpu_seconds": sum(ours.cpu),
         "collisions_per_second": sum(ours.collisions) / sum(ours.wall),
-        "cpu": asdict(timing),
+        "cpu": asdict(Timing.of(ours.cpu_rates)),
         "wall": asdict(Timing.of(ours.wall_rates)),
         "bytes_per_particle": status["bytes_per_particle"],
         "resident_bytes_per_particle": None
@@ -270,18 +211,14 @@ def measure(study: Bench) -> tuple[dict[str, Any], dict[str, FloatArray]]:
         "engine": status,
     }
     columns = {"collisions": ours.collisions, "seconds": ours.wall, "cpu_seconds": ours.cpu}
-    if opponents:
-        result["against"] = _compare(study, timing, ours, opponents)
-        rows = opponents[0].windows
-        columns |= {
-            "peer_collisions": rows.collisions,
-            "peer_seconds": rows.wall,
-            "peer_cpu_seconds": rows.cpu,
-        }
+    if rivals is not None:
+        result["against"] = rivals.compare(ours)
+        columns |= rivals.columns()
     return result, {name: np.array(column) for name, column in columns.items()}
 
 
-def _check(study: Bench) -> None:
+def check(study: Bench) -> None:
+    """Raise HardSpheresError for options that make no sense, or a peer that is missing."""
     if study.gas.start not in STARTS:
         raise hs.SceneError(f"--start {study.gas.start} is not known; it can be {', '.join(STARTS)}")
     if study.collisions is not None and study.collisions < 1:
@@ -292,6 +229,10 @@ def _check(study: Bench) -> None:
         raise hs.SceneError(f"--diameter-ratio {study.gas.diameter_ratio:g} must be positive")
     if study.against is not None:
         require_peer(study.against)
+        if study.gas.dim != 3 or not study.gas.periodic or study.gas.diameter_ratio != 1.0:
+            raise hs.SceneError(
+                f"--against {study.against} compares periodic gases of one kind of sphere in 3D; leave it out for others"
+            )
 
 
 def load_kernels(gas: Gas) -> None:
@@ -319,98 +260,6 @@ def start_up(simulation: hs.Simulation, collisions_per_particle: float) -> tuple
     return 2 * first, float(last.cpu_rates[0])
 
 
-class Memory:
-    """Growth of this process's resident memory since the object was made; known on Linux only."""
-
-    def __init__(self) -> None:
-        self.before = self._read("VmRSS")
-
-    @staticmethod
-    def _read(name: str) -> int | None:
-        try:
-            lines = Path("/proc/self/status").read_text().splitlines()
-        except OSError:
-            return None
-        return next((1024 * int(line.split()[1]) for line in lines if line.startswith(name + ":")), None)
-
-    @staticmethod
-    def forget_peak() -> None:
-        """Let the peak begin anew at what is resident now: what made the scene is freed again."""
-        try:
-            Path("/proc/self/clear_refs").write_text("5")
-        except OSError:
-            return
-
-    def peak_growth(self) -> int | None:
-        """Return by how many bytes the peak lies above what was resident in the beginning."""
-        peak = self._read("VmHWM")
-        return None if peak is None or self.before is None else peak - self.before
-
-
-@dataclass
-class _Opponent:
-    """A peer's runner, its rough rate, and its windows."""
-
-    runner: Spheropack
-    rate: float
-    windows: Windows = field(default_factory=Windows)
-
-
-def _opponents(study: Bench, simulation: hs.Simulation) -> list[_Opponent]:
-    """Return the peer on the same gas and, where another is needed, on the gas that is the yardstick."""
-    if study.against is None:
-        return []
-    opponents = [_opponent(simulation)]
-    stick = yardstick(study.gas.n, study.gas.packing_fraction)
-    if stick is not None and (study.gas.n, stick.packing_fraction) != (4000, study.gas.packing_fraction):
-        other = hs.Simulation(Gas(packing_fraction=stick.packing_fraction).scene(study.seed))
-        start_up(other, Gas(packing_fraction=stick.packing_fraction).discarded)
-        opponents.append(_opponent(other))
-    return opponents
-
-
-def _opponent(simulation: hs.Simulation) -> _Opponent:
-    tallies = simulation.tallies
-    runner = Spheropack(simulation.to_scene(), tallies.collisions / tallies.time)
-    first = Windows()
-    runner.run(max(round(PEER_DISCARDED * simulation.scene.n / 4), WARM // 8))
-    first.time(runner, max(round(PEER_DISCARDED * simulation.scene.n / 4), WARM // 8))
-    runner.reset()
-    return _Opponent(runner, float(first.cpu_rates[0]))
-
-
-def _compare(study: Bench, timing: Timing, ours: Windows, opponents: Sequence[_Opponent]) -> dict[str, Any]:
-    """Return the ratio of our rates to the peer's, by processor time, and the estimate for the fastest code."""
-    peer, last = opponents[0], opponents[-1]
-    rates = peer.windows.cpu_rates
-    theirs = Timing.of(rates)
-    result: dict[str, Any] = {
-        "name": peer.runner.name,
-        "version": peer.runner.version,
-        "collisions": sum(peer.windows.collisions),
-        "cpu": asdict(theirs),
-        "wall": asdict(Timing.of(peer.windows.wall_rates)),
-        "compressibility_factor": peer.runner.compressibility_factor,
-        "ratio_of_medians": timing.median / theirs.median,
-        "ratio_of_bests": timing.best / theirs.best,
-        "ratio_quartiles": np.quantile(ours.cpu_rates / rates, [0.25, 0.75]).tolist(),
-        "fastest_published": None,
-    }
-    stick = yardstick(study.gas.n, study.gas.packing_fraction)
-    if stick is not None:
-        at = Timing.of(last.windows.cpu_rates)
-        result["fastest_published"] = {
-            "estimated": True,
-            "doi": "10.1140/epje/s10189-022-00180-8",
-            "yardstick_packing_fraction": stick.packing_fraction,
-            "factor": stick.factor,
-            "collisions_per_second": fastest_published(stick, at.median),
-            "ratio_of_medians": timing.median / fastest_published(stick, at.median),
-            "ratio_of_bests": timing.best / fastest_published(stick, at.best),
-        }
-    return result
-
-
 def _split(total: int, parts: int) -> list[int]:
     """Return whole numbers that add up to the total, as equal as can be."""
     return [total // parts + (k < total % parts) for k in range(parts)]
@@ -423,12 +272,14 @@ def _virial(simulation: hs.Simulation) -> tuple[float, float]:
 
 
 def _pressure(simulation: hs.Simulation, cumulative: Sequence[tuple[float, float]]) -> Estimate:
-    """Return the compressibility factor over the timed run, its error from the spread of four stretches or more.
+    """Return the compressibility factor over the timed run, its error from the spread over stretches of it.
 
-    Windows of a large gas are too short to be independent, so neighbours are taken together.
+    Windows of a large gas are too short to be independent, so neighbours are taken together: two collisions per
+    particle where there are so many, four stretches at least.
     """
+    passed = 2.0 * simulation.tallies.collisions / simulation.scene.n
     times, virials = np.array([(0.0, 0.0), *cumulative]).T
-    stretches = min(5, len(cumulative))
+    stretches = min(max(4, int(passed / 2.0)), len(cumulative))
     edges = np.linspace(0, len(cumulative), stretches + 1).round().astype(int)
     rates = np.diff(virials[edges]) / np.diff(times[edges]) / (2.0 * simulation.thermal_energy)
     error = np.std(rates, ddof=1) / np.sqrt(stretches) if stretches > 1 else np.nan
@@ -437,7 +288,7 @@ def _pressure(simulation: hs.Simulation, cumulative: Sequence[tuple[float, float
 
 def _agree(measured: float, expected: float, collisions: int) -> bool:
     """Whether a compressibility factor is the fluid's to 3 % of Z - 1, and the noise of so many collisions."""
-    return abs(measured - expected) < (0.03 + 5.0 / np.sqrt(collisions)) * (expected - 1.0)
+    return abs(measured - expected) < (0.03 + 5.0 / math.sqrt(collisions)) * (expected - 1.0)
 
 
 def _checks(simulation: hs.Simulation) -> dict[str, Any]:
@@ -446,26 +297,6 @@ def _checks(simulation: hs.Simulation) -> dict[str, Any]:
     except hs.InvariantError as error:
         return {"passed": False, "failures": [str(error)]}
     return {"passed": True, "failures": []}
-
-
-def machine() -> dict[str, Any]:
-    """Return what the figures were measured on."""
-    import numba
-
-    model = platform.processor() or platform.machine()
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        model = next((line.split(":")[1].strip() for line in lines if line.startswith("model name")), model)
-    except OSError:
-        pass
-    return {
-        "processor": model,
-        "cores": os.cpu_count(),
-        "system": platform.system(),
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "numba": numba.__version__,
-    }
 
 
 def _print(screen: Screen, summary: Mapping[str, Any]) -> None:
@@ -485,7 +316,7 @@ def _print(screen: Screen, summary: Mapping[str, Any]) -> None:
     screen.say()
     rows = [_row("hardspheres, processor", summary["cpu"]), _row("hardspheres, wall", summary["wall"])]
     against = summary["against"]
-    if against is not None:
+    if against is not None and against["cpu"] is not None:
         name = f"{against['name']} {against['version']}"
         rows += [_row(f"{name}, processor", against["cpu"]), _row(f"{name}, wall", against["wall"])]
     screen.table("", ["collisions per second", "median", "best", "quartiles", "error of mean"], rows)
@@ -519,11 +350,12 @@ def _rate(rate: float) -> str:
 
 
 def _print_ratio(screen: Screen, against: Mapping[str, Any]) -> None:
-    low, high = against["ratio_quartiles"]
-    screen.say(
-        f"{against['ratio_of_medians']:.2f} times {against['name']} by medians, {against['ratio_of_bests']:.2f} by best "
-        f"windows; quartiles of neighbouring windows {low:.2f} to {high:.2f} (processor time, in turn)"
-    )
+    if against["cpu"] is not None:
+        low, high = against["ratio_quartiles"]
+        screen.say(
+            f"{against['ratio_of_medians']:.2f} times {against['name']} by medians, {against['ratio_of_bests']:.2f} by "
+            f"best windows; quartiles of neighbouring windows {low:.2f} to {high:.2f} (processor time, in turn)"
+        )
     best = against["fastest_published"]
     if best is None:
         screen.say("no estimate for the fastest published C code: it was not measured at this state")
@@ -545,6 +377,6 @@ def _print_pressure(screen: Screen, summary: Mapping[str, Any]) -> None:
         text += f", fluid in theory {expected:.4f} (z = {z.deviation(expected, uncertainty):+.1f})"
         if not summary["is_fluid"]:
             text += ": THIS GAS IS NOT THE EQUILIBRIUM FLUID"
-    if summary["against"] is not None:
+    if summary["against"] is not None and summary["against"]["cpu"] is not None:
         text += f"; {summary['against']['name']} {summary['against']['compressibility_factor']:.4f}"
     screen.say(text)

@@ -71,6 +71,11 @@ class Gas:
         return self.start == "lattice" or (self.start == "auto" and self.frozen)
 
     @property
+    def periodic(self) -> bool:
+        """Whether all axes are periodic."""
+        return self.boundary == "periodic" or set(self.boundary) == {"periodic"}
+
+    @property
     def dense(self) -> bool:
         """Whether random placement would take too long."""
         return self.packing_fraction > RANDOM_UP_TO.get(self.dim, 0.0)
@@ -78,9 +83,8 @@ class Gas:
     @property
     def repeated(self) -> bool:
         """Whether the start is a small box repeated."""
-        periodic = self.boundary == "periodic" or set(self.boundary) == {"periodic"}
         large = self.n >= REPEATED_FROM and self.packing_fraction > REPEATED_ABOVE
-        return large and periodic and not self.on_lattice
+        return large and self.periodic and not self.on_lattice
 
     @property
     def discarded(self) -> float:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import signal
 import sys
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
@@ -200,28 +201,42 @@ def bench(
     against: Annotated[
         str | None, typer.Option(help="spheropack: run it in turn with us, and compare.")
     ] = None,
+    suite: Annotated[
+        str | None,
+        typer.Option(
+            help="quick (3 min) or full (20 min): a table over N and packing fraction, with a figure."
+        ),
+    ] = None,
     seed: Seed = 1,
     out: Out = None,
     json: Json = False,
 ) -> None:
     """Measure collisions per second, beside another engine.
 
-    Times the event loop alone, compiled and in equilibrium, on one core. Writes a summary and the windows.
+    Times the event loop alone, compiled and in equilibrium, on one core. Writes a summary and the windows; with --suite a
+    table and a figure.
     """
     from studies.bench import Bench
     from studies.bench import bench as run
     from studies.bench_gas import Gas
+    from studies.bench_suite import run_suite, suite_named
     from studies.report import OutputFolder, Screen
 
     folder, screen = OutputFolder(out or Path("runs") / f"bench-{seed}"), Screen(json)
     sizes, densities = n or [4000], packing_fraction or [0.3]
-    for name, values in (("--n", sizes), ("--packing-fraction", densities)):
-        _require(
-            len(values) == 1,
-            f"{name} is given {len(values)} times, but one state has one; a table is --suite",
-        )
-    gas = Gas(sizes[0], dim, densities[0], _boundary(boundary) or "periodic", diameter_ratio, fraction, start)
-    summary, sound = run(Bench(gas, collisions, discard, against, seed), folder, screen)
+    walls = _boundary(boundary) or "periodic"
+    study = Bench(
+        Gas(sizes[0], dim, densities[0], walls, diameter_ratio, fraction, start), collisions, discard
+    )
+    study = replace(study, against=against, seed=seed)
+    if suite is not None:
+        summary, sound = run_suite(suite_named(suite, n, packing_fraction), study, folder, screen)
+    else:
+        for name, given in (("--n", sizes), ("--packing-fraction", densities)):
+            _require(
+                len(given) == 1, f"{name} is given {len(given)} times, but one state has one; add --suite"
+            )
+        summary, sound = run(study, folder, screen)
     screen.finish(summary)
     if not sound:
         raise typer.Exit(1)
