@@ -1,7 +1,7 @@
 """How many collisions per second: of an equilibrated gas, the event loop alone, in many short windows, beside a peer.
 
-What is timed is `Simulation.run(collisions=...)` and nothing else, after the kernels are compiled and loaded, after the
-gas is in equilibrium, and after at least ten collisions per particle (neighbour lists run up to three times too
+What is timed is `Simulation.run(collisions=...)` less a call that follows a single collision, after the kernels are
+compiled and loaded, after the gas is in equilibrium, and after at least ten collisions per particle (neighbour lists run up to three times too
 fast until they begin to expire). Times are of the processor and of the wall; on a machine that does other things the
 first are the ones to compare. A peer runs in turn with us, window by window, in the same process on the same core.
 """
@@ -30,6 +30,7 @@ FloatArray = NDArray[np.float64]
 
 WINDOWS = 20
 WINDOW_SECONDS = 0.2  # of processor time, where the number of collisions is not given
+IDLE_SHARE = 5.0  # windows are this many times as long as a call that does nothing
 WARM = 20_000  # collisions of start-up at least, however small the gas
 MEMORY_FROM = 30_000  # particles from which the growth of resident memory says something
 
@@ -79,6 +80,10 @@ class Ours:
     def run(self, collisions: int) -> None:
         """Advance by so many pair collisions."""
         self.simulation.run(collisions=collisions)
+
+    def idle(self) -> None:
+        """Advance by a single one."""
+        self.simulation.run(collisions=1)
 
 
 def bench(study: Bench, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:
@@ -155,18 +160,22 @@ def measure(study: Bench) -> tuple[dict[str, Any], dict[str, FloatArray]]:
     memory.forget_peak()
     simulation = hs.Simulation(scene)
     clock.append(time.process_time())
-    discarded, rate = start_up(simulation, gas.discarded if study.discard is None else study.discard)
+    discarded, last = start_up(simulation, gas.discarded if study.discard is None else study.discard)
     clock.append(time.process_time())
     bytes_grown = memory.peak_growth()
 
     rivals = None
     if study.against is not None:
         rivals = Rivals(gas, simulation, study.seed, same=gas.n <= study.peer_up_to)
-    total = study.collisions or max(WINDOWS, round(WINDOWS * study.window_seconds * rate))
+    runner = Ours(simulation)
+    seconds = max(study.window_seconds, IDLE_SHARE * last.idle[0])
+    total = study.collisions or max(WINDOWS, round(WINDOWS * seconds * float(last.cpu_rates[0])))
     simulation.reset_tallies()
     ours, virial = Windows(), []
     for size in _split(total, min(WINDOWS, total)):
-        ours.time(Ours(simulation), size)
+        if rivals is not None:
+            runner.run(size // 4)  # the rival has filled the caches with its own
+        ours.time(runner, size)
         virial.append(_virial(simulation))
         if rivals is not None:
             rivals.window(sum(ours.cpu) / len(ours.cpu))
@@ -190,6 +199,7 @@ def measure(study: Bench) -> tuple[dict[str, Any], dict[str, FloatArray]]:
         "windows": len(ours.cpu),
         "seconds": sum(ours.wall),
         "cpu_seconds": sum(ours.cpu),
+        "idle_cpu_seconds_per_call": float(np.median(ours.idle)),
         "collisions_per_second": sum(ours.collisions) / sum(ours.wall),
         "cpu": asdict(Timing.of(ours.cpu_rates)),
         "wall": asdict(Timing.of(ours.wall_rates)),
@@ -243,21 +253,21 @@ def load_kernels(gas: Gas) -> None:
     hs.Simulation(small.scene(1)).run(collisions=1)
 
 
-def start_up(simulation: hs.Simulation, collisions_per_particle: float) -> tuple[int, float]:
+def start_up(simulation: hs.Simulation, collisions_per_particle: float) -> tuple[int, Windows]:
     """Run and forget.
 
     Returns
     -------
     discarded : int
         Pair collisions run.
-    rate : float
-        Collisions per second of processor time towards the end.
+    last : Windows
+        Timing of the second half, as one window.
     """
-    first = max(round(collisions_per_particle * simulation.scene.n / 4), WARM // 2)
+    half = max(round(collisions_per_particle * simulation.scene.n / 4), WARM // 2)
     last = Windows()
-    simulation.run(collisions=first)
-    last.time(Ours(simulation), first)
-    return 2 * first, float(last.cpu_rates[0])
+    simulation.run(collisions=half)
+    last.time(Ours(simulation), half)
+    return simulation.collisions, last
 
 
 def _split(total: int, parts: int) -> list[int]:

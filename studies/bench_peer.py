@@ -28,6 +28,7 @@ __all__ = ["PEERS", "Rivals", "Spheropack", "Yardstick", "require_peer", "yardst
 PEERS = ("spheropack",)
 YARDSTICK_N = 4000
 DISCARDED = 2.0  # collisions per particle, from our state in equilibrium; spheropack's rate shows no start-up
+IDLE_SHARE = 3.0  # windows are at least this many times as long as a run for no time
 DISCARDED_AT_LEAST = 5_000  # collisions
 
 C_OVER_SPHEROPACK = {0.01: 3.4, 0.1: 4.0, 0.3: 2.65, 0.49: 5.6}
@@ -137,6 +138,10 @@ class Spheropack:
         """Run for the time in which about so many pair collisions happen."""
         self.system.run(collisions / self.collision_rate)
 
+    def idle(self) -> None:
+        """Run for no time: every run begins with a new search of all neighbours."""
+        self.system.run(0.0)
+
     def reset(self) -> None:
         """Begin to count for the compressibility factor."""
         self._since = (self.collisions, float(self.system.time))
@@ -157,10 +162,11 @@ class Spheropack:
 
 @dataclass
 class _Rival:
-    """The peer on one gas, its rough rate, and its windows."""
+    """The peer on one gas, its rough rate, the seconds of a run for no time, and its windows."""
 
     runner: Spheropack
     rate: float
+    idle: float
     windows: Windows = field(default_factory=Windows)
 
     @classmethod
@@ -171,7 +177,7 @@ class _Rival:
         runner.run(half)
         last.time(runner, half)
         runner.reset()
-        return cls(runner, float(last.cpu_rates[0]))
+        return cls(runner, float(last.cpu_rates[0]), last.idle[0])
 
 
 class Rivals:
@@ -203,7 +209,8 @@ class Rivals:
     def window(self, seconds: float) -> None:
         """Run each for about so much processor time."""
         for rival in {id(rival): rival for rival in (self.peer, self.measure) if rival is not None}.values():
-            rival.windows.time(rival.runner, max(100, round(rival.rate * seconds)))
+            enough = max(seconds, IDLE_SHARE * rival.idle)
+            rival.windows.time(rival.runner, max(100, round(rival.rate * enough)))
 
     def columns(self) -> dict[str, Any]:
         """Return the windows of the same gas."""
@@ -222,6 +229,7 @@ class Rivals:
             their = Timing.of(rates)
             result |= {
                 "collisions": sum(self.peer.windows.collisions),
+                "idle_cpu_seconds_per_call": float(np.median(self.peer.windows.idle)),
                 "cpu": asdict(their),
                 "wall": asdict(Timing.of(self.peer.windows.wall_rates)),
                 "compressibility_factor": self.peer.runner.compressibility_factor,
