@@ -99,7 +99,6 @@ def run_suite(suite: Suite, study: Bench, out: OutputFolder, screen: Screen) -> 
     began = time.perf_counter()
     states: list[dict[str, Any]] = []
     refused: list[hs.HardSpheresError] = []
-    screen.say(_line(_HEADER))
     for packing_fraction in suite.packing_fractions:
         for n in suite.sizes:
             gas = replace(study.gas, n=n, packing_fraction=packing_fraction)
@@ -109,9 +108,10 @@ def run_suite(suite: Suite, study: Bench, out: OutputFolder, screen: Screen) -> 
                     result, _ = measure(state)
             except hs.HardSpheresError as error:
                 refused.append(error)
-                screen.note(f"no such gas: {error}")
                 continue
-            out.create()
+            if not states:
+                out.create()
+                screen.say(_line(_HEADER))
             states.append(result)
             out.write_csv("bench.csv", _columns(states))
             screen.say(_line(_cells(result)))
@@ -134,6 +134,8 @@ def run_suite(suite: Suite, study: Bench, out: OutputFolder, screen: Screen) -> 
     summary["files"] = sorted({*out.files, "summary.json"})
     out.write_json("summary.json", summary)
     _print_end(screen, summary, states)
+    for reason in refused:
+        screen.note(f"left out: {reason}")
     screen.say(f"written to {out.path}: {', '.join(summary['files'])}")
     return summary, passed
 
