@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 import hardspheres as hs
 from analysis.statistics import Estimate
-from studies.bench_clock import Memory, Timing, Windows, machine
+from studies.bench_clock import PLAIN, Memory, Ours, Timing, Windows, machine
 from studies.bench_gas import STARTS, Gas
-from studies.bench_peer import Rivals, require_peer
+from studies.bench_rivals import Rivals, require_peer
 from studies.report import OutputFolder, Screen
 
 __all__ = ["Bench", "bench", "check", "measure"]
@@ -48,7 +48,7 @@ class Bench:
     discard : float, optional
         Collisions per particle to throw away before; by default `Gas.discarded`.
     against : str, optional
-        Name of the peer.
+        Who runs in turn: "spheropack" on the same gas, or "plain", our own engine on `Gas.plain`.
     seed : int
         Of the start.
     window_seconds : float
@@ -64,26 +64,6 @@ class Bench:
     seed: int = 1
     window_seconds: float = WINDOW_SECONDS
     peer_up_to: int = 2**40
-
-
-class Ours:
-    """Our simulation as a `Runner`."""
-
-    def __init__(self, simulation: hs.Simulation) -> None:
-        self.simulation = simulation
-
-    @property
-    def collisions(self) -> int:
-        """Pair collisions since the start."""
-        return self.simulation.collisions
-
-    def run(self, collisions: int) -> None:
-        """Advance by so many pair collisions."""
-        self.simulation.run(collisions=collisions)
-
-    def idle(self) -> None:
-        """Advance by a single one."""
-        self.simulation.run(collisions=1)
 
 
 def bench(study: Bench, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:
@@ -166,7 +146,7 @@ def measure(study: Bench) -> tuple[dict[str, Any], dict[str, FloatArray]]:
 
     rivals = None
     if study.against is not None:
-        rivals = Rivals(gas, simulation, study.seed, same=gas.n <= study.peer_up_to)
+        rivals = Rivals(study.against, gas, simulation, study.seed, same=gas.n <= study.peer_up_to)
     runner = Ours(simulation)
     seconds = max(study.window_seconds, IDLE_SHARE * last.idle[0])
     total = study.collisions or max(WINDOWS, round(WINDOWS * seconds * float(last.cpu_rates[0])))
@@ -238,11 +218,7 @@ def check(study: Bench) -> None:
     if not study.gas.diameter_ratio > 0:
         raise hs.SceneError(f"--diameter-ratio {study.gas.diameter_ratio:g} must be positive")
     if study.against is not None:
-        require_peer(study.against)
-        if study.gas.dim != 3 or not study.gas.periodic or study.gas.diameter_ratio != 1.0:
-            raise hs.SceneError(
-                f"--against {study.against} compares periodic gases of one kind of sphere in 3D; leave it out for others"
-            )
+        require_peer(study.against, study.gas)
 
 
 def load_kernels(gas: Gas) -> None:
@@ -327,7 +303,7 @@ def _print(screen: Screen, summary: Mapping[str, Any]) -> None:
     rows = [_row("hardspheres, processor", summary["cpu"]), _row("hardspheres, wall", summary["wall"])]
     against = summary["against"]
     if against is not None and against["cpu"] is not None:
-        name = f"{against['name']} {against['version']}"
+        name = against["name"]
         rows += [_row(f"{name}, processor", against["cpu"]), _row(f"{name}, wall", against["wall"])]
     screen.table("", ["collisions per second", "median", "best", "quartiles", "error of mean"], rows)
     screen.say()
@@ -367,12 +343,12 @@ def _print_ratio(screen: Screen, against: Mapping[str, Any]) -> None:
             f"best windows; quartiles of neighbouring windows {low:.2f} to {high:.2f} (processor time, in turn)"
         )
     best = against["fastest_published"]
-    if best is None:
+    if best is None and against["name"] != PLAIN:
         screen.say("no estimate for the fastest published C code: it was not measured at this state")
-    else:
+    elif best is not None:
         screen.say(
             f"estimate: {best['ratio_of_medians']:.2f} times the fastest published C code (doi {best['doi']}), taken as "
-            f"{best['factor']:.3g} times {against['name']} at N = 4000 and packing fraction "
+            f"{best['factor']:.3g} times spheropack at N = 4000 and packing fraction "
             f"{best['yardstick_packing_fraction']:g}; good to 15-20 %"
         )
 

@@ -13,7 +13,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Memory", "Runner", "Timing", "Windows", "machine"]
+import hardspheres as hs
+
+__all__ = ["PLAIN", "Memory", "Ours", "Runner", "Timing", "Windows", "machine"]
 
 FloatArray = NDArray[np.float64]
 
@@ -30,6 +32,40 @@ class Runner(Protocol):
 
     def idle(self) -> None:
         """Do what every call of `run` does besides following collisions."""
+
+
+PLAIN = "plain gas"
+
+
+class Ours:
+    """Our engine as a `Runner`."""
+
+    name = PLAIN
+
+    def __init__(self, simulation: hs.Simulation) -> None:
+        self.simulation = simulation
+
+    @property
+    def collisions(self) -> int:
+        """Pair collisions since the start."""
+        return self.simulation.collisions
+
+    def run(self, collisions: int) -> None:
+        """Advance by so many pair collisions."""
+        self.simulation.run(collisions=collisions)
+
+    def idle(self) -> None:
+        """Advance by a single one."""
+        self.simulation.run(collisions=1)
+
+    def reset(self) -> None:
+        """Begin to count for the compressibility factor."""
+        self.simulation.reset_tallies()
+
+    @property
+    def compressibility_factor(self) -> float:
+        """Z since `reset`, from the virial."""
+        return self.simulation.compressibility_factor
 
 
 @dataclass

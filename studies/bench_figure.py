@@ -70,7 +70,7 @@ def rates(states: Sequence[Mapping[str, Any]]) -> Figure:
                     ls=":",
                     mfc="white",
                     lw=1.1,
-                    label=f"{peer['name']} {peer['version']}",
+                    label=peer["name"],
                     **style,  # type: ignore[arg-type]
                 ),
             ]

@@ -61,6 +61,11 @@ class Gas:
     start: str = "auto"
 
     @property
+    def plain(self) -> Gas:
+        """As many spheres of one kind at the same packing fraction, periodic, in 3D."""
+        return Gas(self.n, packing_fraction=self.packing_fraction, start=self.start)
+
+    @property
     def frozen(self) -> bool:
         """Whether the equilibrium state of one species at this density is no fluid."""
         return self.diameter_ratio == 1.0 and self.packing_fraction > FREEZING.get(self.dim, 1.0)

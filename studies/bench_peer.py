@@ -13,23 +13,16 @@ about 15 %, to 20 % at a million particles.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, field
-from functools import lru_cache
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 import hardspheres as hs
-from studies.bench_clock import Timing, Windows
-from studies.bench_gas import Gas
 
-__all__ = ["PEERS", "Rivals", "Spheropack", "Yardstick", "require_peer", "yardstick"]
+__all__ = ["YARDSTICK_N", "Spheropack", "Yardstick", "require_spheropack", "yardstick"]
 
-PEERS = ("spheropack",)
 YARDSTICK_N = 4000
-DISCARDED = 2.0  # collisions per particle, from our state in equilibrium; spheropack's rate shows no start-up
-IDLE_SHARE = 3.0  # windows are at least this many times as long as a run for no time
-DISCARDED_AT_LEAST = 5_000  # collisions
 
 C_OVER_SPHEROPACK = {0.01: 3.4, 0.1: 4.0, 0.3: 2.65, 0.49: 5.6}
 """Rate of the C code over spheropack's, N = 4000, by packing fraction."""
@@ -71,16 +64,14 @@ def yardstick(n: int, packing_fraction: float) -> Yardstick | None:
     return Yardstick(packing_fraction, C_OVER_SPHEROPACK[packing_fraction] * speeds[n] / speeds[YARDSTICK_N])
 
 
-def require_peer(name: str) -> Any:
+def require_spheropack() -> Any:
     """Return the peer's module.
 
     Raises
     ------
     HardSpheresError
-        If there is no such peer, or it is not installed.
+        If it is not installed.
     """
-    if name not in PEERS:
-        raise hs.HardSpheresError(f"--against {name} is not known; it can be {' or '.join(PEERS)}")
     try:
         import spheropack
         import spheropack.rejection_free
@@ -107,11 +98,10 @@ class Spheropack:
         If the peer is missing.
     """
 
-    name = "spheropack"
-
     def __init__(self, scene: hs.Scene, collision_rate: float) -> None:
-        module = require_peer(self.name)
+        module = require_spheropack()
         rf = module.rejection_free
+        self.name = f"spheropack {getattr(module, '__version__', '')}".strip()
         self.diameter = 2.0 * float(scene.radii[0])
         self.mass = float(scene.masses[0])
         self.collision_rate = collision_rate
@@ -123,11 +113,6 @@ class Spheropack:
         )
         self.system.set_velocities(np.array(scene.velocities))
         self.reset()
-
-    @classmethod
-    def version(cls) -> str:
-        """Return which version is installed."""
-        return str(getattr(require_peer(cls.name), "__version__", "unknown"))
 
     @property
     def collisions(self) -> int:
@@ -158,104 +143,3 @@ class Spheropack:
         kT = self.mass * float(np.sum((v - v.mean(axis=0)) ** 2)) / (3 * (n - 1))
         nu: float = 2.0 * (self.collisions - collisions) / n / (float(self.system.time) - time)
         return 1.0 + self.diameter / 6.0 * math.sqrt(math.pi * self.mass / kT) * nu
-
-
-@dataclass
-class _Rival:
-    """The peer on one gas, its rough rate, the seconds of a run for no time, and its windows."""
-
-    runner: Spheropack
-    rate: float
-    idle: float
-    windows: Windows = field(default_factory=Windows)
-
-    @classmethod
-    def of(cls, scene: hs.Scene, collision_rate: float) -> _Rival:
-        """Return the peer on a gas in equilibrium, its start-up done."""
-        runner, last = Spheropack(scene, collision_rate), Windows()
-        half = max(round(DISCARDED * scene.n / 4), DISCARDED_AT_LEAST // 2)
-        runner.run(half)
-        last.time(runner, half)
-        runner.reset()
-        return cls(runner, float(last.cpu_rates[0]), last.idle[0])
-
-
-class Rivals:
-    """The peer on the same gas, and on that of the yardstick, each to run in turn with us.
-
-    Parameters
-    ----------
-    gas : Gas
-        What is timed: 3D, periodic, one species.
-    simulation : Simulation
-        That gas in equilibrium.
-    seed : int
-        Of the yardstick's gas.
-    same : bool
-        Whether the peer runs the same gas at all; a million particles take it minutes.
-    """
-
-    def __init__(self, gas: Gas, simulation: hs.Simulation, seed: int, same: bool) -> None:
-        tallies = simulation.tallies
-        self.stick = yardstick(gas.n, gas.packing_fraction)
-        self.peer = _Rival.of(simulation.to_scene(), tallies.collisions / tallies.time) if same else None
-        self.measure = None
-        if self.stick is not None:
-            here = same and (gas.n, gas.packing_fraction) == (YARDSTICK_N, self.stick.packing_fraction)
-            self.measure = (
-                self.peer if here else _Rival.of(*_in_equilibrium(self.stick.packing_fraction, seed))
-            )
-
-    def window(self, seconds: float) -> None:
-        """Run each for about so much processor time."""
-        for rival in {id(rival): rival for rival in (self.peer, self.measure) if rival is not None}.values():
-            enough = max(seconds, IDLE_SHARE * rival.idle)
-            rival.windows.time(rival.runner, max(100, round(rival.rate * enough)))
-
-    def columns(self) -> dict[str, Any]:
-        """Return the windows of the same gas."""
-        if self.peer is None:
-            return {}
-        windows = self.peer.windows
-        columns = {"collisions": windows.collisions, "seconds": windows.wall, "cpu_seconds": windows.cpu}
-        return {f"peer_{name}": column for name, column in columns.items()}
-
-    def compare(self, ours: Windows) -> dict[str, Any]:
-        """Return the ratios of our rates to theirs, by processor time: the peer's, and those estimated for the C code."""
-        our = Timing.of(ours.cpu_rates)
-        result: dict[str, Any] = {"name": Spheropack.name, "version": Spheropack.version(), "cpu": None}
-        if self.peer is not None:
-            rates = self.peer.windows.cpu_rates
-            their = Timing.of(rates)
-            result |= {
-                "collisions": sum(self.peer.windows.collisions),
-                "idle_cpu_seconds_per_call": float(np.median(self.peer.windows.idle)),
-                "cpu": asdict(their),
-                "wall": asdict(Timing.of(self.peer.windows.wall_rates)),
-                "compressibility_factor": self.peer.runner.compressibility_factor,
-                "ratio_of_medians": our.median / their.median,
-                "ratio_of_bests": our.best / their.best,
-                "ratio_quartiles": np.quantile(ours.cpu_rates / rates, [0.25, 0.75]).tolist(),
-            }
-        result["fastest_published"] = None
-        if self.stick is not None and self.measure is not None:
-            at, factor = Timing.of(self.measure.windows.cpu_rates), self.stick.factor
-            result["fastest_published"] = {
-                "estimated": True,
-                "doi": "10.1140/epje/s10189-022-00180-8",
-                "yardstick_packing_fraction": self.stick.packing_fraction,
-                "factor": factor,
-                "collisions_per_second": factor * at.median,
-                "ratio_of_medians": our.median / (factor * at.median),
-                "ratio_of_bests": our.best / (factor * at.best),
-            }
-        return result
-
-
-@lru_cache
-def _in_equilibrium(packing_fraction: float, seed: int) -> tuple[hs.Scene, float]:
-    """Return the yardstick's gas in equilibrium, and its collisions per unit time."""
-    gas = Gas(YARDSTICK_N, packing_fraction=packing_fraction)
-    simulation = hs.Simulation(gas.scene(seed))
-    simulation.run(collisions=round(gas.discarded * gas.n / 2))
-    return simulation.to_scene(), simulation.tallies.collisions / simulation.tallies.time

@@ -223,7 +223,7 @@ def _print_end(screen: Screen, summary: Mapping[str, Any], states: Sequence[Mapp
     peer = next((state["against"] for state in states if state["against"]), None)
     if peer is not None:
         screen.say(
-            f"peer: {peer['name']} {peer['version']}, in turn; ratio: ours over the peer's; C est.: ours over the fastest "
+            f"peer: {peer['name']}, in turn; ratio: ours over the peer's; C est.: ours over the fastest "
             "published C code (doi 10.1140/epje/s10189-022-00180-8), estimated from the peer's rate at N = 4000 to 15-20 %"
         )
     if any(state["is_fluid"] is False for state in states):

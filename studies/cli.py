@@ -199,7 +199,11 @@ def bench(
         ),
     ] = None,
     against: Annotated[
-        str | None, typer.Option(help="spheropack: run it in turn with us, and compare.")
+        str | None,
+        typer.Option(
+            help="spheropack: run it in turn with us and compare; plain: our own engine on as many spheres of one kind, "
+            "periodic, in 3D."
+        ),
     ] = None,
     suite: Annotated[
         str | None,

@@ -158,7 +158,7 @@ def test_in_turn_with_a_peer(peer):
         Bench(Gas(n=500, packing_fraction=0.1), collisions=20_000, against="spheropack")
     )
     against = result["against"]
-    assert against["version"] == "fake" and against["collisions"] == sum(windows["peer_collisions"])
+    assert against["name"] == "spheropack fake" and against["collisions"] == sum(windows["peer_collisions"])
     assert len(windows["peer_collisions"]) == result["windows"]
     low, high = against["ratio_quartiles"]
     assert 0 < low <= high and against["ratio_of_bests"] > 0
@@ -172,6 +172,14 @@ def test_in_turn_with_a_peer(peer):
     assert published["yardstick_packing_fraction"] == 0.1
     ratio = result["cpu"]["median"] / published["collisions_per_second"]
     assert published["ratio_of_medians"] == pytest.approx(ratio)
+
+
+def test_in_turn_with_the_plain_gas():
+    gas = Gas(n=128, dim=2, packing_fraction=0.2, boundary="wall")
+    against = measure(Bench(gas, collisions=200, against="plain"))[0]["against"]
+    assert against["name"] == "plain gas" and against["fastest_published"] is None
+    expected = theory.compressibility_factor(0.2, 3).value  # of spheres; the discs' is 1.6
+    assert against["compressibility_factor"] == pytest.approx(expected, rel=0.1)
 
 
 def test_yardsticks_follow_from_the_tables():
