@@ -11,7 +11,8 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -132,7 +133,7 @@ def measure(study: Bench) -> tuple[dict[str, Any], dict[str, FloatArray]]:
     gas = study.gas
     check(study)
     clock = [time.process_time()]
-    load_kernels(gas)
+    load_kernels(replace(gas, n=0))
     clock.append(time.process_time())
     memory = Memory()
     scene = gas.scene(study.seed)
@@ -221,12 +222,22 @@ def check(study: Bench) -> None:
         require_peer(study.against, study.gas)
 
 
+@lru_cache
 def load_kernels(gas: Gas) -> None:
-    """Compile or load what this kind of gas needs, by running a small one."""
-    limit = {2: 0.4, 3: 0.25}.get(gas.dim, 1.0)  # of the same kind, quickly placed at random
-    density = min(gas.packing_fraction, limit)
-    small = Gas(2000, gas.dim, density, gas.boundary, gas.diameter_ratio, gas.fraction)
-    hs.Simulation(small.scene(1)).run(collisions=1)
+    """Compile or load what this kind of gas needs, once, by running a small one: a thin one that collides, a dense one that grows.
+
+    Raises
+    ------
+    HardSpheresError
+        If there is no such gas.
+    """
+    small = replace(gas, n=2000, start="auto")
+    limit = {2: 0.4, 3: 0.25}.get(gas.dim, 1.0)  # searched as all denser gases are
+    hs.Simulation(replace(small, packing_fraction=min(gas.packing_fraction, limit)).scene(1)).run(
+        collisions=1
+    )
+    if gas.dense and not gas.on_lattice:
+        small.scene(1)
 
 
 def start_up(simulation: hs.Simulation, collisions_per_particle: float) -> tuple[int, Windows]:

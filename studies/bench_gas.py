@@ -31,7 +31,9 @@ RANDOM_UP_TO = {2: 0.45, 3: 0.30}  # random placement nears its limit above
 REPEATED_FROM = 20_000  # particles; a smaller fluid is made in one piece
 REPEATED_ABOVE = 0.05  # packing fraction; a thinner gas is placed at random quickly at any size
 PIECE = 4_000  # particles in the box that is repeated
-RELAXED = 200.0  # collisions per particle, in which a dense fluid moves by about a diameter
+RELAXED = (
+    100.0  # collisions per particle after the growth, in which a dense fluid moves by half a diameter or more
+)
 MELTED = 50.0  # collisions per particle
 AT_LEAST = 10.0  # collisions per particle, until neighbour lists begin to expire
 
