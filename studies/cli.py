@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import signal
 import sys
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
@@ -156,6 +157,90 @@ def thermalise(
         study = Thermalisation(recipe=Recipe(**given), **common)  # type: ignore[arg-type]
     screen = Screen(json)
     summary, sound = thermalise(study, OutputFolder(out or Path("runs") / f"thermalise-{seed}"), screen)
+    screen.finish(summary)
+    if not sound:
+        raise typer.Exit(1)
+
+
+@app.command()
+def bench(
+    n: Annotated[
+        list[int] | None,
+        typer.Option(help="Particles; with --suite may be given several times.", show_default="4000"),
+    ] = None,
+    dim: Annotated[int, typer.Option(min=2, max=3, help="Dimension.")] = 3,
+    packing_fraction: Annotated[
+        list[float] | None,
+        typer.Option(
+            help="Share of the box that the spheres fill; with --suite may be given several times.",
+            show_default="0.3",
+        ),
+    ] = None,
+    boundary: Annotated[
+        str, typer.Option(help="periodic, wall, or one word per axis, as in periodic,periodic,wall.")
+    ] = "periodic",
+    diameter_ratio: Annotated[
+        float, typer.Option(help="Diameter of a second species over the first's; 1: one species.")
+    ] = 1.0,
+    fraction: Annotated[
+        float, typer.Option(min=0, max=1, help="Number fraction of the second species.")
+    ] = 0.5,
+    start: Annotated[
+        str, typer.Option(help="lattice, fluid, or auto: a fluid where that is the state in equilibrium.")
+    ] = "auto",
+    collisions: Annotated[
+        int | None, typer.Option(help="Collisions to time, in 20 windows.", show_default="4 s worth")
+    ] = None,
+    discard: Annotated[
+        float | None,
+        typer.Option(
+            help="Collisions per particle to throw away before.",
+            show_default="10, more where it must melt or relax",
+        ),
+    ] = None,
+    against: Annotated[
+        str | None,
+        typer.Option(
+            help="spheropack: run it in turn with us and compare; plain: our own engine on as many spheres of one kind, "
+            "periodic, in 3D."
+        ),
+    ] = None,
+    suite: Annotated[
+        str | None,
+        typer.Option(
+            help="quick (3 min) or full (20 min): a table over N and packing fraction, with a figure."
+        ),
+    ] = None,
+    seed: Seed = 1,
+    out: Out = None,
+    json: Json = False,
+) -> None:
+    """Measure collisions per second, beside another engine.
+
+    Times the event loop alone, compiled and in equilibrium, on one core. Writes a summary and the windows; with --suite a
+    table and a figure.
+    """
+    from studies.bench import Bench
+    from studies.bench import bench as run
+    from studies.bench_gas import Gas
+    from studies.bench_suite import run_suite, suite_named
+    from studies.report import OutputFolder, Screen
+
+    folder, screen = OutputFolder(out or Path("runs") / f"bench-{seed}"), Screen(json)
+    sizes, densities = n or [4000], packing_fraction or [0.3]
+    walls = _boundary(boundary) or "periodic"
+    study = Bench(
+        Gas(sizes[0], dim, densities[0], walls, diameter_ratio, fraction, start), collisions, discard
+    )
+    study = replace(study, against=against, seed=seed)
+    if suite is not None:
+        summary, sound = run_suite(suite_named(suite, n, packing_fraction), study, folder, screen)
+    else:
+        for name, given in (("--n", sizes), ("--packing-fraction", densities)):
+            _require(
+                len(given) == 1, f"{name} is given {len(given)} times, but one state has one; add --suite"
+            )
+        summary, sound = run(study, folder, screen)
     screen.finish(summary)
     if not sound:
         raise typer.Exit(1)

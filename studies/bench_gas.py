@@ -1,0 +1,184 @@
+"""The gases that are timed: how each is started in equilibrium, and which pressure says that it is a fluid.
+
+A benchmark of a crystal says nothing about a fluid, and fcc at packing fraction 0.49 does not melt in any
+affordable run. So fluids start at random: placed one after another while that is quick, grown from small spheres
+above. A large fluid is a relaxed small one repeated periodically, with new velocities.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import hardspheres as hs
+from analysis import theory
+
+__all__ = ["FREEZING", "STARTS", "Gas"]
+
+FloatArray = NDArray[np.float64]
+
+STARTS = ("auto", "lattice", "fluid")
+FREEZING = {2: 0.70, 3: 0.494}
+"""Packing fractions up to which the fluid counts as the state in equilibrium. Spheres freeze at 0.492 (Fernandez et
+al. 2012, doi 10.1103/PhysRevLett.108.165701; older work has 0.494), discs at 0.70 (Engel et al. 2013, doi
+10.1103/PhysRevE.87.042134)."""
+THEORY_UP_TO = {2: 0.66, 3: 0.494}
+RANDOM_UP_TO = {2: 0.45, 3: 0.30}  # random placement nears its limit above
+REPEATED_FROM = 20_000  # particles; a smaller fluid is made in one piece
+REPEATED_ABOVE = 0.05  # packing fraction; a thinner gas is placed at random quickly at any size
+PIECE = 4_000  # particles in the box that is repeated
+RELAXED = (
+    100.0  # collisions per particle after the growth, in which a dense fluid moves by half a diameter or more
+)
+MELTED = 50.0  # collisions per particle
+AT_LEAST = 10.0  # collisions per particle, until neighbour lists begin to expire
+
+
+@dataclass(frozen=True)
+class Gas:
+    """One state to measure.
+
+    Attributes
+    ----------
+    n, dim, packing_fraction, boundary
+        As in `hardspheres.random_gas`; the first species has diameter 1, all masses are 1, kT = 1.
+    diameter_ratio : float
+        Diameter of the second species over the first's.
+    fraction : float
+        Number fraction of the second species; without effect when the ratio is 1.
+    start : {"auto", "lattice", "fluid"}
+        Where the particles start; "auto" is a lattice above freezing, and a fluid below.
+    """
+
+    n: int = 4000
+    dim: int = 3
+    packing_fraction: float = 0.3
+    boundary: str | tuple[str, ...] = "periodic"
+    diameter_ratio: float = 1.0
+    fraction: float = 0.5
+    start: str = "auto"
+
+    @property
+    def plain(self) -> Gas:
+        """As many spheres of one kind at the same packing fraction, periodic, in 3D."""
+        return Gas(self.n, packing_fraction=self.packing_fraction, start=self.start)
+
+    @property
+    def frozen(self) -> bool:
+        """Whether the equilibrium state of one species at this density is no fluid."""
+        return self.diameter_ratio == 1.0 and self.packing_fraction > FREEZING.get(self.dim, 1.0)
+
+    @property
+    def on_lattice(self) -> bool:
+        """Whether the particles start on a lattice."""
+        return self.start == "lattice" or (self.start == "auto" and self.frozen)
+
+    @property
+    def periodic(self) -> bool:
+        """Whether all axes are periodic."""
+        return self.boundary == "periodic" or set(self.boundary) == {"periodic"}
+
+    @property
+    def dense(self) -> bool:
+        """Whether random placement would take too long."""
+        return self.packing_fraction > RANDOM_UP_TO.get(self.dim, 0.0)
+
+    @property
+    def repeated(self) -> bool:
+        """Whether the start is a small box repeated."""
+        large = self.n >= REPEATED_FROM and self.packing_fraction > REPEATED_ABOVE
+        return large and self.periodic and not self.on_lattice
+
+    @property
+    def discarded(self) -> float:
+        """Collisions per particle to throw away before anything is timed."""
+        if self.on_lattice:
+            return AT_LEAST if self.frozen else MELTED
+        return RELAXED if self.dense and not self.repeated else AT_LEAST
+
+    def describe_start(self) -> str:
+        """Return in words where the particles start."""
+        if self.on_lattice:
+            return "crystal" if self.frozen else "lattice"
+        made = "random, compressed" if self.dense else "random"
+        return f"{made}, a relaxed box repeated" if self.repeated else made
+
+    def radii(self, n: int) -> Any:
+        """Return the radii of n particles."""
+        if self.diameter_ratio == 1.0:
+            return 0.5
+        second = np.arange(n) >= n - round(self.fraction * n)
+        return np.where(second, 0.5 * self.diameter_ratio, 0.5)
+
+    def scene(self, seed: int) -> hs.Scene:
+        """Return the start that belongs to a seed.
+
+        Raises
+        ------
+        SceneError
+            If there is none.
+        """
+        return self._repeated(seed) if self.repeated else self._piece(self.n, self.packing_fraction, seed)
+
+    def _piece(self, n: int, packing_fraction: float, seed: int) -> hs.Scene:
+        make: Any = hs.random_gas
+        if self.on_lattice:
+            make = hs.lattice_gas
+        elif self.dense:
+            make = _compressed_gas
+        scene: hs.Scene = make(
+            n=n,
+            packing_fraction=packing_fraction,
+            dim=self.dim,
+            boundary=self.boundary,
+            radii=self.radii(n),
+            seed=seed,
+        )
+        return scene
+
+    def _repeated(self, seed: int) -> hs.Scene:
+        """Return periodic copies of a relaxed box, in random order as any large random start, with new velocities.
+
+        Where n is no multiple, a few particles are left out at random and the copies are denser by as much.
+        """
+        copies = max(2, round((self.n / PIECE) ** (1 / self.dim)))
+        piece = math.ceil(self.n / copies**self.dim)
+        radii = np.tile(np.broadcast_to(self.radii(piece), piece), copies**self.dim)
+        kept = np.random.default_rng([seed, copies]).permutation(len(radii))[: self.n]
+        surplus = np.sum(radii**self.dim) / np.sum(radii[kept] ** self.dim)
+        relaxed = hs.Simulation(self._piece(piece, self.packing_fraction * float(surplus), seed))
+        relaxed.run(collisions=round((RELAXED if self.dense else MELTED) * piece / 2))
+        box = relaxed.scene.box
+        corners = np.indices((copies,) * self.dim).reshape(self.dim, -1).T * box
+        positions = (corners[:, None, :] + relaxed.positions).reshape(-1, self.dim)[kept]
+        scene = hs.Scene(positions, np.zeros_like(positions), radii[kept], 1.0, copies * box)
+        return scene.with_state(scene.positions, hs.draw_velocities(scene, "maxwell", seed=seed))
+
+    def theory(self, scene: hs.Scene) -> theory.Prediction | None:
+        """Return the compressibility factor of the fluid, None where no theory holds.
+
+        One species: `analysis.theory.finite_size_compressibility`. Mixtures: `mixture_compressibility`, without a
+        correction for n. Between walls and above freezing there is none.
+        """
+        if not scene.periodic.all() or self.packing_fraction > THEORY_UP_TO[self.dim]:
+            return None
+        if self.diameter_ratio == 1.0:
+            return theory.finite_size_compressibility(scene.packing_fraction, self.dim, self.n)
+        radii, counts = np.unique(scene.radii, return_counts=True)
+        return theory.mixture_compressibility(counts / scene.volume, 2 * radii, self.dim)
+
+
+def _compressed_gas(**options: Any) -> hs.Scene:
+    """Return a dense random start, or an unstable lattice, which melts, where the engine cannot grow spheres yet."""
+    grow: Any = getattr(hs, "compressed_gas", None)
+    if grow is not None:
+        scene: hs.Scene = grow(**options)
+        return scene
+    try:
+        return hs.lattice_gas(lattice={2: "square", 3: "cubic"}.get(options["dim"]), **options)
+    except hs.SceneError:
+        return hs.lattice_gas(**options)
