@@ -47,7 +47,7 @@ def cache_folder(tag: str) -> Path | None:
     """
     here = Path(__file__).parent
     digest = hashlib.sha256(numba.__version__.encode())
-    for source in [here.parent / "collision.py", *sorted(here.glob("*.py"))]:
+    for source in [here.parent / "collision.py", here.parent / "growth.py", *sorted(here.glob("*.py"))]:
         digest.update(source.name.encode() + source.read_bytes())
     base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
     roots = [

@@ -43,7 +43,9 @@ HALF_WINDOW = 20  # windows: half their length in time
 STRETCH = 21  # how far a registered piece of a flight reaches from its middle
 LINE_UNIT = 22  # 1 / the longest edge of a cell
 CELL_EDGE = 24  # edges of a cell, 3 slots
-NUMBERS = 27
+SCALE = 27  # growth: at the epoch's start all radii are this many times those given
+GROWTH = 28  # how much that grows in a unit of time
+NUMBERS = 29
 
 # Sums since the tallies were reset, float64.
 VIRIAL = 0  # sum of r_a dp_b over pair collisions: xx, yy, zz, xy, xz, yz
