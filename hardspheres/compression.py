@@ -34,9 +34,7 @@ Floats = NDArray[np.float64]
 
 GROWTH = 0x67726F77  # name of the stream that the velocities of the growth are drawn from
 EASY = {2: 0.40, 3: 0.30}  # packing fraction that random placement reaches at once
-MARGIN = (
-    1e-10  # relative excess of the radii while they grow, so that the rounding of contacts leaves no overlap
-)
+MARGIN = 1e-10  # relative excess of the radii meanwhile, so that the rounding of contacts leaves no overlap
 FASTEST, SLOWEST = 0.1, 0.004  # gamma
 THIN = 5.0  # compressibility factor up to which gamma is the fastest; from there it falls as its inverse cube
 LARGEST_STEP = 0.05  # of the scale in one stage, relative
@@ -45,10 +43,7 @@ JAMMED = 1e5  # compressibility factor at which the growth gives up: 1e-5 of a d
 RELAXATION = {2: 300, 3: 100}  # collisions per particle at the final size
 ATTEMPTS, HASTE = 3, 3.0  # if the result has ordered, how often to try, each time so much faster
 ORDERED = {2: 0.5, 3: 0.1}  # psi6, Q6 above which a scene of many particles is no fluid,
-FLUCTUATION = {
-    2: 20.0,
-    3: 4.0,
-}  # or this over sqrt(N) where that is more: three times what dense fluids show and more
+FLUCTUATION = {2: 20.0, 3: 4.0}  # or this over sqrt(N), if more: three times what dense fluids show, or more
 HEXATIC = 0.70  # packing fraction from which discs order by themselves
 SLICE = 0.1  # seconds after which control comes back to Python
 FOREVER = 2**62
@@ -69,9 +64,9 @@ def compressed_gas(
     """Make a dense gas without order: particles placed at random grow to their size while they collide.
 
     The growth is that of Lubachevsky and Stillinger (1990, doi:10.1007/BF01025983), see `hardspheres.compression`. At full size the
-    particles move on for 100 collisions per particle (300 in 2D), which is enough for a fluid up to freezing (packing fraction
-    0.494 in 3D) to forget how it was made; a denser one has no time to. Equal spheres jam near 0.645, discs (in grains of
-    crystal) above 0.84, mixtures as the sizes allow. The box is a cube or square.
+    particles move on for 100 collisions per particle (300 in 2D). After that the pressure of a fluid shows no drift (up to 0.49 in 3D
+    and 0.68 in 2D); a denser one has no time to forget how it was made. Equal spheres jam near 0.645, discs (in grains of
+    crystal) near 0.88, mixtures as the sizes allow. The box is a cube or square.
 
     Equal particles in 3D must have stayed fluid or glassy: the scene's bond-orientational order Q6 (`bond_order`) is at
     most 0.1, or 4/sqrt(n) where that is more. Equal discs must have psi6 of at most 0.5, or 20/sqrt(n), up to a packing fraction
@@ -180,9 +175,11 @@ def _complete(compression: "Compression") -> None:
     except SimulationError:  # time stands still
         compression.pressure = math.inf
     if compression.scale < 1.0 or compression.pressure == math.inf:
+        radii = compression.scene.radii
+        advice = ", or start from lattice_gas if a crystal will do" if radii.min() == radii.max() else ""
         raise SceneError(
             f"the growth jammed at packing fraction {compression.packing_fraction:.4f} (compressibility factor "
-            f"{compression.pressure:.2g}); ask for less than that, or start from lattice_gas if a crystal will do"
+            f"{compression.pressure:.2g}); ask for less than that{advice}"
         )
 
 
@@ -268,7 +265,7 @@ class Compression:
         done = int(engine.arrays.counter[at.PAIRS])
         if done >= limit:
             epoch, moment = int(engine.arrays.counter[at.EPOCH]), max(float(number[at.NOW]), 0.0)
-            self.scale = until * float(number[at.SCALE] + number[at.GROWTH] * moment)
+            self.scale = until * min(float(number[at.SCALE] + number[at.GROWTH] * moment), 1.0)
         else:
             self.scale = until
         self.collisions += done
