@@ -19,7 +19,9 @@ from hardspheres.errors import (
 if TYPE_CHECKING:
     from hardspheres import reference
     from hardspheres.collision import contact_time, elastic_collision
+    from hardspheres.compression import compressed_gas
     from hardspheres.initial import lattice_gas, random_gas
+    from hardspheres.order import BondOrder, bond_order
     from hardspheres.scene import Scene
     from hardspheres.simulation import Frame, Simulation
     from hardspheres.trajectory import TrajectoryWriter, read_trajectory
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "BondOrder",
     "CheckpointError",
     "Frame",
     "HardSpheresError",
@@ -38,6 +41,8 @@ __all__ = [
     "SimulationError",
     "TrajectoryError",
     "TrajectoryWriter",
+    "bond_order",
+    "compressed_gas",
     "contact_time",
     "draw_velocities",
     "elastic_collision",
@@ -48,10 +53,13 @@ __all__ = [
 ]
 
 _HOMES = {
+    "BondOrder": "hardspheres.order",
     "Frame": "hardspheres.simulation",
     "Scene": "hardspheres.scene",
     "Simulation": "hardspheres.simulation",
     "TrajectoryWriter": "hardspheres.trajectory",
+    "bond_order": "hardspheres.order",
+    "compressed_gas": "hardspheres.compression",
     "contact_time": "hardspheres.collision",
     "draw_velocities": "hardspheres.velocities",
     "elastic_collision": "hardspheres.collision",

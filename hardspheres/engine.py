@@ -37,6 +37,9 @@ class Engine:
     ----------
     scene : Scene
         Where to start.
+    growth : (float, float), optional
+        The radii are those of the scene times a scale: its value at the start, and how much it grows in a unit of time. It
+        must not pass 1, which is what the lists are made for.
 
     Attributes
     ----------
@@ -46,14 +49,14 @@ class Engine:
         Those names, for this kind of scene.
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, growth: tuple[float, float] | None = None) -> None:
         from hardspheres.kernel import specialise
 
         sizes = bool(np.any(scene.radii != scene.radii[0]))
         masses = bool(np.any(scene.masses != scene.masses[0]))
-        plan = window_plan(scene)
+        plan = window_plan(scene) if growth is None else None
         self.kernels: Any = specialise(
-            scene.dim, not bool(scene.periodic.all()), sizes, masses, plan is not None
+            scene.dim, not bool(scene.periodic.all()), sizes, masses, plan is not None, growth is not None
         )
         self.layout: Any = self.kernels.layout
         self.scene = scene
@@ -81,6 +84,7 @@ class Engine:
         number[at.REDUCED] = 1.0 / (1.0 / scene.masses[0] + 1.0 / scene.masses[0])
         number[at.LATE_BY] = 4.0 * math.ulp(length)
         number[at.STANDSTILL] = -length
+        number[at.SCALE], number[at.GROWTH] = growth or (1.0, 0.0)
         count[at.N] = n
         count[at.AGENDA_ROOM] = 1024 + n // 16
         if plan is None:

@@ -105,7 +105,7 @@ def lattice_gas(
     SceneError
         When an argument is not as above, or the lattice does not fit; the message gives the packing fraction that does.
     """
-    n, dim, filled, sizes, weights = _checked(n, packing_fraction, dim, radii, masses)
+    n, dim, filled, sizes, weights = checked_arguments(n, packing_fraction, dim, radii, masses)
     kinds = LATTICES[dim]
     if lattice is not None and lattice not in kinds:
         names = " or ".join(f'"{name}"' for name in kinds)
@@ -134,7 +134,7 @@ def lattice_gas(
         sites = sites[np.sort(rng.choice(len(sites), n, replace=False))]
     if np.ptp(sizes) or np.ptp(weights):
         sites = sites[rng.permutation(n)]
-    return _with_velocities(sites, sizes, weights, box, words, velocities, temperature, seed)
+    return with_velocities(sites, sizes, weights, box, words, velocities, temperature, seed)
 
 
 def random_gas(
@@ -184,26 +184,39 @@ def random_gas(
     SceneError
         When an argument is not as above, or the placement jams; the message gives the packing fraction reached.
     """
-    n, dim, filled, sizes, weights = _checked(n, packing_fraction, dim, radii, masses)
+    n, dim, filled, sizes, weights = checked_arguments(n, packing_fraction, dim, radii, masses)
     words = boundary_words(boundary, dim)
     periodic = np.array([word == "periodic" for word in words])
+    box = cubic_box(n, packing_fraction, filled, sizes, periodic)
+    positions = place_at_random(sizes, box, periodic, stream(seed, POSITIONS))
+    return with_velocities(positions, sizes, weights, box, words, velocities, temperature, seed)
+
+
+def cubic_box(n: int, packing_fraction: float, filled: float, radii: Floats, periodic: Bools) -> Floats:
+    """Return the edges of the cube or square in which particles of this total volume have this packing fraction.
+
+    Raises
+    ------
+    SceneError
+        Where equal spheres cannot be so dense, or the box is too short for the largest particle.
+    """
+    dim = len(periodic)
     densest = next(iter(LATTICES[dim].values()))
-    if sizes.min() == sizes.max() and packing_fraction > densest.close_packing:
+    if radii.min() == radii.max() and packing_fraction > densest.close_packing:
         raise SceneError(
             f"packing fraction {packing_fraction} is above close packing, {densest.close_packing:.6f}; ask for less"
         )
     box = np.full(dim, (filled / packing_fraction) ** (1 / dim))
-    needed = 2 * float(sizes.max()) * (2 if periodic.any() else 1)
+    needed = 2 * float(radii.max()) * (2 if periodic.any() else 1)
     if box[0] < needed:
         raise SceneError(
             f"n = {n} at packing fraction {packing_fraction} gives a box of edge {box[0]:.6g}, too short for the "
             f"largest particle: it needs {needed:.6g}; ask for more particles or a lower packing fraction"
         )
-    positions = place_at_random(sizes, box, periodic, stream(seed, POSITIONS))
-    return _with_velocities(positions, sizes, weights, box, words, velocities, temperature, seed)
+    return box
 
 
-def _with_velocities(
+def with_velocities(
     positions: Floats,
     radii: Floats,
     masses: Floats,
@@ -213,12 +226,13 @@ def _with_velocities(
     temperature: float,
     seed: Seed,
 ) -> Scene:
+    """Return the scene with velocities drawn from the seed."""
     scene = Scene(positions, np.zeros_like(positions), radii, masses, box, boundary)
     drawn = draw_velocities(scene, velocities, temperature=temperature, seed=seed)
     return scene.with_state(scene.positions, drawn)
 
 
-def _checked(
+def checked_arguments(
     n: int, packing_fraction: float, dim: int, radii: ArrayLike, masses: ArrayLike
 ) -> tuple[int, int, float, Floats, Floats]:
     """Return n, dim, total volume of the particles, radii and masses; or raise SceneError."""

@@ -196,7 +196,7 @@ class Scene:
         names = ("positions", "velocities", "radii", "masses", "box", "boundary")
         return Scene(**{name: getattr(self, name) for name in names} | changes)
 
-    def with_state(self, positions: Floats, velocities: Floats) -> "Scene":
+    def with_state(self, positions: Floats, velocities: Floats, radii: Floats | None = None) -> "Scene":
         """Return the same particles and box in a state that the dynamics has reached, without checking it again.
 
         The engine leaves contacts that overlap by its rounding (below 1e-11 diameters), which a scene made by hand may
@@ -208,11 +208,13 @@ class Scene:
             Centres, in [0, L) on periodic axes. Copied.
         velocities : (N, d) float64 array
             Velocities. Copied.
+        radii : (N,) float64 array, optional
+            Other radii, in the same proportions (as spheres that grow have them). Copied.
 
         Returns
         -------
         Scene
-            The new scene, sharing radii, masses and box with this one.
+            The new scene, sharing masses, box and, if none are given, radii with this one.
         """
         scene = object.__new__(Scene)
         here = np.array(positions, dtype=np.float64, order="C")
@@ -221,9 +223,8 @@ class Scene:
             raise SceneError(
                 f"a state of this scene has positions and velocities of shape {self.positions.shape}"
             )
-        scene._store(
-            here, there, self.radii, self.masses, self.box, self.boundary, self.periodic, self.species
-        )
+        sizes = self.radii if radii is None else np.array(radii, dtype=np.float64)
+        scene._store(here, there, sizes, self.masses, self.box, self.boundary, self.periodic, self.species)
         return scene
 
     @classmethod

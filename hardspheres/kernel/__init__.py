@@ -36,13 +36,17 @@ Either way the events of the calendar's current bucket lie in a small heap (`age
 that does not depend on their number. Equal times are ordered by the lower, then the higher id; a wall counts as the id
 n + 2 axis + side.
 
+**Growth.** To make dense random starts (`hardspheres.compression`) all radii may grow linearly in time: at time t of an epoch they
+are the rows' radii times SCALE + GROWTH t. Contacts are then those of `hardspheres.growth`, lists reach as far as the largest size
+needs, and everything else is as before.
+
 **The loop** (`loop`) takes the next event, executes it, and searches for what its one or two particles do next.
 
 Arithmetic is strict everywhere: only + - x / sqrt and integers, no fused or reordered operations, so one scene gives the same bits
 on every IEEE-754 machine.
 
 **Specialisation.** What a scene lacks is not compiled in: `specialise` loads this package's files once for each kind of scene (its
-dimension, whether it has walls, many radii, many masses, and whether it is dilute), each with its own constants in place of `flags`.
+dimension, whether it has walls, many radii, many masses, whether it is dilute, and whether its radii grow), each with its own constants in place of `flags`.
 """
 
 import importlib
@@ -53,7 +57,9 @@ from pathlib import Path
 __all__ = ["specialise"]
 
 
-def specialise(dim: int, walls: bool, sizes: bool, masses: bool, sparse: bool) -> types.ModuleType:
+def specialise(
+    dim: int, walls: bool, sizes: bool, masses: bool, sparse: bool, grows: bool = False
+) -> types.ModuleType:
     """Load the kernels for one kind of scene.
 
     Parameters
@@ -64,13 +70,22 @@ def specialise(dim: int, walls: bool, sizes: bool, masses: bool, sparse: bool) -
         Whether some axis lies between walls, radii differ, masses differ.
     sparse : bool
         Windows in place of lists: the same trajectory, faster where the gas is dilute.
+    grows : bool
+        Radii grow linearly in time; with lists only.
 
     Returns
     -------
     module
         The module `loop` compiled, on first use, for these constants; the same module for the same constants.
     """
-    tag = f"{dim}d" + "_walls" * walls + "_sizes" * sizes + "_masses" * masses + "_sparse" * sparse
+    tag = (
+        f"{dim}d"
+        + "_walls" * walls
+        + "_sizes" * sizes
+        + "_masses" * masses
+        + "_sparse" * sparse
+        + "_grows" * grows
+    )
     name = f"{__name__}.{tag}"
     if f"{name}.loop" not in sys.modules:
         from .compiler import cache_folder, cached_in
@@ -78,7 +93,7 @@ def specialise(dim: int, walls: bool, sizes: bool, masses: bool, sparse: bool) -
         package = types.ModuleType(name)
         package.__path__ = [str(Path(__file__).parent)]
         flags = types.ModuleType(f"{name}.flags")
-        vars(flags).update(DIM=dim, WALLS=walls, SIZES=sizes, MASSES=masses, SPARSE=sparse)
+        vars(flags).update(DIM=dim, WALLS=walls, SIZES=sizes, MASSES=masses, SPARSE=sparse, GROWS=grows)
         sys.modules[name] = package
         sys.modules[flags.__name__] = flags
         with cached_in(cache_folder(tag)):

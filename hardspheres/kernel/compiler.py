@@ -93,7 +93,7 @@ def cache_folder(tag: str) -> Path | None:
     """
     here = Path(__file__).parent
     digest = hashlib.sha256(numba.__version__.encode())
-    for source in [here.parent / "collision.py", *sorted(here.glob("*.py"))]:
+    for source in [here.parent / "collision.py", here.parent / "growth.py", *sorted(here.glob("*.py"))]:
         digest.update(source.name.encode() + source.read_bytes())
     base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
     roots = [
@@ -121,12 +121,10 @@ def cached_in(folder: Path | None) -> Iterator[None]:
 
 
 def jit(function):
-    """Compile a part of a kernel: strict IEEE arithmetic, x/0 as in NumPy (checks would stop vectorisation)."""
-    return inline(function)
+    """Compile a part of a kernel into its callers: handing the record of pointers over costs more than most functions.
 
-
-def inline(function):
-    """Compile a part of a kernel into its callers: handing the record of pointers over costs more than a small function."""
+    Strict IEEE arithmetic, x/0 as in NumPy (checks would stop vectorisation).
+    """
     return numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, forceinline=True)(
         function
     )

@@ -2,10 +2,10 @@
 
 import math
 
-from hardspheres import collision
+from hardspheres import collision, growth
 
 from .compiler import jit
-from .flags import DIM, MASSES, SIZES, SPARSE
+from .flags import DIM, GROWS, MASSES, SIZES, SPARSE
 from .layout import (
     BOX,
     CENTRE,
@@ -13,6 +13,7 @@ from .layout import (
     EPOCH,
     EPOCH_LENGTH,
     EVENT,
+    GROWTH,
     INVERSE,
     LAST_PAIR_EPOCH,
     MASS,
@@ -21,6 +22,7 @@ from .layout import (
     RADIUS,
     REDUCED,
     ROW,
+    SCALE,
     STANDSTILL,
     WALL_HITS,
     N,
@@ -28,10 +30,11 @@ from .layout import (
     V,
     X,
 )
-from .prediction import rint
+from .prediction import full_contact, rint
 from .tallies import tally_pair, tally_stress, tally_wall
 
 impulse = jit(collision.impulse)
+rebound_from_wall = jit(growth.rebound_from_wall)
 
 # dp = -2 mu (b / r.r) r holds for r of any length. With diameters of 1, 2 or 1/2, r.r itself would scatter round a power of
 # two, where the spacing of doubles changes and the quotient's rounding prefers one side: energy would grow by 1e-17 a
@@ -68,6 +71,8 @@ def collide_pair(s, i, j, t):
         w = row[ri + V + 2] - row[rj + V + 2]
         b += z * w
         rr += z * z
+    if GROWS:
+        b -= math.sqrt(rr) * (full_contact(s, i, j) * s.number[GROWTH])
     mi, mj = s.number[MASS], s.number[MASS]
     reduced = s.number[REDUCED]
     if MASSES:
@@ -110,6 +115,9 @@ def hit_wall(s, i, wall, t):
     v = s.row[ri + V + axis]
     s.row[ri + V + axis] = -v
     tally_wall(s, axis, side, 2.0 * mass * abs(v), radius)
+    if GROWS:  # the sums of walls are then those of the flight alone
+        outward = -1.0 if side else 1.0
+        s.row[ri + V + axis] = outward * rebound_from_wall(-outward * v, radius * s.number[GROWTH])
     for d in range(DIM):
         if d != axis:
             tally_stress(s, d + axis + 2, -2.0 * mass * v * s.row[ri + V + d], t)
@@ -137,6 +145,8 @@ def begin_epoch(s):
                 if not SPARSE:
                     s.event_float[i * EVENT + CENTRE + d] -= shift
                 s.turns[i * DIM + d] += int(turns)
+    if GROWS:
+        s.number[SCALE] += s.number[GROWTH] * length
     s.counter[EPOCH] += 1
     s.number[NOW] -= length
     s.number[STANDSTILL] -= length

@@ -5,3 +5,4 @@ WALLS = False  # some axis lies between walls
 SIZES = False  # radii differ
 MASSES = False  # masses differ
 SPARSE = False  # dilute: common windows of time in place of neighbour lists
+GROWS = False  # all radii grow linearly in time (never with SPARSE)

@@ -44,7 +44,9 @@ LINE_UNIT = 22  # 1 / the longest edge of a cell
 LINE_MARGIN = 23  # added to the radius of a line
 CELL_EDGE = 24  # edges of a cell, 3 slots
 MIDDLE = 27  # time at the middle of the window
-NUMBERS = 28
+SCALE = 28  # growth: at the epoch's start all radii are this many times those given
+GROWTH = 29  # how much that grows in a unit of time
+NUMBERS = 30
 
 # Sums since the tallies were reset, float64.
 VIRIAL = 0  # sum of r_a dp_b over pair collisions: xx, yy, zz, xy, xz, yz

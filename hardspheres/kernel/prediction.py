@@ -2,15 +2,16 @@
 
 import math
 
-from hardspheres import collision
+from hardspheres import collision, growth
 
 from .compiler import bits, from_bits, jit
-from .flags import DIM, SIZES, WALLS
+from .flags import DIM, GROWS, SIZES, WALLS
 from .layout import (
     BOX,
     CENTRE,
     CORE,
     EVENT,
+    GROWTH,
     IMAGES,
     INVERSE,
     LANES,
@@ -19,6 +20,7 @@ from .layout import (
     RADIUS,
     RENEW,
     ROW,
+    SCALE,
     SHELL,
     SIGMA2,
     N,
@@ -30,6 +32,8 @@ from .layout import (
 contact_time = jit(collision.contact_time)
 discriminant_2d = jit(collision.discriminant_2d)
 discriminant_3d = jit(collision.discriminant_3d)
+growing_contact_time = jit(growth.growing_contact_time)
+growing_discriminant = jit(growth.growing_discriminant)
 
 NEVER = math.inf
 NO_TIME = 0x7FF0000000000000  # the bits of infinity: non-negative times order as their bits do
@@ -87,6 +91,8 @@ def solve(s, i, now, m):
     named = s.counter[IMAGES] == 1
     sigma2 = s.number[SIGMA2]
     radius = row[ri + RADIUS]
+    full = 2.0 * s.number[CORE]
+    scale, rate = s.number[SCALE], s.number[GROWTH]
     soonest = NO_TIME
     for k in range(m):
         tj = scratch[SINCE + k]
@@ -100,8 +106,9 @@ def solve(s, i, now, m):
         x -= lx * (scratch[SHIFT + k] if named else rint((x + u * ago) * ix))
         y -= ly * (scratch[SHIFT + LANES + k] if named else rint((y + v * ago) * iy))
         if SIZES:
-            sigma = radius + scratch[SIZE + k]
-            sigma2 = sigma * sigma
+            full = radius + scratch[SIZE + k]
+            sigma2 = full * full
+        z, w = 0.0, 0.0
         if DIM == 3:
             vz = scratch[VEL + 2 * LANES + k]
             w = pw - vz
@@ -115,10 +122,31 @@ def solve(s, i, now, m):
             rr = x * x + y * y
             d = discriminant_2d(x, y, u, v, sigma2)
         root = math.sqrt(max(d, 0.0))
-        time = later + contact_time(b, rr - sigma2, root)
+        contact = contact_time(b, rr - sigma2, root)
+        if GROWS:
+            contact = growing_contact(x, y, z, u, v, w, full * (scale + rate * later), full * rate)
+        time = later + contact
         scratch[WHEN + k] = time
         soonest = min(soonest, bits(time))
     return soonest
+
+
+@jit
+def growing_contact(x, y, z, u, v, w, sigma, g):
+    """Time until two spheres touch whose contact distance is sigma now and grows at the rate g."""
+    a = u * u + v * v + w * w - g * g
+    b = x * u + y * v + z * w - sigma * g
+    c = x * x + y * y + z * z - sigma * sigma
+    root = math.sqrt(max(growing_discriminant(x, y, z, u, v, w, sigma, g), 0.0))
+    return growing_contact_time(a, b, c, root)
+
+
+@jit
+def full_contact(s, i, j):
+    """Contact distance of i and j where the scale is 1."""
+    if SIZES:
+        return s.row[i * ROW + RADIUS] + s.row[j * ROW + RADIUS]
+    return 2.0 * s.number[CORE]
 
 
 @jit
@@ -171,6 +199,28 @@ def wall_contact(s, i):
 
 
 @jit
+def growing_wall_contact(s, i):
+    """As `wall_contact` for a sphere that grows: it may meet the wall that it flies away from."""
+    ri = i * ROW
+    time = NEVER
+    wall = NOTHING
+    full = s.row[ri + RADIUS] if SIZES else s.number[CORE]
+    radius = full * (s.number[SCALE] + s.number[GROWTH] * s.row[ri + T])
+    for d in range(DIM):
+        if s.number[INVERSE + d] == 0.0:
+            x, v = s.row[ri + X + d], s.row[ri + V + d]
+            for side in range(2):
+                approach = full * s.number[GROWTH] + (v if side else -v)
+                gap = (s.number[BOX + d] - radius) - x if side else x - radius
+                if approach > 0.0:
+                    t = s.row[ri + T] + max(gap, 0.0) / approach
+                    if t < time:
+                        time = t
+                        wall = s.counter[N] + 2 * d + side
+    return time, wall
+
+
+@jit
 def shell_exit(s, i):
     """Time at which i comes out of the shell around the centre of its neighbour list."""
     row = s.row
@@ -204,7 +254,7 @@ def next_event(s, i, now):
     """Time and partner of the next thing that happens to i: a contact, a wall, or a new neighbour list."""
     time, partner = earliest_contact(s, i, now)
     if WALLS:
-        t, wall = wall_contact(s, i)
+        t, wall = growing_wall_contact(s, i) if GROWS else wall_contact(s, i)
         if t < time:
             time, partner = t, wall
     t = shell_exit(s, i)

@@ -17,7 +17,7 @@ PARTED = 1e-7  # deviation from which on the sequences are no longer compared
 def pairs_and_times(scene, events):
     """Engine's event sequence: after each pair collision its time, the partners, and how many wall hits came before."""
     sim = hs.Simulation(scene)
-    versions = sim._engine.arrays.event.reshape(scene.n, -1)[:, sim._at.VERSION]
+    versions = sim._engine.arrays.version
     for _ in range(events):
         before, walls = versions.copy(), sim.wall_collisions
         sim.run(collisions=1)

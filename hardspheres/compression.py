@@ -1,0 +1,297 @@
+"""Dense random starts: spheres that fly, collide and grow until they fill what was asked for.
+
+The compression of Lubachevsky and Stillinger (J. Stat. Phys. 60, 561 (1990), doi:10.1007/BF01025983), in the engine that runs
+everything else. Spheres are placed at random where that is easy, get thermal velocities, and all radii grow by a common scale,
+linearly in time, while the box stays as it is. The work is done in stages: at the end of one the kinetic energy, which every
+collision of growing spheres raises, goes back to what it was, and the engine is made anew with lists and cells for the next size.
+
+**How fast.** The rate is gamma, the speed at which a mean diameter grows over the thermal speed. In a thin gas it matters
+little. Near freezing the fluid needs time to follow; beyond it, fast growth gives glass and very slow growth crystals. So gamma
+falls with the pressure from 0.1 to 0.004 and stays there until the spheres jam; others take 0.001 and less to jam slowly (Donev,
+Torquato, Stillinger 2005, doi:10.1016/j.jcp.2004.08.014; Skoge and others 2006, doi:10.1103/PhysRevE.74.041127). Spheres that jam at
+0.647 with 0.004 do so at 0.649 with 0.001, after four times as many collisions.
+
+All masses are equal meanwhile: where particles are in equilibrium does not depend on their masses, and heavy ones would be slow.
+"""
+
+import math
+import time
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hardspheres.engine import Engine
+from hardspheres.errors import SceneError, SimulationError
+from hardspheres.initial import checked_arguments, cubic_box, with_velocities
+from hardspheres.order import BondOrder, bond_order
+from hardspheres.placement import place_at_random
+from hardspheres.scene import Scene, boundary_words, drift, kinetic_energy
+from hardspheres.tuning import collision_frequency
+from hardspheres.velocities import POSITIONS, Seed, stream
+
+Floats = NDArray[np.float64]
+
+GROWTH = 0x67726F77  # name of the stream that the velocities of the growth are drawn from
+EASY = {2: 0.40, 3: 0.30}  # packing fraction that random placement reaches at once
+MARGIN = 1e-10  # relative excess of the radii meanwhile, so that the rounding of contacts leaves no overlap
+FASTEST, SLOWEST = 0.1, 0.004  # gamma
+THIN = 5.0  # compressibility factor up to which gamma is the fastest; from there it falls as its inverse cube
+LARGEST_STEP = 0.05  # of the scale in one stage, relative
+PART_OF_GAP = 0.25  # of the room that is left, in one stage: that is 1/Z of a diameter
+JAMMED = 1e5  # compressibility factor at which the growth gives up: 1e-5 of a diameter is left
+RELAXATION = {2: 300, 3: 100}  # collisions per particle at the final size
+ATTEMPTS, HASTE = 3, 3.0  # if the result has ordered, how often to try, each time so much faster
+ORDERED = {2: 0.5, 3: 0.1}  # psi6, Q6 above which a scene of many particles is no fluid,
+FLUCTUATION = {2: 20.0, 3: 4.0}  # or this over sqrt(N), if more: three times what dense fluids show, or more
+HEXATIC = 0.70  # packing fraction from which discs order by themselves
+SLICE = 0.1  # seconds after which control comes back to Python
+FOREVER = 2**62
+
+
+def compressed_gas(
+    n: int = 4000,
+    packing_fraction: float = 0.49,
+    *,
+    dim: int = 3,
+    boundary: str | Sequence[str] = "periodic",
+    velocities: str = "maxwell",
+    temperature: float = 1.0,
+    radii: ArrayLike = 0.5,
+    masses: ArrayLike = 1.0,
+    seed: Seed,
+) -> Scene:
+    """Make a dense gas without order: particles placed at random grow to their size while they collide.
+
+    The growth is that of Lubachevsky and Stillinger (1990, doi:10.1007/BF01025983), see `hardspheres.compression`. At full size the
+    particles move on for 100 collisions per particle (300 in 2D). After that the pressure of a fluid shows no drift (up to 0.49 in 3D
+    and 0.68 in 2D); a denser one has no time to forget how it was made. Equal spheres jam near 0.645, discs (in grains of
+    crystal) near 0.88, mixtures as the sizes allow. The box is a cube or square.
+
+    Equal particles in 3D must have stayed fluid or glassy: the scene's bond-orientational order Q6 (`bond_order`) is at
+    most 0.1, or 4/sqrt(n) where that is more. Equal discs must have psi6 of at most 0.5, or 20/sqrt(n), up to a packing fraction
+    of 0.70: from there to 0.72 they turn hexatic and then solid by themselves (Bernard, Krauth 2011,
+    doi:10.1103/PhysRevLett.107.155704), so order is then no fault, and psi6 is not judged. It moves slowly there, over far
+    more than 300 collisions per particle: a scene is neither ordered nor disordered as in equilibrium. With few particles a fluid's order
+    by chance is as large as a crystal's (n < 50 in 3D, n < 400 in 2D), and nothing is refused.
+
+    Parameters
+    ----------
+    n : int
+        Number of particles; any number >= 1.
+    packing_fraction : float
+        Volume of the particles over that of the box (areas in 2D).
+    dim : int
+        Dimension, 2 or 3.
+    boundary : str or sequence of str
+        ``"periodic"`` or ``"wall"``, for all axes or one word for each.
+    velocities : str
+        ``"maxwell"``, ``"equal-speeds"``, ``"two-temperatures"`` or ``"beams"``; see `draw_velocities`. They are drawn when the
+        growth is over.
+    temperature : float
+        kT, in units of energy.
+    radii, masses : float or (n,) array_like
+        Radii and masses. The masses play no part in the growth.
+    seed : int or numpy.random.SeedSequence
+        Source of all random choices; the same seed gives the same scene. Another choice of velocities leaves the
+        positions as they are.
+
+    Returns
+    -------
+    Scene
+        The gas.
+
+    Raises
+    ------
+    SceneError
+        When an argument is not as above; when the particles jam before (the message gives the packing fraction reached); when
+        equal particles have ordered, also with faster growth.
+    """
+    n, dim, filled, sizes, weights = checked_arguments(n, packing_fraction, dim, radii, masses)
+    words = boundary_words(boundary, dim)
+    periodic = np.array([word == "periodic" for word in words])
+    box = cubic_box(n, packing_fraction, filled, sizes, periodic)
+    start = _start(sizes * (1.0 + MARGIN), packing_fraction, box, words, seed)
+    worst = 0.0
+    for attempt in range(ATTEMPTS):
+        compression = Compression(start, sizes * (1.0 + MARGIN), HASTE**attempt)
+        _complete(compression)
+        gas = with_velocities(
+            compression.scene.positions, sizes, weights, box, words, velocities, temperature, seed
+        )
+        order = order_of_crystal(gas)
+        if order is None:
+            return gas
+        worst = max(worst, order.value)
+    name = "Q6" if dim == 3 else "psi6"
+    raise SceneError(
+        f"the particles ordered in each of {ATTEMPTS} attempts, with {name} up to {worst:.3f} at packing fraction "
+        f"{packing_fraction}; take another seed or packing fraction, or lattice_gas where a crystal is wanted"
+    )
+
+
+def order_of_crystal(scene: Scene) -> BondOrder | None:
+    """Return the bond order of a scene that is no fluid or glass, and None for one that is or cannot be judged.
+
+    Judged are equal particles, discs below a packing fraction of 0.70 only; see `compressed_gas` for the limits.
+    """
+    if scene.n < 2 or scene.radii.min() < scene.radii.max():
+        return None
+    if scene.dim == 2 and scene.packing_fraction >= HEXATIC:
+        return None
+    order = bond_order(scene)
+    limit = max(ORDERED[scene.dim], FLUCTUATION[scene.dim] / math.sqrt(scene.n))
+    return order if order.value > limit else None
+
+
+def _start(
+    radii: Floats, packing_fraction: float, box: Floats, boundary: tuple[str, ...], seed: Seed
+) -> Scene:
+    """Particles of half the volume or less, placed at random, with thermal velocities of a diameter in a unit of time."""
+    dim = len(box)
+    periodic = np.array([word == "periodic" for word in boundary])
+    part = min(EASY[dim], 0.5 * packing_fraction) / packing_fraction
+    while True:
+        small = radii * part ** (1 / dim)
+        try:
+            positions = place_at_random(small, box, periodic, stream(seed, POSITIONS))
+            break
+        except SceneError:  # few particles between walls, say
+            part *= 0.5
+            if part < 1e-3:
+                raise
+    drawn = stream(seed, GROWTH).standard_normal(positions.shape) * (2.0 * float(np.mean(radii)))
+    scene = Scene(positions, drawn, small, 1.0, box, boundary)
+    return scene.with_state(scene.positions, drawn - drift(drawn, scene.masses, periodic))
+
+
+def _complete(compression: "Compression") -> None:
+    """Grow to full size and relax there, or raise SceneError."""
+    try:
+        while compression.scale < 1.0 and compression.pressure < JAMMED:
+            compression.grow()
+        if compression.scale == 1.0:
+            compression.relax(RELAXATION[compression.scene.dim])
+    except SimulationError:  # time stands still
+        compression.pressure = math.inf
+    if compression.scale < 1.0 or compression.pressure == math.inf:
+        radii = compression.scene.radii
+        advice = ", or start from lattice_gas if a crystal will do" if radii.min() == radii.max() else ""
+        raise SceneError(
+            f"the growth jammed at packing fraction {compression.packing_fraction:.4f} (compressibility factor "
+            f"{compression.pressure:.2g}); ask for less than that{advice}"
+        )
+
+
+class Compression:
+    """Spheres on their way to full size.
+
+    Parameters
+    ----------
+    scene : Scene
+        Where they start; radii smaller than the full ones, in the same proportions.
+    radii : (N,) array
+        Full radii.
+    haste : float
+        Factor on the rate of growth.
+
+    Attributes
+    ----------
+    scene : Scene
+        The spheres now, at their present size.
+    scale : float
+        Present size over full size.
+    pressure : float
+        Compressibility factor, from the virial of the latest stage.
+    collisions : int
+        Pair collisions so far.
+    """
+
+    def __init__(self, scene: Scene, radii: Floats, haste: float = 1.0) -> None:
+        self.scene = scene
+        self.scale = float(scene.radii[0] / radii[0])
+        self.pressure = 1.0
+        self.collisions = 0
+        self._radii = radii
+        self._haste = haste
+        self._energy = scene.kinetic_energy
+        self._diameter = 2.0 * float(np.mean(radii))
+        self._budget = 2000 + scene.n
+
+    @property
+    def packing_fraction(self) -> float:
+        """Packing fraction now."""
+        return self.scene.packing_fraction
+
+    def grow(self) -> None:
+        """Grow for one stage: by a fraction of the room that is left, and not beyond full size."""
+        gamma = FASTEST * min(1.0, (THIN / self.pressure) ** 3)
+        speed = math.sqrt(2.0 * self._energy / (self.scene.dim * self.scene.n))
+        rate = max(gamma, SLOWEST) * self._haste * speed / self._diameter
+        step = min(LARGEST_STEP, PART_OF_GAP / self.pressure)
+        until = min(1.0, self.scale * (1.0 + step))
+        self._run(rate, until, (until - self.scale) / rate)
+
+    def relax(self, collisions_per_particle: float) -> None:
+        """Let the spheres move at their present size."""
+        pairs = math.ceil(0.5 * collisions_per_particle * self.scene.n)
+        self._run(0.0, self.scale, pairs / self._collision_rate, pairs)
+
+    @property
+    def _collision_rate(self) -> float:
+        """Expected pair collisions in a unit of time: by the pressure, Z - 1 = (sigma/2d) sqrt(pi m/kT) nu, or by theory."""
+        scene = self.scene
+        speed = math.sqrt(2.0 * self._energy / (scene.dim * scene.n))
+        by_pressure = (
+            (self.pressure - 1.0)
+            * 2.0
+            * scene.dim
+            * speed
+            / (math.sqrt(math.pi) * 2.0 * float(np.mean(scene.radii)))
+        )
+        return 0.5 * scene.n * max(by_pressure, collision_frequency(scene))
+
+    def _run(self, rate: float, until: float, duration: float, pairs: int | None = None) -> None:
+        """One stage: the scale grows to `until`, unless there are far more collisions than expected before that."""
+        limit = pairs or math.ceil(3.0 * duration * self._collision_rate) + 10 * self.scene.n
+        last = self.scene.with_state(self.scene.positions, self.scene.velocities, self._radii * until)
+        engine = Engine(last, growth=(self.scale / until, rate / until))
+        at, number = engine.layout, engine.arrays.number
+        length = float(number[at.EPOCH_LENGTH])
+        epoch = math.floor(duration / length)
+        moment = duration - epoch * length
+        while not self._slice(engine, epoch, moment, limit):
+            pass
+        done = int(engine.arrays.counter[at.PAIRS])
+        if done >= limit:
+            epoch, moment = int(engine.arrays.counter[at.EPOCH]), max(float(number[at.NOW]), 0.0)
+            self.scale = until * min(float(number[at.SCALE] + number[at.GROWTH] * moment), 1.0)
+        else:
+            self.scale = until
+        self.collisions += done
+        self._read(engine, epoch * length + moment, moment)
+
+    def _slice(self, engine: Engine, epoch: int, moment: float, limit: int) -> bool:
+        """Run for about SLICE seconds; True when the stage is over."""
+        began = time.perf_counter()
+        over = engine.run(epoch, moment, limit, self._budget)
+        if not over:
+            took = max(time.perf_counter() - began, 1e-6)
+            self._budget = int(self._budget * min(max(SLICE / took, 0.5), 2.0)) + 1
+        return over
+
+    def _read(self, engine: Engine, passed: float, moment: float) -> None:
+        """Take the rows, flown to one moment, as the scene; measure the pressure and restore the energy."""
+        at, scene = engine.layout, self.scene
+        rows = engine.arrays.row.reshape(scene.n, at.ROW)
+        velocities = rows[:, at.V : at.V + scene.dim].copy()
+        flown = rows[:, at.X : at.X + scene.dim] + velocities * (moment - rows[:, at.T])[:, None]
+        wrapped = flown - scene.box * np.floor(flown / scene.box)
+        wrapped = np.where(wrapped >= scene.box, 0.0, wrapped)
+        positions = np.where(scene.periodic, wrapped, flown)
+        energy = kinetic_energy(velocities, scene.masses)
+        if passed > 0.0 and energy > 0.0:
+            virial = float(np.sum(engine.arrays.total[at.VIRIAL : at.VIRIAL + scene.dim]))
+            self.pressure = 1.0 + virial / (passed * (energy + self._energy))
+            velocities *= math.sqrt(self._energy / energy)
+        self.scene = scene.with_state(positions, velocities, self._radii * self.scale)
