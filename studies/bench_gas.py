@@ -129,7 +129,7 @@ class Gas:
         if self.on_lattice:
             make = hs.lattice_gas
         elif self.dense:
-            make = _compressed_gas
+            make = hs.compressed_gas
         scene: hs.Scene = make(
             n=n,
             packing_fraction=packing_fraction,
@@ -170,15 +170,3 @@ class Gas:
             return theory.finite_size_compressibility(scene.packing_fraction, self.dim, self.n)
         radii, counts = np.unique(scene.radii, return_counts=True)
         return theory.mixture_compressibility(counts / scene.volume, 2 * radii, self.dim)
-
-
-def _compressed_gas(**options: Any) -> hs.Scene:
-    """Return a dense random start, or an unstable lattice, which melts, where the engine cannot grow spheres yet."""
-    grow: Any = getattr(hs, "compressed_gas", None)
-    if grow is not None:
-        scene: hs.Scene = grow(**options)
-        return scene
-    try:
-        return hs.lattice_gas(lattice={2: "square", 3: "cubic"}.get(options["dim"]), **options)
-    except hs.SceneError:
-        return hs.lattice_gas(**options)
