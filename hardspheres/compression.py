@@ -283,7 +283,7 @@ class Compression:
     def _read(self, engine: Engine, passed: float, moment: float) -> None:
         """Take the rows, flown to one moment, as the scene; measure the pressure and restore the energy."""
         at, scene = engine.layout, self.scene
-        rows = engine.arrays.row.reshape(scene.n, at.ROW)
+        rows = engine.rows
         velocities = rows[:, at.V : at.V + scene.dim].copy()
         flown = rows[:, at.X : at.X + scene.dim] + velocities * (moment - rows[:, at.T])[:, None]
         wrapped = flown - scene.box * np.floor(flown / scene.box)

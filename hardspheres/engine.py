@@ -120,7 +120,9 @@ class Engine:
         one_size = bool(np.all(scene.radii == scene.radii[0]))
         number[at.SHELL] = shell
         rounding = SLACK * float(np.max(scene.box / cells))  # of the centres in their cells
-        number[at.REACH] = 2.0 * shell * (1.0 + SLACK) + rounding + (2.0 * scene.radii[0] if one_size else 0.0)
+        number[at.REACH] = (
+            2.0 * shell * (1.0 + SLACK) + rounding + (2.0 * scene.radii[0] if one_size else 0.0)
+        )
         # With four cells per axis only one image of a pair can matter; below that, lists say which image they mean.
         count[at.IMAGES] = int(
             any(c < 4 for c, periodic in zip(cells, scene.periodic, strict=True) if periodic)
@@ -128,7 +130,7 @@ class Engine:
         lanes = at.CELL_LANES
         count[at.CELL_ROOM] = lanes * math.ceil(min(n, 1.5 * n / self.cells + 3) / lanes)
         count[at.LIST_ROOM] = 32
-        count[at.BUCKETS] = max(16, int(power_of_two_below(max(8*n / EVENTS_PER_BUCKET, 1))))
+        count[at.BUCKETS] = max(16, int(power_of_two_below(max(8 * n / EVENTS_PER_BUCKET, 1))))
         self.chunks = int(count[at.BUCKETS]) + n + 64
         length = number[at.EPOCH_LENGTH]
         events = 2.0 * n * collision_frequency(scene) * length / EVENTS_PER_BUCKET
@@ -247,6 +249,11 @@ class Engine:
                 "so give them room"
             )
         return bool(status == self.kernels.DONE)
+
+    @property
+    def rows(self) -> Any:
+        """The canonical state, one row for each particle (a view)."""
+        return self.arrays.row.reshape(-1, self.layout.ROW)[: self.scene.n]
 
     @property
     def method(self) -> str:

@@ -346,7 +346,7 @@ class Simulation:
 
     @property
     def _rows(self) -> Floats:
-        rows: Floats = self._engine.arrays.row.reshape(-1, self._at.ROW)[: self.scene.n]
+        rows: Floats = self._engine.rows
         return rows
 
     def _flown(self) -> Floats:

@@ -118,7 +118,9 @@ def window_plan(scene: Scene) -> WindowPlan | None:
         return None
     frequency = collision_frequency(scene)
     plans = {}
-    for parts, speeds in itertools.product((1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256), THERMAL_SPEEDS):
+    for parts, speeds in itertools.product(
+        (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256), THERMAL_SPEEDS
+    ):
         length = epoch_length(scene) / parts
         stretch = 0.5 * speeds * rms / math.sqrt(scene.dim) * length
         cells = [int(edge / ((largest + 2.0 * stretch) * (1.0 + 1e-3))) for edge in scene.box.tolist()]

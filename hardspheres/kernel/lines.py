@@ -17,7 +17,9 @@ ZERO = np.float32(0.0)
 ONE = np.float32(1.0)
 TWO = np.float32(2.0)
 TINY = np.float32(1e-30)
-SLACK = np.float32(1e-5)  # for the rounding of squared distances, of b, and of the moment from which a line counts
+SLACK = np.float32(
+    1e-5
+)  # for the rounding of squared distances, of b, and of the moment from which a line counts
 
 # Columns of the lines.
 PLACE = 0
@@ -29,7 +31,12 @@ LINE = 8  # float32 in a line that stands alone
 @jit
 def line_at(p, stride, k):
     """Place, way and reach of line k."""
-    x, y, u, v = p[PLACE * stride + k], p[(PLACE + 1) * stride + k], p[WAY * stride + k], p[(WAY + 1) * stride + k]
+    x, y, u, v = (
+        p[PLACE * stride + k],
+        p[(PLACE + 1) * stride + k],
+        p[WAY * stride + k],
+        p[(WAY + 1) * stride + k],
+    )
     z, w = ZERO, ZERO
     if DIM == 3:
         z, w = p[(PLACE + 2) * stride + k], p[(WAY + 2) * stride + k]

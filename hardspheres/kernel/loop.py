@@ -42,7 +42,9 @@ from .windows import follow, open_window
 
 __all__ = ["DONE", "NO_ROOM", "PAUSED", "STANDS_STILL", "layout", "run"]
 
-BEFORE = 1.0 - 2.0**-50  # a bucket is done with only when rounding cannot have put an earlier event in the next one
+BEFORE = (
+    1.0 - 2.0**-50
+)  # a bucket is done with only when rounding cannot have put an earlier event in the next one
 
 # What `run` returns.
 DONE = 0  # reached the time or the number of collisions asked for
@@ -94,7 +96,9 @@ def run(arrays, cells, chunks, afresh, stop_epoch, stop_time, stop_pairs, budget
             budget -= 1
             bucket = s.counter[BUCKET] + 1
             page_ends = bucket / s.number[INVERSE_WIDTH] * BEFORE
-            if s.counter[EPOCH] == stop_epoch and (page_ends > stop_time or bucket == s.counter[EPOCH_BUCKETS]):
+            if s.counter[EPOCH] == stop_epoch and (
+                page_ends > stop_time or bucket == s.counter[EPOCH_BUCKETS]
+            ):
                 return DONE
             if bucket == s.counter[EPOCH_BUCKETS]:
                 begin_epoch(s)

@@ -239,7 +239,9 @@ def meet_beyond(s, row, y, step, i, line, since):
     other, shift = around(s, y + step, 1)
     if other >= 0 and shift != ZERO:
         first, last = s.row_start[row + other], s.row_start[row + other + 1]
-        meet_run(s, s.lines, s.line_ids, s.counter[LINE_ROOM], first, last, i, shifted(line, ZERO, -shift), since)
+        meet_run(
+            s, s.lines, s.line_ids, s.counter[LINE_ROOM], first, last, i, shifted(line, ZERO, -shift), since
+        )
 
 
 @jit

@@ -178,7 +178,7 @@ def test_the_engine_finds_the_events_of_all_pairs(options, n):
     at = engine.layout
     while not engine.run(2**62, 0.0, events, 1000):
         pass
-    rows = engine.arrays.row.reshape(n, at.ROW)
+    rows = engine.rows
     epoch, length = int(engine.arrays.counter[at.EPOCH]), float(engine.arrays.number[at.EPOCH_LENGTH])
     moment = float(engine.arrays.number[at.NOW])
     now, x, v = brute_force(scene, scale, rate, events)
