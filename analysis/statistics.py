@@ -19,6 +19,7 @@ __all__ = [
     "ChiSquare",
     "Estimate",
     "ReplicaWarning",
+    "TheoryCheck",
     "combine_replicas",
     "compare_with_theory",
     "estimate_from_blocks",
@@ -337,6 +338,48 @@ def estimate_from_jackknife(samples: FloatArray, statistic: Callable[[FloatArray
     error = math.sqrt((count - 1) / count * float(((deleted - deleted.mean()) ** 2).sum()))
     bias_free = count * value - (count - 1) * float(deleted.mean())
     return Estimate(bias_free, error, float(count), float(count - 1))
+
+
+@dataclass(frozen=True)
+class TheoryCheck:
+    """One measured number beside one theory.
+
+    Attributes
+    ----------
+    quantity, theory : str
+        What was measured and what it stands beside.
+    measured : Estimate
+        The measurement.
+    expected, uncertainty : float
+        The theory's value and its own standard uncertainty u.
+    """
+
+    quantity: str
+    theory: str
+    measured: Estimate
+    expected: float
+    uncertainty: float
+
+    @property
+    def z(self) -> float:
+        """Deviation (measured - expected) / sqrt(standard error^2 + u^2)."""
+        return self.measured.deviation(self.expected, self.uncertainty)
+
+    @property
+    def p_value(self) -> float:
+        """Probability of a larger deviation when the theory is right, see `Estimate.p_value`."""
+        return self.measured.p_value(self.expected, self.uncertainty)
+
+    @property
+    def better_than_theory(self) -> bool:
+        """Whether u exceeds two standard errors: then the measurement says more than the theory."""
+        return self.uncertainty > 2.0 * self.measured.standard_error
+
+    def __str__(self) -> str:
+        """Return the comparison in one line."""
+        expected = Estimate(self.expected, self.uncertainty)
+        note = "; the measurement is better than the theory" if self.better_than_theory else ""
+        return f"{self.quantity} {self.measured}, {self.theory} {expected}, z = {self.z:+.2f}{note}"
 
 
 @dataclass(frozen=True)

@@ -102,6 +102,9 @@ def test_drift_warns_and_carries_the_estimate():
         estimate_from_series(series + np.linspace(0, 0.8, 4000))
     assert math.isfinite(caught[0].message.estimate.standard_error)
     assert drift_p_value(np.ones(10)) == 1.0
+    # a start far off looks like a long correlation, but is told from it
+    with pytest.warns(DriftWarning, match="unlike the rest"):
+        estimate_from_series(series + 30 * np.exp(-np.arange(4000) / 200))
 
 
 def test_equilibration_discards_the_start_and_little_else():
