@@ -1,6 +1,6 @@
-"""How velocities are distributed, and how far that is from Maxwell and Boltzmann.
+"""How far velocities are from Maxwell and Boltzmann: cumulants, Kolmogorov-Smirnov distance, H.
 
-All estimators work with reduced velocities c = (v - u) sqrt(m/kT), where u is the velocity of the common
+The distributions themselves are in `analysis.distributions`. All estimators work with reduced velocities c = (v - u) sqrt(m/kT), where u is the velocity of the common
 motion along periodic axes (zero along walls), m the particle's own mass and kT = 2 K_th / D the temperature
 of the whole gas, D its free momenta. At equilibrium every component of c is a standard normal number whatever
 the species. Since the energy of a simulated gas is fixed, <c^2> = D/N in every frame: kT is not a parameter
@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from analysis import theory
+from analysis.distributions import ComponentDistribution, EnergyDistribution, SpeedDistribution
 from analysis.estimator import Estimator, axes_or_new
-from analysis.statistics import ChiSquare, Estimate, estimate_from_replicas
-from hardspheres.scene import drift, thermal_energy
+from analysis.reduced import reduced_velocities, species_labels
+from analysis.statistics import Estimate, estimate_from_replicas
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ComponentDistribution",
+    "EnergyDistribution",
     "FourthCumulant",
     "HFunction",
     "KolmogorovSmirnov",
@@ -42,46 +43,6 @@ __all__ = [
 ]
 
 FloatArray = NDArray[np.float64]
-
-
-def reduced_velocities(frame: Frame) -> tuple[FloatArray, float]:
-    """Return the velocities in thermal units and the temperature they refer to.
-
-    Parameters
-    ----------
-    frame : Frame
-        A moment of a simulation.
-
-    Returns
-    -------
-    c : (N, d) array
-        (v - u) sqrt(m/kT), dimensionless.
-    temperature : float
-        kT = 2 K_th / D, [energy].
-
-    Raises
-    ------
-    ValueError
-        If nothing moves.
-    """
-    scene = frame.scene
-    masses, periodic = scene.masses, scene.periodic
-    temperature = 2.0 * thermal_energy(frame.velocities, masses, periodic) / scene.degrees_of_freedom
-    if not temperature > 0.0:
-        raise ValueError(
-            "nothing moves in this frame; a gas without thermal motion has no velocity distribution"
-        )
-    peculiar = frame.velocities - drift(frame.velocities, masses, periodic)
-    return peculiar * np.sqrt(masses / temperature)[:, None], temperature
-
-
-def species_labels(frame: Frame) -> list[str]:
-    """Return one label per species of a frame's scene, with the mass and diameter that tell it apart."""
-    scene = frame.scene
-    kinds, first = np.unique(scene.species, return_index=True)
-    if len(kinds) == 1:
-        return ["all"]
-    return [f"m = {scene.masses[i]:.3g}, \u03c3 = {2 * scene.radii[i]:.3g}" for i in first]
 
 
 def cumulants(moments: FloatArray, dim: int) -> tuple[FloatArray, FloatArray]:
@@ -198,213 +159,6 @@ def h_excess(histogram: NDArray[np.generic], probabilities: FloatArray) -> Float
     occupied = np.count_nonzero(counts, axis=-1)
     plug_in = np.where(counts > 0, share * logarithm, 0.0).sum(axis=-1)
     return np.asarray(plug_in - (occupied - 1) / (2.0 * total[..., 0]))
-
-
-class _Histogram(Estimator):
-    """A histogram of a reduced quantity per species, beside its exact law."""
-
-    _quantity = ""
-
-    def __init__(self, bins: int, low: float, high: float) -> None:
-        if bins < 2 or not low < high:
-            raise ValueError(
-                f"bins = {bins}, range {low:g} to {high:g}; expected at least 2 bins and a range"
-            )
-        self.edges: FloatArray = np.linspace(low, high, bins + 1)
-        self._counts: NDArray[np.int64] | None = None
-        self._sizes: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
-        self._thermal: FloatArray = np.zeros(0)
-        self._dim = 3
-        self.labels: list[str] = []
-
-    def _values(self, reduced: FloatArray) -> FloatArray:
-        raise NotImplementedError
-
-    def _law(self, edges: FloatArray) -> FloatArray:
-        raise NotImplementedError
-
-    def add(self, frame: Frame) -> Self:
-        """Take in one frame.
-
-        Parameters
-        ----------
-        frame : Frame
-            All frames must have the species of the first.
-
-        Returns
-        -------
-        The estimator itself.
-        """
-        reduced, temperature = reduced_velocities(frame)
-        species = frame.scene.species
-        kinds, first = np.unique(species, return_index=True)
-        values = self._values(reduced)
-        counts = np.stack([np.histogram(values[species == kind], bins=self.edges)[0] for kind in kinds])
-        sizes = np.array([np.count_nonzero(species == kind) for kind in kinds])
-        if self._counts is None:
-            self._counts, self._sizes = np.zeros_like(counts), np.zeros_like(sizes)
-            self._thermal = np.sqrt(temperature / frame.scene.masses[first])
-            self._dim = frame.scene.dim
-            self.labels = species_labels(frame)
-        elif counts.shape != self._counts.shape:
-            raise ValueError(
-                f"frame has {len(kinds)} species; expected {len(self._counts)}, as in the first frame"
-            )
-        self._counts = self._counts + counts
-        self._sizes = self._sizes + sizes
-        return self
-
-    def _counted(self) -> NDArray[np.int64]:
-        self._require(self._counts is not None, "histogram", "add(frame)")
-        assert self._counts is not None
-        return self._counts
-
-    @property
-    def counts(self) -> NDArray[np.int64]:
-        """Counts, (k, bins) int64, one row per species; what lies outside the edges is not counted."""
-        return self._counted().copy()
-
-    @property
-    def thermal_speeds(self) -> FloatArray:
-        """Thermal speed sqrt(kT/m) of each species, (k,), [speed].
-
-        Multiply `edges` by it and divide `density` by it for absolute units.
-        """
-        self._counted()
-        return self._thermal.copy()
-
-    @property
-    def density(self) -> FloatArray:
-        """Probability densities, (k, bins), per thermal speed."""
-        return np.asarray(self._counted() / self._sizes[:, None] / np.diff(self.edges))
-
-    @property
-    def density_error(self) -> FloatArray:
-        """Standard errors of `density`, (k, bins): multinomial, as if the frames added were independent."""
-        share = self._counted() / self._sizes[:, None]
-        return np.asarray(np.sqrt(share * (1 - share) / self._sizes[:, None]) / np.diff(self.edges))
-
-    @property
-    def theory(self) -> FloatArray:
-        """The Maxwell-Boltzmann density averaged over each bin, (bins,), per thermal speed."""
-        self._counted()
-        return np.asarray(np.diff(self._law(self.edges)) / np.diff(self.edges))
-
-    @property
-    def chi_square(self) -> ChiSquare:
-        """Pearson's test of all species against Maxwell and Boltzmann's law.
-
-        Bins that expect fewer than 10 counts are joined into the tail. Each species has B - 1 degrees of
-        freedom, and one less for all together because the energy is fixed (slightly conservative: the
-        constraint acts on <c^2> exactly). Assumes independent frames, at least one collision per particle
-        apart.
-        """
-        counts = self._counted()
-        law = np.diff(self._law(self.edges))
-        statistic, freedom = 0.0, -1
-        for row, size in zip(counts, self._sizes, strict=True):
-            kept = law * size >= 10
-            expected = np.append(law[kept] * size, size * (1.0 - law[kept].sum()))
-            observed = np.append(row[kept], size - row[kept].sum())
-            if expected[-1] < 10:  # the tail is too thin to stand alone
-                expected = np.append(expected[:-2], expected[-2:].sum())
-                observed = np.append(observed[:-2], observed[-2:].sum())
-            statistic += float(((observed - expected) ** 2 / expected).sum())
-            freedom += len(expected) - 1
-        if freedom < 1:
-            self._require(False, "test: too few particles", "add(frame) with more particles")
-        return ChiSquare(statistic, freedom, 1, float(stats.chi2.sf(statistic, freedom)))
-
-    def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the histogram of each species with its standard errors over the exact law.
-
-        Parameters
-        ----------
-        ax : Axes, optional
-            Where to draw; a new figure when absent.
-
-        Returns
-        -------
-        Axes
-        """
-        self._counted()
-        axes = axes_or_new(ax)
-        centres = (self.edges[1:] + self.edges[:-1]) / 2
-        fine = np.linspace(self.edges[0], self.edges[-1], 601)
-        step = 1e-4
-        law = (self._law(fine + step) - self._law(fine - step)) / (2 * step)
-        for index, (thermal, label) in enumerate(zip(self._thermal, self.labels, strict=True)):
-            name = "simulation" if label == "all" else label
-            colour = f"C{index}"
-            axes.plot(fine * thermal, law / thermal, color=colour, lw=1.5, zorder=1)
-            axes.errorbar(
-                centres * thermal,
-                self.density[index] / thermal,
-                self.density_error[index] / thermal,
-                fmt=".",
-                color=colour,
-                label=name,
-            )
-        axes.plot([], [], color="0.4", lw=1.5, label="Maxwell\u2013Boltzmann")
-        axes.set_xlabel(self._quantity)
-        axes.set_ylabel("probability density")
-        axes.legend()
-        return axes
-
-
-class SpeedDistribution(_Histogram):
-    """Histogram of speeds |v - u| per species, beside the exact Maxwell-Boltzmann law of the infinite gas.
-
-    Parameters
-    ----------
-    bins : int, default 60
-        Number of equal bins.
-    maximum : float, default 5
-        Upper edge in thermal speeds sqrt(kT/m).
-
-    Notes
-    -----
-    At N particles of fixed energy the exact law differs from the curve by O(1/N), see `theory.energy_share`;
-    with N > 1000 that is below the noise of a single frame.
-    """
-
-    _quantity = "speed"
-
-    def __init__(self, bins: int = 60, maximum: float = 5.0) -> None:
-        super().__init__(bins, 0.0, maximum)
-
-    def _values(self, reduced: FloatArray) -> FloatArray:
-        return np.asarray(np.sqrt(np.einsum("ik,ik->i", reduced, reduced)))
-
-    def _law(self, edges: FloatArray) -> FloatArray:
-        return theory.speed_cdf(edges, self._dim)
-
-
-class ComponentDistribution(_Histogram):
-    """Histogram of one velocity component per species, beside the exact normal law of variance kT/m.
-
-    Parameters
-    ----------
-    axis : int, default 0
-        Which component.
-    bins : int, default 60
-        Number of equal bins.
-    maximum : float, default 4
-        The histogram spans -maximum to maximum, in thermal speeds sqrt(kT/m).
-    """
-
-    def __init__(self, axis: int = 0, bins: int = 60, maximum: float = 4.0) -> None:
-        super().__init__(bins, -maximum, maximum)
-        self.axis = axis
-        self._quantity = f"velocity along {'xyz'[axis]}"
-
-    def _values(self, reduced: FloatArray) -> FloatArray:
-        if self.axis >= reduced.shape[1]:
-            raise ValueError(f"axis = {self.axis} in a gas of {reduced.shape[1]} dimensions")
-        return reduced[:, self.axis]
-
-    def _law(self, edges: FloatArray) -> FloatArray:
-        return theory.component_cdf(edges)
 
 
 class _PerFrame(Estimator):

@@ -1,6 +1,7 @@
 """Estimators of the velocity distribution: right for a Maxwellian gas, and sure to see one that is not."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from analysis import theory
 from analysis.estimator import NoDataError
 from analysis.velocities import (
     ComponentDistribution,
+    EnergyDistribution,
     FourthCumulant,
     HFunction,
     KolmogorovSmirnov,
@@ -19,7 +21,14 @@ from analysis.velocities import (
 )
 from hardspheres import HardSpheresError
 
-ESTIMATORS = [SpeedDistribution, ComponentDistribution, FourthCumulant, KolmogorovSmirnov, HFunction]
+ESTIMATORS = [
+    SpeedDistribution,
+    ComponentDistribution,
+    EnergyDistribution,
+    FourthCumulant,
+    KolmogorovSmirnov,
+    HFunction,
+]
 
 
 def not_maxwell(rng, n, dim):
@@ -67,6 +76,32 @@ def test_maxwellian_gas_is_accepted_and_another_rejected(dim, gas):
             assert max(tests) < 1e-3
             assert abs(z) > 20
             assert h > 100 * math.sqrt(60 / 2) / 20000
+
+
+@pytest.mark.parametrize("boundary", ["periodic", "wall"])
+def test_small_gases_follow_the_exact_laws_and_not_the_infinite_one(boundary, gas):
+    """Six particles with masses 1 and 4: the exact laws hold, and Maxwell and Boltzmann's do not."""
+    rng = np.random.default_rng(35)
+    masses = np.repeat([1.0, 4.0], 3)
+    estimators = [SpeedDistribution(30, 4.0), ComponentDistribution(1, 30), EnergyDistribution(30, 9.0)]
+    frame = gas.frame(gas.maxwell(rng, 6, 3, masses), masses, boundary=boundary)
+    for _ in range(4000):
+        moved = replace(frame, velocities=gas.maxwell(rng, 6, 3, masses))
+        for estimator in estimators:
+            estimator.add(moved)
+    for estimator in estimators:
+        size = 12000 * np.diff(estimator.edges)
+        assert estimator.chi_square.p_value > 1e-3
+        expected = estimator.finite_theory * size
+        infinite = estimator.theory * size
+        seen = infinite > 20
+        wrong = ((estimator.counts - infinite) ** 2 / np.where(seen, infinite, np.inf)).sum()
+        right = ((estimator.counts - expected) ** 2 / np.where(seen, np.maximum(expected, 1), np.inf)).sum()
+        assert wrong > right + 40
+        np.testing.assert_allclose(estimator.density * size, estimator.counts)
+    # a heavier particle has less of the energy where the momentum is zero
+    means = (estimators[2].finite_theory * (estimators[2].edges[1:] + estimators[2].edges[:-1])).sum(axis=1)
+    assert (means[0] > 1.02 * means[1]) == (boundary == "periodic")
 
 
 def test_one_part_in_fifty_off_is_seen(gas):
