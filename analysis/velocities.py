@@ -90,12 +90,12 @@ def ks_distance(speeds: FloatArray, dim: int) -> float:
     return float(max((ranks[1:] - law).max(), (law - ranks[:-1]).max()))
 
 
-def ks_p_value(distance: float, n: int, dim: int) -> float:
+def ks_p_value(distance: float, n: int, dim: int, momentum_conserved: bool = True) -> float:
     """Return the probability that a gas at equilibrium lies further from its law than `distance`.
 
     Kolmogorov's own distribution would be wrong: the scale of the law, kT, is that of the sample. The
-    distribution used is that of 4000 gases with velocities even on the sphere of fixed energy and zero
-    momentum, of min(N, 1000) particles, brought to N by Stephens' factor sqrt(N) + 0.12 + 0.11/sqrt(N)
+    distribution used is that of 4000 gases with velocities even on the sphere of fixed energy (and zero
+    momentum in a periodic box), of min(N, 1000) particles of one mass, brought to N by Stephens' factor sqrt(N) + 0.12 + 0.11/sqrt(N)
     (Stephens, J. Am. Stat. Assoc. 69, 730 (1974), doi 10.2307/2286009).
 
     Parameters
@@ -106,6 +106,8 @@ def ks_p_value(distance: float, n: int, dim: int) -> float:
         Number of particles N.
     dim : {2, 3}
         Dimension d.
+    momentum_conserved : bool, default True
+        As in a periodic box; False between walls. It matters for N below some hundreds.
 
     Returns
     -------
@@ -113,21 +115,23 @@ def ks_p_value(distance: float, n: int, dim: int) -> float:
         Never below 1/4001, the resolution of the sample.
     """
     sample = min(n, 1000)
-    null = _ks_null(sample, dim)
+    null = _ks_null(sample, dim, momentum_conserved)
     scaled = distance * (math.sqrt(n) + 0.12 + 0.11 / math.sqrt(n))
     return float((np.count_nonzero(null >= scaled) + 1) / (len(null) + 1))
 
 
 @lru_cache(maxsize=16)
-def _ks_null(n: int, dim: int) -> FloatArray:
+def _ks_null(n: int, dim: int, momentum_conserved: bool) -> FloatArray:
     """Return 4000 scaled distances of equilibrium gases of n particles, always the same."""
     rng = np.random.default_rng(np.random.SeedSequence([n, dim]))
     distances = np.empty(4000)
     for index in range(len(distances)):
         velocity = rng.standard_normal((n, dim))
-        velocity -= velocity.mean(axis=0)
+        if momentum_conserved:
+            velocity -= velocity.mean(axis=0)
         speed = np.sqrt(np.einsum("ik,ik->i", velocity, velocity))
-        distances[index] = ks_distance(speed * math.sqrt(dim * (n - 1) / (speed @ speed)), dim)
+        freedom = dim * (n - 1) if momentum_conserved else dim * n
+        distances[index] = ks_distance(speed * math.sqrt(freedom / (speed @ speed)), dim)
     return distances * (math.sqrt(n) + 0.12 + 0.11 / math.sqrt(n))
 
 
@@ -288,6 +292,7 @@ class KolmogorovSmirnov(_PerFrame):
     _ylabel = "Kolmogorov\u2013Smirnov distance"
 
     def _measure(self, frame: Frame) -> float:
+        self._momentum_conserved = bool(frame.scene.periodic.all())
         reduced, _ = reduced_velocities(frame)
         return ks_distance(np.sqrt(np.einsum("ik,ik->i", reduced, reduced)), frame.scene.dim)
 
@@ -302,7 +307,7 @@ class KolmogorovSmirnov(_PerFrame):
     @property
     def p_value(self) -> float:
         """Probability of a larger distance at equilibrium, for the last frame; see `ks_p_value`."""
-        return ks_p_value(float(self.values[-1]), self._n, self._dim)
+        return ks_p_value(float(self.values[-1]), self._n, self._dim, self._momentum_conserved)
 
 
 class HFunction(_PerFrame):

@@ -70,6 +70,7 @@ def collision_speed_factor(free_momenta: ArrayLike) -> FloatArray:
     C_N = Gamma((D+1)/2) / (Gamma(D/2) sqrt(D/2)) = 1 - 1/(4D) + ..., exact: the normal relative velocity of a
     colliding pair is a component of a vector that lies evenly on a sphere in D dimensions, and collisions
     weigh it with itself. The mean over collisions is sqrt(pi kT / 2 mu) C_N, mu the reduced mass, kT = 2E/D.
+    The mean relative speed of all pairs, and with it the collision rate, is higher by 1/C_N.
 
     Parameters
     ----------
