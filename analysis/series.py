@@ -33,7 +33,7 @@ FloatArray = NDArray[np.float64]
 
 SOKAL_WINDOW = 5.0  # the sum of the autocorrelation ends after this many correlation times
 BLOCK_LENGTH = 20.0  # in correlation times: the variance of the mean is then at most 5 % too small
-MOST_BLOCKS, FEWEST_BLOCKS = 64, 8
+MOST_BLOCKS, FEWEST_BLOCKS = 24, 8
 DRIFT_ALARM = 1e-4
 
 
@@ -131,7 +131,7 @@ def estimate_from_series(
     """Return the mean of a correlated series, or a function of its means, with an error from blocks.
 
     The series is cut into M blocks of automatic length (`block_length`: 20 correlation times, by Sokal's
-    window; at most 64 blocks), and the blocks are taken as independent (Flyvbjerg and Petersen, J. Chem.
+    window; some 24 to 48 blocks where the series is long enough for more), and the blocks are taken as independent (Flyvbjerg and Petersen, J. Chem.
     Phys. 91, 461 (1989), doi 10.1063/1.457480). (value - truth) / standard_error follows Student's t with M -
     1 degrees of freedom. A nonlinear function, such as a ratio, comes from the jackknife over the same
     blocks, its bias of order 1/M removed.

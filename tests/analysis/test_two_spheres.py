@@ -1,4 +1,8 @@
-"""The smallest gas: two spheres in a hard box, whose rates, pressure and wall forces are known exactly."""
+"""The smallest gas: two spheres in a hard box, whose rates, pressure and wall forces are known exactly.
+
+Two spheres can miss each other for long while bouncing to and fro, as in a billiard without a finite horizon: the
+free times have a heavy tail, no error bar is normal, and those from blocks are some 30 % too small here.
+"""
 
 import math
 
@@ -32,8 +36,8 @@ def check(box, collisions, precision):
     pressure, walls = measure(box, collisions)
     exact = theory.two_sphere_rates(box)
     pair = pressure.collision_rate  # per particle and time; with two particles that is the pair rate
-    assert abs(pair.deviation(exact.pair)) < 3.5
-    assert abs(walls.deviation(float(exact.wall.sum()))) < 3.5
+    assert abs(pair.deviation(exact.pair)) < 4.5
+    assert abs(walls.deviation(float(exact.wall.sum()))) < 4.5
     assert max(pair.standard_error / pair.value, walls.standard_error / walls.value) < precision
     # pressure from the rate, exact at N = 2, is that of the virial and of the walls
     assert abs(pressure.rate.value - pressure.virial.value) < 5 * pressure.virial.standard_error
