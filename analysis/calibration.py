@@ -25,8 +25,8 @@ class Calibration:
     mean, mean_error : float
         Mean of the pulls, 0 for an unbiased estimator, and its standard error.
     spread, expected_spread, spread_error : float
-        Standard deviation of the pulls, that of Student's t with the quoted degrees of freedom, and the standard
-        error of the difference. Above: error bars are too small.
+        Standard deviation of the pulls, that of Student's t with the quoted degrees of freedom, and the
+        standard error of the difference. Above: error bars are too small.
     p_value : float
         Kolmogorov-Smirnov test of the pulls against each run's own Student's t.
     """
@@ -72,8 +72,8 @@ def calibrate(estimates: Sequence[Estimate], truth: float, uncertainty: float = 
     Raises
     ------
     ValueError
-        If there are fewer than 10 runs, or one has no standard error or at most 4 degrees of freedom: the spread
-        of Student's t has no standard error then.
+        If there are fewer than 10 runs, or one has no standard error or at most 4 degrees of freedom: the
+        spread of Student's t has no standard error then.
     """
     freedom = np.array([estimate.degrees_of_freedom for estimate in estimates])
     pulls = np.array([estimate.deviation(truth, uncertainty) for estimate in estimates])

@@ -1,7 +1,9 @@
 """Distributions of speeds, velocity components and kinetic energies per species, beside their exact laws.
 
-Histograms are of reduced velocities c = (v - u) sqrt(m/kT), see `analysis.velocities`. The law of N -> infinity
-is Maxwell and Boltzmann's; at fixed energy and N particles it is exact too, and slightly different.
+Histograms are of reduced velocities c = (v - u) sqrt(m/kT), see `analysis.velocities`. The law of N ->
+infinity is Maxwell and Boltzmann's; at fixed energy and N particles it is exact too, and slightly different.
+Take frames at equal times: right after a collision its two partners are faster than others, a bias of order
+1/N.
 """
 
 from __future__ import annotations
@@ -54,7 +56,7 @@ class _Histogram(Estimator):
         raise NotImplementedError
 
     def _finite_law(self, edges: FloatArray, momentum_share: float) -> FloatArray:
-        """Probability below each edge at fixed energy; the species has this share of the mass per particle."""
+        """Probability below each edge at fixed energy; one particle has this share of the mass."""
         raise NotImplementedError
 
     def add(self, frame: Frame) -> Self:
@@ -223,10 +225,8 @@ class SpeedDistribution(_Histogram):
     maximum : float, default 5
         Upper edge in thermal speeds sqrt(kT/m).
 
-    Notes
-    -----
-    Each particle counts as one independent sample, n = particles times frames; at fixed energy that is right to
-    order 1/N. Unbiased: bins are compared with their exact averages.
+    Notes ----- Each particle counts as one independent sample, n = particles times frames; at fixed energy
+    that is right to order 1/N. Unbiased: bins are compared with their exact averages.
     """
 
     _quantity = "speed"

@@ -26,7 +26,7 @@ class Estimator(ABC):
 
     @abstractmethod
     def add(self, frame: Any) -> Self:
-        """Take in one frame, or one block of tallies, and return the estimator itself: calls can be chained."""
+        """Take in one frame or one block of tallies and return the estimator itself, so that calls chain."""
 
     @abstractmethod
     def plot(self, ax: Axes | None = None) -> Axes:

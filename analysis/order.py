@@ -29,9 +29,9 @@ class BondOrder(Estimator):
 
     Q6 = sqrt(4 pi/13 sum over m of |<Y_6m>|^2), averaged over the bonds of each particle to its 12 nearest
     neighbours (Steinhardt, Nelson and Ronchetti, Phys. Rev. B 28, 784 (1983), doi 10.1103/PhysRevB.28.784);
-    psi6 = <exp(6 i theta)> over bonds to 6 nearest. 0.575 for face-centred cubic, 1 for the triangular lattice,
-    of order 1/sqrt(N) in a fluid. Crystals in several orientations lower it: a small value does not prove a
-    fluid. One species is meant; in a mixture neighbours are counted by distance all the same.
+    psi6 = <exp(6 i theta)> over bonds to 6 nearest. 0.575 for face-centred cubic, 1 for the triangular
+    lattice, of order 1/sqrt(N) in a fluid. Crystals in several orientations lower it: a small value does not
+    prove a fluid. One species is meant; in a mixture neighbours are counted by distance all the same.
     """
 
     def __init__(self) -> None:
@@ -77,7 +77,7 @@ class BondOrder(Estimator):
         return bool(self.values[-1] > CRYSTAL[self._dim])
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the order of every frame against collisions per particle, over the line that tells a crystal."""
+        """Draw the order of every frame against s, over the line that tells a crystal."""
         values = self.values
         axes = axes_or_new(ax)
         axes.axhline(CRYSTAL[self._dim], color="0.4", lw=1.5, label="crystalline above")

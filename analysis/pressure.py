@@ -17,6 +17,7 @@ from analysis import theory
 from analysis.estimator import Estimator, axes_or_new
 from analysis.series import BlockSeries, equilibration, estimate_from_series
 from analysis.statistics import Estimate, TheoryCheck
+from analysis.theory import Prediction
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,8 +39,8 @@ class PressureTensor:
     total, kinetic, collisional : (d, d) arrays
         P_ab, and its parts: momentum carried by particles between collisions, and passed in collisions.
     total_error, kinetic_error, collisional_error : (d, d) arrays
-        One standard error each. Of one component; the components are correlated, since the trace of the kinetic
-        part is constant.
+        One standard error each. Of one component; the components are correlated, since the trace of the
+        kinetic part is constant.
     degrees_of_freedom : (d, d) array
         Of `total_error`.
     """
@@ -179,8 +180,8 @@ class Pressure(Estimator):
 
         The sum is over collisions, r the separation at contact and dp the momentum passed (Alder and
         Wainwright 1960, doi 10.1063/1.1731425). Unbiased at any length of run, N and boundary; in a periodic
-        box P is what an infinite system would feel but for `theory.finite_size_compressibility`, between walls
-        it is the mean over the box, with layers at the walls. Relative standard error of Z - 1: about
+        box P is what an infinite system would feel but for `theory.finite_size_compressibility`, between
+        walls it is the mean over the box, with layers at the walls. Relative standard error of Z - 1: about
         1.2/sqrt(collisions).
         """
 
@@ -228,10 +229,10 @@ class Pressure(Estimator):
     def rate(self) -> Estimate:
         """Compressibility factor from how often particles collide, `theory.compressibility_from_rate`.
 
-        Exact at any N, density and boundary while the velocities are at equilibrium: of one species Z - 1 = N/(N
-        - 1) (sigma/2d) sqrt(pi m/kT) nu C_N in a periodic box. Its noise is some 15 % lower than that of
-        `virial`, since how hard each collision was is not in it. Bias: a gas that is not Maxwellian, such as one that is still
-        relaxing, gives another value than `virial`; their difference is a test of that.
+        Exact at any N, density and boundary while the velocities are at equilibrium: of one species Z - 1 =
+        N/(N - 1) (sigma/2d) sqrt(pi m/kT) nu C_N in a periodic box. Its noise is some 15 % lower than that of
+        `virial`, since how hard each collision was is not in it. Bias: a gas that is not Maxwellian, such as
+        one that is still relaxing, gives another value than `virial`; their difference is a test of that.
 
         Raises
         ------
@@ -282,8 +283,9 @@ class Pressure(Estimator):
     def wall_forces(self) -> dict[str, Estimate]:
         """Mean force on each wall, by its name ("x low", "x high", ...), [energy/length].
 
-        F = (1/t) sum of 2 m |v_n| over hits. The two walls of an axis differ by what the momentum changed over
-        the run, divided by its time. Errors as for `walls`: too large for few particles and short blocks.
+        F = (1/t) sum of 2 m |v_n| over hits. The two walls of an axis differ by what the momentum changed
+        over the run, divided by its time. Errors as for `walls`: too large for few particles and short
+        blocks.
         """
         axes, rows = self._require_walls(), self._rows()
 
@@ -316,13 +318,13 @@ class Pressure(Estimator):
     def walls(self) -> Estimate:
         """Compressibility factor from the forces on the walls, sum over wall axes / (axes 2 K_th/d).
 
-        Along a wall axis k, P_kk V = (L_k/2)(F_low + F_high) - (R F)_low - (R F)_high, where each hit counts with
-        its particle's radius in (R F): Clausius' virial of the walls, equal to that of `tensor` in the long run
-        at any density, size and mixture. Bias: a finite run adds [G(t) - G(0)]/t, G = sum of m r.v from the
-        middle of the box; see `virial_identity.virial_identity` for the identity with it. Those
-        terms of neighbouring blocks cancel, which blocks do not know: with few particles and short blocks the
-        standard error is too large, by half for 24 discs and 6 collisions per particle in a block. With some axes periodic, only
-        the wall axes are in it.
+        Along a wall axis k, P_kk V = (L_k/2)(F_low + F_high) - (R F)_low - (R F)_high, where each hit counts
+        with its particle's radius in (R F): Clausius' virial of the walls, equal to that of `tensor` in the
+        long run at any density, size and mixture. With some axes periodic, only the wall axes are in it.
+        Bias: a finite run adds [G(t) - G(0)]/t, G = sum of m r.v from the middle of the box;
+        `virial_identity.virial_identity` is the identity with it. Those terms of neighbouring blocks cancel,
+        which blocks do not know: with few particles and short blocks the standard error is too large, by half
+        for 24 discs and 6 collisions per particle in a block.
         """
         axes, half = self._require_walls(), self.scene.box / 2.0
 
@@ -339,7 +341,7 @@ class Pressure(Estimator):
         return _scaled(z, self._thermal / self.scene.volume)
 
     @property
-    def predictions(self) -> dict[str, theory.Prediction]:
+    def predictions(self) -> dict[str, Prediction]:
         """What the theories say of Z for this gas, the best one first, by name.
 
         One species in a periodic box: all with the finite-size correction of `theory.
@@ -365,20 +367,18 @@ class Pressure(Estimator):
             mixed = theory.mixture_compressibility(densities, self._diameters, dim)
             name = "Boublik-Mansoori-Carnahan-Starling-Leland" if dim == 3 else "Jenkins-Mancini"
             return {
-                name: theory.Prediction(
-                    mixed.value + shift, math.hypot(mixed.uncertainty, max(abs(shift), doubt))
-                )
+                name: Prediction(mixed.value + shift, math.hypot(mixed.uncertainty, max(abs(shift), doubt)))
             }
-        series = theory.virial_series(eta, dim)
         classic = theory.carnahan_starling(eta) if dim == 3 else theory.henderson(eta)
         classic_error = 0.003 * float(classic) if dim == 3 else abs(float(classic - bulk.value))
-        named = {
+        named: dict[str, Prediction] = {
             ("Kolafa-Labik-Malijevsky" if dim == 3 else "virial series resummed"): bulk,
-            ("Carnahan-Starling" if dim == 3 else "Henderson"): theory.Prediction(classic, classic_error),
-            "virial series to B10": series,
+            ("Carnahan-Starling" if dim == 3 else "Henderson"): Prediction(classic, classic_error),
         }
+        if eta <= (0.5 if dim == 3 else 0.6):
+            named["virial series to B10"] = theory.virial_series(eta, dim)
         return {
-            name: theory.Prediction(float(p.value) + shift, math.hypot(float(p.uncertainty), doubt))
+            name: Prediction(float(p.value) + shift, math.hypot(float(p.uncertainty), doubt))
             for name, p in named.items()
         }
 

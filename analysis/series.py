@@ -131,10 +131,10 @@ def estimate_from_series(
     """Return the mean of a correlated series, or a function of its means, with an error from blocks.
 
     The series is cut into M blocks of automatic length (`block_length`: 20 correlation times, by Sokal's
-    window; some 24 to 48 blocks where the series is long enough for more), and the blocks are taken as independent (Flyvbjerg and Petersen, J. Chem.
-    Phys. 91, 461 (1989), doi 10.1063/1.457480). (value - truth) / standard_error follows Student's t with M -
-    1 degrees of freedom. A nonlinear function, such as a ratio, comes from the jackknife over the same
-    blocks, its bias of order 1/M removed.
+    window; some 24 to 48 blocks where the series is long enough for more), and the blocks are taken as
+    independent (Flyvbjerg and Petersen, J. Chem. Phys. 91, 461 (1989), doi 10.1063/1.457480). (value - truth)
+    / standard_error follows Student's t with M - 1 degrees of freedom. A nonlinear function, such as a ratio,
+    comes from the jackknife over the same blocks, its bias of order 1/M removed.
 
     Parameters
     ----------
@@ -159,8 +159,8 @@ def estimate_from_series(
         bound.
     DriftWarning
         If there are fewer than 8 blocks because of the start only, so that dropping it by the rule of
-        `equilibration` would double the number of independent samples; or if the blocks have a trend that chance would give once in 10 000 series. Both warnings carry the
-        estimate.
+        `equilibration` would double the number of independent samples; or if the blocks have a trend that
+        chance would give once in 10 000 series. Both warnings carry the estimate.
 
     Raises
     ------
@@ -289,8 +289,8 @@ def equilibration(series: ArrayLike, candidates: int = 50) -> Equilibration:
     -------
     Equilibration
         Bias: of an exponential approach about a third of a standard error of the mean is left; in a series
-        that is steady from the start the rule drops some per cent by chance. A drift slower than the series is not seen here but
-        by `estimate_from_series`.
+        that is steady from the start the rule drops some per cent by chance. A drift slower than the series
+        is not seen here but by `estimate_from_series`.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """Numbers with their standard errors: replicas, blocks of a time series, and comparison with a theory.
 
-Blocks of automatic length are in `analysis.series`. Every quantity that a study reports is an `Estimate`; every comparison of a curve with a theory is a
-`ChiSquare`.
+Blocks of automatic length are in `analysis.series`. Every quantity that a study reports is an `Estimate`;
+every comparison of a curve with a theory is a `ChiSquare`.
 """
 
 from __future__ import annotations

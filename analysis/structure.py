@@ -34,9 +34,9 @@ class PairDistribution(Estimator):
     """Pair distributions g_ij(r) between species, from frames of a periodic box.
 
     g_ij = V / (N_i N_j) <number of j in a shell around an i> / volume of the shell; i itself is not counted
-    among the N_i, so that g tends to 1 - 1/N_i far away for i = j. With this normalisation the contact theorem
-    holds at any N: canonically Z_N - 1 = 2^(d-1) eta g(sigma+). Bins are in x = (r - sigma_ij)/sigma_ij, from
-    contact outwards.
+    among the N_i, so that g tends to 1 - 1/N_i far away for i = j. With this normalisation the contact
+    theorem holds at any N: canonically Z_N - 1 = 2^(d-1) eta g(sigma+). Bins are in x = (r -
+    sigma_ij)/sigma_ij, from contact outwards.
 
     Parameters
     ----------
@@ -51,11 +51,12 @@ class PairDistribution(Estimator):
 
     Notes
     -----
-    Take frames at times that do not know of the collisions, such as ``sim.frames(every=...)``. Right after a
-    collision, as ``sim.frames(collisions_per_particle=...)`` gives them, one pair is always in contact; where
-    that happened in more than half of the frames, the contact value comes with a `ContactSamplingWarning`.
-    Frames a few collisions per particle apart are nearly independent; correlated ones are allowed, errors come
-    from blocks (`series.estimate_from_series`) of the frames. Memory does not grow with the number of frames.
+    Take frames at times that do not know of the collisions, such as ``sim.frames(every=...)``.
+    Right after a collision, as ``sim.frames(collisions_per_particle=...)`` gives them, one pair is always in
+    contact; where that happened in more than half of the frames, the contact value comes with a
+    `ContactSamplingWarning`. Frames a few collisions per particle apart are nearly independent; correlated
+    ones are allowed, errors come from blocks (`series.estimate_from_series`) of the frames. Memory does not
+    grow with the number of frames.
     """
 
     def __init__(self, depth: float = 1.0, bins: int = 100, window: float = 0.25, degree: int = 3) -> None:
@@ -250,9 +251,9 @@ class PairDistribution(Estimator):
     def compressibility_factor(self) -> Estimate:
         """Z = P V / (2 K_th / d) from the contact values.
 
-        Z - 1 = N/(N-1) (2 pi/3) rho sum x_i x_j sigma_ij^3 g_ij in 3D, (pi/2) rho sum x_i x_j sigma_ij^2 g_ij in
-        2D: the virial theorem, exact at any N but for the extrapolation. Comparable with `Pressure.virial` and
-        with `theory.finite_size_compressibility`.
+        Z - 1 = N/(N-1) (2 pi/3) rho sum x_i x_j sigma_ij^3 g_ij in 3D, (pi/2) rho sum x_i x_j sigma_ij^2 g_ij
+        in 2D: the virial theorem, exact at any N but for the extrapolation. Comparable with `Pressure.virial`
+        and with `theory.finite_size_compressibility`.
         """
         n = self._gas().n
         excess = self._contact_rows() @ self._shares() * (n / (n - 1))
@@ -262,7 +263,8 @@ class PairDistribution(Estimator):
     def extrapolation_bias(self) -> float:
         """Uncertainty of Z from the extrapolation: its change with a polynomial one degree higher.
 
-        It holds noise of about the standard error of Z as well, and is an upper estimate while that dominates.
+        It holds noise of about the standard error of Z as well, and is an upper estimate while that
+        dominates.
         """
         mean = self._rows().mean(axis=0) @ np.stack(
             [self._extrapolation(self.degree), self._extrapolation(self.degree + 1)], axis=1

@@ -147,11 +147,11 @@ class _Replicas(Estimator):
 class TemperatureEquilibration(_Replicas):
     """Kinetic temperatures of two or more species that start unequal, against time.
 
-    kT_i = sum over species i of m (v - u)^2 / (d N_i (1 - q_i)), u the common motion along periodic axes, q_i =
-    m_i/M times the fraction of periodic axes: at equilibrium of N particles of fixed energy its mean is exactly
-    kT (`theory.finite_energy_law`), so that there is no bias of order 1/N at the end. Theory: two Maxwellians
-    with a time-dependent temperature each, `theory.temperature_equilibration`, with its known deviation as
-    uncertainty; the temperatures it starts from are those measured in the first sample.
+    kT_i = sum over species i of m (v - u)^2 / (d N_i (1 - q_i)), u the common motion along periodic axes, q_i
+    = m_i/M times the fraction of periodic axes: at equilibrium of N particles of fixed energy its mean is
+    exactly kT (`theory.finite_energy_law`), so that there is no bias of order 1/N at the end. Theory: two
+    Maxwellians with a time-dependent temperature each, `theory.temperature_equilibration`, with its known
+    deviation as uncertainty; the temperatures it starts from are those measured in the first sample.
 
     Examples
     --------
@@ -201,8 +201,8 @@ class TemperatureEquilibration(_Replicas):
     def fit_rate(self, window: tuple[float, float], species: tuple[int, int] = (0, 1)) -> Estimate:
         """Return the mean rate at which the difference of two temperatures decays over a window of time.
 
-        ln[(T_i - T_j)(t1) / (T_i - T_j)(t2)]/(t2 - t1), from the two ends alone, see `RelaxationCurve.fit_rate`;
-        jackknife over replicas, R - 1 degrees of freedom.
+        ln[(T_i - T_j)(t1) / (T_i - T_j)(t2)]/(t2 - t1), from the two ends alone, see
+        `RelaxationCurve.fit_rate`; jackknife over replicas, R - 1 degrees of freedom.
 
         Parameters
         ----------
@@ -330,7 +330,7 @@ class AnisotropyDecay(_Replicas):
         return Prediction(start * decay.value, abs(start) * decay.uncertainty)
 
     def fit_rate(self, window: tuple[float, float] = (0.0, 2.0)) -> Estimate:
-        """Return the mean rate at which A decays over a window of s, ln[A(s1)/A(s2)]/(s2 - s1), per unit of s.
+        """Return the mean rate at which A decays over a window, ln[A(s1)/A(s2)]/(s2 - s1), per unit of s.
 
         From the two ends alone, jackknife over replicas; see `TemperatureEquilibration.fit_rate`.
 

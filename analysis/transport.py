@@ -234,7 +234,8 @@ class Diffusion(Estimator):
         integral of the velocity autocorrelation up to t. From the two ends alone, both seen from the same
         origins, so that the error is right. Bias: at times t the slow tail t^(-d/2) of the autocorrelation is
         cut off, which makes D somewhat too small; lags beyond the time in which sound crosses the box see the
-        box. Tens of collisions per particle are a good window. For the infinite fluid see `infinite_diffusion`.
+        box. Tens of collisions per particle are a good window. For the infinite fluid see
+        `infinite_diffusion`.
 
         Parameters
         ----------
@@ -276,7 +277,7 @@ class Diffusion(Estimator):
 
     @property
     def periodic_correction(self) -> theory.Prediction:
-        """What the periodic box takes from D, `theory.periodic_diffusion_correction`; in 3D and a cube only."""
+        """What the periodic box takes from D (`theory.periodic_diffusion_correction`); in a 3D cube only."""
         scene = self._gas()
         if scene.dim != 3:
             raise ValueError("in 2D diffusion has no infinite limit: D grows as the logarithm of the box")
@@ -293,8 +294,8 @@ class Diffusion(Estimator):
     def infinite_diffusion(self, window: tuple[float, float]) -> Estimate:
         """Return D of the infinite fluid, `diffusion` plus `periodic_correction` (Yeh and Hummer).
 
-        The uncertainty of the correction is not in the standard error; it is about 10 % of the correction, which
-        is some 10 % of D at N = 500.
+        The uncertainty of the correction is not in the standard error; it is about 10 % of the correction,
+        which is some 10 % of D at N = 500.
         """
         here = self.diffusion(window)
         value = here.value + float(self.periodic_correction.value)
@@ -321,7 +322,7 @@ class Diffusion(Estimator):
         return checks
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the mean square displacement with its standard errors, over free flight and Enskog's diffusion.
+        """Draw the mean square displacement with its errors, over free flight and Enskog's diffusion.
 
         Parameters
         ----------

@@ -1,10 +1,11 @@
 """How far velocities are from Maxwell and Boltzmann: cumulants, Kolmogorov-Smirnov distance, H.
 
-The distributions themselves are in `analysis.distributions`. All estimators work with reduced velocities c = (v - u) sqrt(m/kT), where u is the velocity of the common
-motion along periodic axes (zero along walls), m the particle's own mass and kT = 2 K_th / D the temperature
-of the whole gas, D its free momenta. At equilibrium every component of c is a standard normal number whatever
-the species. Since the energy of a simulated gas is fixed, <c^2> = D/N in every frame: kT is not a parameter
-that fluctuates, and each statement below says what that does to it.
+The distributions themselves are in `analysis.distributions`. All estimators work with reduced velocities c =
+(v - u) sqrt(m/kT), where u is the velocity of the common motion along periodic axes (zero along walls), m the
+particle's own mass and kT = 2 K_th / D the temperature of the whole gas, D its free momenta. At equilibrium
+every component of c is a standard normal number whatever the species. Since the energy of a simulated gas is
+fixed, <c^2> = D/N in every frame: kT is not a parameter that fluctuates, and each statement below says what
+that does to it.
 """
 
 from __future__ import annotations
@@ -95,8 +96,8 @@ def ks_p_value(distance: float, n: int, dim: int, momentum_conserved: bool = Tru
 
     Kolmogorov's own distribution would be wrong: the scale of the law, kT, is that of the sample. The
     distribution used is that of 4000 gases with velocities even on the sphere of fixed energy (and zero
-    momentum in a periodic box), of min(N, 1000) particles of one mass, brought to N by Stephens' factor sqrt(N) + 0.12 + 0.11/sqrt(N)
-    (Stephens, J. Am. Stat. Assoc. 69, 730 (1974), doi 10.2307/2286009).
+    momentum in a periodic box), of min(N, 1000) particles of one mass, brought to N by Stephens' factor
+    sqrt(N) + 0.12 + 0.11/sqrt(N) (Stephens, J. Am. Stat. Assoc. 69, 730 (1974), doi 10.2307/2286009).
 
     Parameters
     ----------

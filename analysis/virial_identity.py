@@ -1,4 +1,4 @@
-"""Clausius' virial theorem for any run between walls, to round-off: a test of engine and tallies, not a statistic."""
+"""Clausius' virial theorem for any run between walls, to round-off: a test of engine and tallies."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ class VirialIdentity:
     inside : (w,) array
         Integral of sum m v_k^2 over time, and sum of r_k dp_k over collisions.
     walls : (w,) array
-        L_k J_high - (R J)_high - (R J)_low: impulses on the walls, each with the place of the particle's centre.
+        L_k J_high - (R J)_high - (R J)_low: impulses on the walls, each with the place of the particle's
+        centre.
     boundary : (w,) array
         G_k(end) - G_k(start), G_k = sum of m x_k v_k.
     """
@@ -48,9 +49,9 @@ def virial_identity(start: Frame, end: Frame, tallies: Tallies) -> VirialIdentit
     """Return both sides of Clausius' virial theorem for a run between walls.
 
     Along every wall axis k, exactly, for any run of any gas: integral of sum m v_k^2 dt + sum over collisions
-    of r_k dp_k = sum over hits of the high wall of (L_k - R_i) J_i - sum over hits of the low wall of R_i J_i +
-    G_k(end) - G_k(start), G_k = sum of m x_k v_k, because the left side less the walls' part is the integral of
-    dG_k/dt (Clausius, Phil. Mag. 40, 122 (1870), doi 10.1080/14786447008640370).
+    of r_k dp_k = sum over hits of the high wall of (L_k - R_i) J_i - sum over hits of the low wall of R_i J_i
+    + G_k(end) - G_k(start), G_k = sum of m x_k v_k, because the left side less the walls' part is the
+    integral of dG_k/dt (Clausius, Phil. Mag. 40, 122 (1870), doi 10.1080/14786447008640370).
 
     Parameters
     ----------

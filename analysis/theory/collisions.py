@@ -9,14 +9,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-from analysis.theory.maxwell import mean_speed, speed_pdf
+from analysis.theory.maxwell import finite_mean_speed, mean_speed, speed_pdf
 from analysis.theory.prediction import Prediction, check_dim
-from analysis.theory.state import compressibility_factor
+from analysis.theory.state import compressibility_factor, finite_size_compressibility
 
 __all__ = [
     "collision_rate",
     "collision_speed_factor",
     "compressibility_from_rate",
+    "finite_size_collision_rate",
+    "finite_size_mean_free_path",
     "free_path_density",
     "free_path_moment",
     "free_path_survival",
@@ -122,6 +124,46 @@ def compressibility_from_rate(
     return np.asarray(1.0 + collision_speed_factor(free_momenta) * total / (free_momenta * temperature))
 
 
+def finite_size_collision_rate(
+    eta: ArrayLike, dim: int, n: int, diameter: float = 1.0, mass: float = 1.0, temperature: float = 1.0
+) -> Prediction:
+    """Return nu of N particles of fixed energy in a periodic box, kT = 2 K_th/d(N - 1), [1/time].
+
+    The rate that gives `finite_size_compressibility` by `compressibility_from_rate`, which is exact; see
+    there for the limits of the former.
+
+    Parameters
+    ----------
+    eta : array_like
+        Packing fraction.
+    dim : {2, 3}
+        Dimension d.
+    n : int
+        Number of particles N >= 2.
+    diameter, mass, temperature : float
+        sigma [length], m and kT.
+
+    Returns
+    -------
+    Prediction
+        u from that of Z.
+    """
+    finite = finite_size_compressibility(eta, dim, n)
+    speed = collision_speed_factor(dim * (n - 1))
+    per_excess = (n - 1) / n * 2 * dim / diameter * math.sqrt(temperature / (math.pi * mass)) / speed
+    return Prediction((finite.value - 1.0) * per_excess, finite.uncertainty * per_excess)
+
+
+def finite_size_mean_free_path(eta: ArrayLike, dim: int, n: int, diameter: float = 1.0) -> Prediction:
+    """Return the mean free path <v>/nu of N particles of fixed energy in a periodic box, [length].
+
+    `finite_mean_speed` over `finite_size_collision_rate`; arguments as there, n >= 3, eta > 0.
+    """
+    rate = finite_size_collision_rate(eta, dim, n, diameter)
+    value = finite_mean_speed(dim * (n - 1), dim, 1.0 / n) / rate.value
+    return Prediction(value, value * rate.uncertainty / rate.value)
+
+
 # Flights of the dilute gas ----------------------------------------------------------------------------------
 
 
@@ -196,9 +238,9 @@ def _flight_average(x: ArrayLike, dim: int, power: int, of_time: bool) -> FloatA
 def free_path_survival(x: ArrayLike, dim: int, eta: float = 0.0) -> Prediction:
     """Return the probability that a free path is longer than x mean free paths.
 
-    S(x) = integral of f(v) (nu(v)/nu) exp(-nu(v) x l / v) dv over speeds (Visco, van Wijland and Trizac, Phys.
-    Rev. E 77, 041117 (2008), doi 10.1103/PhysRevE.77.041117). Exact for eta -> 0. At finite density it is
-    Enskog's approximation, in units of the mean free path there; successive collisions with the same
+    S(x) = integral of f(v) (nu(v)/nu) exp(-nu(v) x l / v) dv over speeds (Visco, van Wijland and Trizac,
+    Phys. Rev. E 77, 041117 (2008), doi 10.1103/PhysRevE.77.041117). Exact for eta -> 0. At finite density it
+    is Enskog's approximation, in units of the mean free path there; successive collisions with the same
     neighbours change it by a relative amount of order eta, which is the uncertainty.
 
     Parameters

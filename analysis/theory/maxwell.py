@@ -18,6 +18,7 @@ __all__ = [
     "energy_pdf",
     "energy_share",
     "finite_energy_law",
+    "finite_mean_speed",
     "mean_speed",
     "speed_cdf",
     "speed_pdf",
@@ -100,8 +101,8 @@ def energy_share(n: int, dim: int, boundary: Literal["periodic", "wall"] = "peri
 def energy_pdf(energy: ArrayLike, dim: int, temperature: float = 1.0) -> FloatArray:
     """Return the density of one particle's kinetic energy, N -> infinity, [1/energy].
 
-    A gamma distribution with shape d/2 and scale kT, whatever the mass: 2 sqrt(e/pi) exp(-e) in 3D and exp(-e)
-    in 2D, e in units of kT.
+    A gamma distribution with shape d/2 and scale kT, whatever the mass: 2 sqrt(e/pi) exp(-e) in 3D and
+    exp(-e) in 2D, e in units of kT.
 
     Parameters
     ----------
@@ -117,7 +118,7 @@ def energy_pdf(energy: ArrayLike, dim: int, temperature: float = 1.0) -> FloatAr
 
 
 def energy_cdf(energy: ArrayLike, dim: int, temperature: float = 1.0) -> FloatArray:
-    """Return the probability of a kinetic energy below `energy`, N -> infinity; arguments as in `energy_pdf`."""
+    """Return the probability of an energy below `energy`, N -> infinity; arguments as in `energy_pdf`."""
     check_dim(dim)
     return np.asarray(stats.gamma.cdf(energy, dim / 2, scale=temperature))
 
@@ -127,10 +128,10 @@ def finite_energy_law(
 ) -> Any:
     """Return the exact distribution of one particle's kinetic energy at fixed total energy D kT / 2.
 
-    Microcanonically the velocities, scaled by the roots of the masses, lie evenly on a sphere in D dimensions,
-    D the free momenta, so that a particle's share of the energy is (1 - q) Beta(d/2, (D - d)/2); q = m/M is
-    the particle's share of the mass where the momentum is fixed at zero, since momentum conservation takes
-    that part of its motion away. `energy_share` is the case of equal masses.
+    Microcanonically the velocities, scaled by the roots of the masses, lie evenly on a sphere in D
+    dimensions, D the free momenta, so that a particle's share of the energy is (1 - q) Beta(d/2, (D - d)/2);
+    q = m/M is the particle's share of the mass where the momentum is fixed at zero, since momentum
+    conservation takes that part of its motion away. `energy_share` is the case of equal masses.
 
     Parameters
     ----------
@@ -139,8 +140,8 @@ def finite_energy_law(
     dim : {2, 3}
         Dimension d.
     momentum_share : float, default 0
-        q: m/M in a box periodic along every axis, 0 between walls. With some axes periodic the law has no such
-        closed form; m/M times their fraction gives the exact mean, and the shape to order 1/N^2.
+        q: m/M in a box periodic along every axis, 0 between walls. With some axes periodic the law has no
+        such closed form; m/M times their fraction gives the exact mean, and the shape to order 1/N^2.
     temperature : float
         kT = 2 E / D.
 
@@ -162,3 +163,24 @@ def finite_energy_law(
         )
     most = (1.0 - momentum_share) * free_momenta * temperature / 2
     return stats.beta(dim / 2, (free_momenta - dim) / 2, scale=most)
+
+
+def finite_mean_speed(
+    free_momenta: int, dim: int, momentum_share: float = 0.0, mass: float = 1.0, temperature: float = 1.0
+) -> float:
+    """Return the exact mean speed of a particle at fixed total energy D kT / 2, [speed].
+
+    sqrt((1 - q) D kT/m) Gamma((d+1)/2) Gamma(D/2) / (Gamma(d/2) Gamma((D+1)/2)), the mean of the root of
+    `finite_energy_law`; `mean_speed` (1 + 1/(4D) - q/2 + ...).
+
+    Parameters
+    ----------
+    free_momenta, dim, momentum_share, temperature
+        As in `finite_energy_law`.
+    mass : float
+        Mass m of the particle.
+    """
+    finite_energy_law(free_momenta, dim, momentum_share)  # checks the arguments
+    ratio = math.lgamma(free_momenta / 2) - math.lgamma((free_momenta + 1) / 2)
+    factor = math.sqrt(free_momenta / 2) * math.exp(ratio) * math.sqrt(1.0 - momentum_share)
+    return mean_speed(dim, mass, temperature) * factor

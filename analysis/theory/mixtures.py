@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from analysis.theory.maxwell import mean_speed
-from analysis.theory.prediction import Prediction, check_dim
+from analysis.theory.prediction import Prediction, check_dim, packing_fraction, warn_outside
 
 __all__ = [
     "mixture_collision_rates",
@@ -25,7 +25,8 @@ def mixture_contact_values(number_densities: ArrayLike, diameters: ArrayLike, di
 
     3D: Boublik (1970, doi 10.1063/1.1673824), Mansoori et al. (1971, doi 10.1063/1.1675048); 2D: Jenkins and
     Mancini (1987, doi 10.1115/1.3172990). For one species they reduce to Carnahan-Starling and Henderson; Z -
-    1 is good to about 0.3 % (3D, eta < 0.4) and 0.5 % (2D, eta < 0.5).
+    1 is good to about 0.3 % (3D, eta < 0.4) and 0.5 % (2D, eta < 0.5), to some 2 % up to freezing in 2D,
+    above which a `TheoryRangeWarning` comes (0.494, 0.66).
 
     Parameters
     ----------
@@ -41,6 +42,8 @@ def mixture_contact_values(number_densities: ArrayLike, diameters: ArrayLike, di
     check_dim(dim)
     rho = np.asarray(number_densities, dtype=np.float64)
     sigma = np.asarray(diameters, dtype=np.float64)
+    eta = np.asarray((packing_fraction(1.0, sigma, dim) * rho).sum())
+    warn_outside("the contact values of mixtures", eta, 0.0, 0.494 if dim == 3 else 0.66)
     reduced = np.outer(sigma, sigma) / np.add.outer(sigma, sigma)
     if dim == 3:
         z2, z3 = (math.pi / 6 * float(rho @ sigma**power) for power in (2, 3))
@@ -52,7 +55,9 @@ def mixture_contact_values(number_densities: ArrayLike, diameters: ArrayLike, di
 
 
 def mixture_compressibility(number_densities: ArrayLike, diameters: ArrayLike, dim: int) -> Prediction:
-    """Return Z of a mixture from `mixture_contact_values`; u = 0.3 % (3D), 0.5 % (2D) of Z - 1.
+    """Return Z of a mixture from `mixture_contact_values`.
+
+    u = 0.3 % of Z - 1 in 3D, 0.5 % in 2D and 2 % there above eta = 0.5.
 
     Z = 1 + (2 pi/3) rho sum x_i x_j sigma_ij^3 g_ij in 3D, 1 + (pi/2) rho sum x_i x_j sigma_ij^2 g_ij in 2D.
     """
@@ -61,7 +66,8 @@ def mixture_compressibility(number_densities: ArrayLike, diameters: ArrayLike, d
     contact = np.add.outer(sigma, sigma) / 2
     weights = np.outer(rho, rho) / rho.sum() * contact**dim * mixture_contact_values(rho, sigma, dim)
     excess = (2 * math.pi / 3 if dim == 3 else math.pi / 2) * float(weights.sum())
-    return Prediction(1.0 + excess, (0.003 if dim == 3 else 0.005) * excess)
+    crowded = float((packing_fraction(1.0, sigma, dim) * rho).sum()) > 0.5
+    return Prediction(1.0 + excess, (0.003 if dim == 3 else 0.02 if crowded else 0.005) * excess)
 
 
 def mixture_collision_rates(

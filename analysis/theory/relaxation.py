@@ -100,8 +100,8 @@ def temperature_equilibration(
     """Return how the temperatures of species approach each other.
 
     dT_i/dt = -(8/d) sum over j of m_i m_j/(m_i + m_j)^2 nu_ij(T_i, T_j) (T_i - T_j), nu_ij from
-    `mixture_collision_rates`: the mean energy that i loses to j in a collision is 4 m_i m_j/(m_i + m_j)^2 k(T_i
-    - T_j), exactly, while both are Maxwellian, in any dimension (an average over the collisions of two
+    `mixture_collision_rates`: the mean energy that i loses to j in a collision is 4 m_i m_j/(m_i + m_j)^2
+    k(T_i - T_j), exactly, while both are Maxwellian, in any dimension (an average over the collisions of two
     Maxwellians; a test draws it). The equation is exact for t -> 0. Later the species are not quite
     Maxwellian, and the decay is slower: against direct simulation of a dilute gas the logarithm of T_1 - T_2
     falls too fast by 2 to 8 % in 3D, 3 to 15 % in 2D.
@@ -156,8 +156,8 @@ def temperature_equilibration_rate(
 ) -> FloatArray:
     """Return the rates at which T_i loses T_i - T_j to each other species, (k, k), [1/time].
 
-    (8/d) m_i m_j/(m_i + m_j)^2 nu_ij(T_i, T_j); zero for i = j. Of two species T_1 - T_2 decays initially at the
-    sum of the two rates. Arguments as in `temperature_equilibration`.
+    (8/d) m_i m_j/(m_i + m_j)^2 nu_ij(T_i, T_j); zero for i = j. Of two species T_1 - T_2 decays initially at
+    the sum of the two rates. Arguments as in `temperature_equilibration`.
     """
     mass = np.asarray(masses, dtype=np.float64)
     shared = np.outer(mass, mass) / np.add.outer(mass, mass) ** 2

@@ -57,6 +57,7 @@ def carnahan_starling(eta: ArrayLike) -> FloatArray:
     `kolafa_labik_malijevsky`; kept because everyone knows it.
     """
     e = np.asarray(eta, dtype=np.float64)
+    warn_outside("Carnahan and Starling's equation of state", e, *_KLM_RANGE)
     return np.asarray((1 + e + e**2 - e**3) / (1 - e) ** 3)
 
 
@@ -67,14 +68,15 @@ def henderson(eta: ArrayLike) -> FloatArray:
     0.4, 0.45 % at 0.5, 1.2 % at 0.6; kept because everyone knows it.
     """
     e = np.asarray(eta, dtype=np.float64)
+    warn_outside("Henderson's equation of state", e, *_DISCS_RANGE)
     return np.asarray((1 + e**2 / 8) / (1 - e) ** 2)
 
 
 def virial_coefficients(dim: int) -> Prediction:
     """Return b_2 to b_10 of Z = 1 + sum over n >= 2 of b_n eta^(n-1), with their uncertainties.
 
-    b_n = (2^(d-1))^(n-1) B_n/B_2^(n-1). b_2 = 2^(d-1), b_3 and b_4 are exact, the others Monte Carlo integrals
-    of Clisby and McCoy, J. Stat. Phys. 122, 15 (2006), doi 10.1007/s10955-005-8080-0.
+    b_n = (2^(d-1))^(n-1) B_n/B_2^(n-1). b_2 = 2^(d-1), b_3 and b_4 are exact, the others Monte Carlo
+    integrals of Clisby and McCoy, J. Stat. Phys. 122, 15 (2006), doi 10.1007/s10955-005-8080-0.
 
     Parameters
     ----------
@@ -108,9 +110,9 @@ def virial_series(eta: ArrayLike, dim: int, order: int = 10) -> Prediction:
     Returns
     -------
     Prediction
-        u combines the coefficients' uncertainties and the terms left out, taken as a geometric series that goes
-        on with the ratio of the last two coefficients; all of that series is counted as uncertainty, and the
-        value is too low by about it.
+        u combines the coefficients' uncertainties and the terms left out, taken as a geometric series that
+        goes on with the ratio of the last two coefficients; all of that series is counted as uncertainty, and
+        the value is too low by about it.
 
     Raises
     ------

@@ -54,9 +54,9 @@ def enskog_diffusion(
     Returns
     -------
     Prediction
-        Enskog leaves out correlated collisions. In the infinite 3D fluid the true D is 12 % above D_E at eta =
-        0.1 and 30 % at 0.2, and falls below it near freezing: u = min(1.5 eta, 0.3) D_E. In 2D D has no limit,
-        it grows as the logarithm of the size of the box; the same u is given and means little.
+        Enskog leaves out correlated collisions. In the infinite 3D fluid the true D is 12 % above D_E at eta
+        = 0.1 and 30 % at 0.2, and falls below it near freezing: u = min(1.5 eta, 0.3) D_E. In 2D D has no
+        limit, it grows as the logarithm of the size of the box; the same u is given and means little.
     """
     check_dim(dim)
     e = np.asarray(eta, dtype=np.float64)
@@ -78,9 +78,9 @@ def shear_viscosity(
 ) -> Prediction:
     """Return Enskog's shear viscosity, [mass length^(2-d)/time].
 
-    eta_E = eta_0 b (1/y + 4/5 + 0.7615 y) in 3D, eta_0 b (1/y + 1 + 0.8729 y) in 2D; b = 2^(d-1) eta, y = b chi
-    = Z - 1; eta_0 = (5/16 sigma^2) sqrt(m kT/pi) x 1.016034 in 3D, (1/2 sigma) sqrt(m kT/pi) x 1.02197 in 2D
-    (Chapman and Cowling, chapter 16; 2D: Gass, J. Chem. Phys. 54, 1898 (1971), doi 10.1063/1.1675116).
+    eta_E = eta_0 b (1/y + 4/5 + 0.7615 y) in 3D, eta_0 b (1/y + 1 + 0.8729 y) in 2D; b = 2^(d-1) eta, y = b
+    chi = Z - 1; eta_0 = (5/16 sigma^2) sqrt(m kT/pi) x 1.016034 in 3D, (1/2 sigma) sqrt(m kT/pi) x 1.02197 in
+    2D (Chapman and Cowling, chapter 16; 2D: Gass, J. Chem. Phys. 54, 1898 (1971), doi 10.1063/1.1675116).
 
     Parameters
     ----------
@@ -144,8 +144,8 @@ def velocity_correlation_rate(
     """Return the initial decay rate of <v(0).v(t)>/<v^2>, (2/d) nu, [1/time].
 
     Exact at any density given chi, since a particle loses <g_n^2>/2 = 2kT/m of its v.v(t) in its first
-    collision. Enskog's theory has the correlation go on as exp(-(2/d) nu t) to within 3 % of its integral; the
-    true one has a slow tail, t^(-d/2).
+    collision. Enskog's theory has the correlation go on as exp(-(2/d) nu t) to within 3 % of its integral;
+    the true one has a slow tail, t^(-d/2).
 
     Parameters
     ----------

@@ -37,15 +37,16 @@ def two_sphere_rates(
     """Return the exact rates of two equal discs or spheres in a box with hard walls on every axis.
 
     The dynamics is ergodic (Simanyi, Ann. Henri Poincare 5, 203 (2004), doi 10.1007/s00023-004-0166-8), so
-    that rates are averages over the energy shell. With a_k = L_k - sigma, R^2 = 2E/m, u = Gamma(d) / (sqrt(pi)
-    Gamma(d + 1/2)) and Q(sigma) the volume of overlapping pairs of centres, the free volume is prod a^2 - Q;
+    that rates are averages over the energy shell. With a_k = L_k - sigma, R^2 = 2E/m, u = Gamma(d) /
+    (sqrt(pi) Gamma(d + 1/2)) and Q(sigma) the volume of overlapping pairs of centres, the free volume is prod
+    a^2 - Q;
 
         pair rate = Q'(sigma) / (prod a^2 - Q) sqrt(2) R u / 2,
         wall rate along k = 4 w_k / (prod a^2 - Q) R u / 2,
 
-    w_k the free volume with one centre fixed on a wall of axis k. 2D: Q = pi s^2 ab - 4/3 s^3 (a + b) + s^4/2,
-    w_x = a b^2 - (pi s^2 b / 2 - 2 s^3/3). 3D: Q = 4/3 pi s^3 abc - pi/2 s^4 (ab + bc + ca) + 8/15 s^5 (a + b +
-    c) - s^6/6, w_x = a (bc)^2 - (2/3 pi s^3 bc - pi/4 s^4 (b + c) + 4/15 s^5).
+    w_k the free volume with one centre fixed on a wall of axis k. 2D: Q = pi s^2 ab - 4/3 s^3 (a + b) +
+    s^4/2, w_x = a b^2 - (pi s^2 b / 2 - 2 s^3/3). 3D: Q = 4/3 pi s^3 abc - pi/2 s^4 (ab + bc + ca) + 8/15 s^5
+    (a + b + c) - s^6/6, w_x = a (bc)^2 - (2/3 pi s^3 bc - pi/4 s^4 (b + c) + 4/15 s^5).
 
     Parameters
     ----------

@@ -80,6 +80,27 @@ def test_pressure_from_the_rate(dim):
 
 
 @pytest.mark.parametrize("dim", [2, 3])
+def test_rates_and_paths_of_few_particles(dim):
+    n, eta, sigma, mass, kT = 12, 0.2, 1.5, 2.0, 0.7
+    rate = theory.finite_size_collision_rate(eta, dim, n, sigma, mass, kT)
+    z = theory.compressibility_from_rate([[n * rate.value / 2]], [sigma], [mass], kT, dim * (n - 1))
+    assert z == pytest.approx(theory.finite_size_compressibility(eta, dim, n).value, rel=1e-12)
+    many = theory.finite_size_collision_rate(eta, dim, 10**7, sigma, mass, kT).value
+    assert many == pytest.approx(theory.collision_rate(eta, dim, sigma, mass, kT), rel=1e-5)
+    path = theory.finite_size_mean_free_path(eta, dim, 10**7, sigma).value
+    assert path == pytest.approx(theory.mean_free_path(eta, dim, sigma), rel=1e-5)
+    # mean speeds of drawn gases
+    rng = np.random.default_rng(40 + dim)
+    v = rng.standard_normal((100_000, 4, dim))
+    v -= v.mean(axis=1, keepdims=True)
+    v *= np.sqrt(3 * dim * kT / mass / (v**2).sum(axis=(1, 2)))[:, None, None]
+    drawn = np.linalg.norm(v[:, 0], axis=1)
+    exact = theory.finite_mean_speed(3 * dim, dim, 1 / 4, mass, kT)
+    assert abs(drawn.mean() - exact) < 4 * drawn.std() / math.sqrt(100_000)
+    assert abs(drawn.mean() - theory.mean_speed(dim, mass, kT)) > 10 * drawn.std() / math.sqrt(100_000)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
 def test_speed_dependent_free_path(dim):
     v = np.array([0.1, 0.5, 1, 2, 3, 5])
     expected = {
@@ -301,6 +322,20 @@ def test_two_spheres_against_their_phase_space(box):
     assert fast.pair == pytest.approx(2 * rates.pair, rel=1e-12)
     with pytest.raises(ValueError, match="longer than two diameters"):
         theory.two_sphere_rates([1.9] * dim)
+
+
+@pytest.mark.filterwarnings("ignore::analysis.theory.TheoryRangeWarning")
+@pytest.mark.parametrize("dim", [2, 3])
+def test_outside_their_range_all_states_warn(dim):
+    simple = theory.carnahan_starling if dim == 3 else theory.henderson
+    for ask in (
+        lambda: simple(0.7),
+        lambda: theory.mixture_contact_values([0.9, 0.4], [1.0, 0.9], dim),
+        lambda: theory.enskog_diffusion(0.7, dim),
+        lambda: theory.collision_rate(0.7, dim),
+    ):
+        with pytest.warns(theory.TheoryRangeWarning):
+            ask()
 
 
 def test_every_name_is_there():

@@ -46,6 +46,12 @@ def test_error_bars_of_z_follow_students_t(runs):
     for estimates in (virial, rate):
         assert calibrate(estimates, truth.value).passed
     assert np.mean([e.standard_error for e in rate]) < 0.93 * np.mean([e.standard_error for e in virial])
+    rates = [run.collision_rate for run in runs]
+    exact = theory.finite_size_collision_rate(0.15, 3, 32)
+    assert calibrate(rates, exact.value).passed
+    assert not calibrate(
+        rates, float(theory.collision_rate(0.15, 3))
+    ).passed  # the infinite gas's: 0.8 % lower
     # siblings: no finite-size factor N/(N-1) C_N, and the truth of a gas 5 % denser
     wrong = [replace(e, value=1 + (e.value - 1) * 31 / 32) for e in rate]
     assert not calibrate(wrong, truth.value).passed
