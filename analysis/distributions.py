@@ -225,7 +225,9 @@ class SpeedDistribution(_Histogram):
     maximum : float, default 5
         Upper edge in thermal speeds sqrt(kT/m).
 
-    Notes ----- Each particle counts as one independent sample, n = particles times frames; at fixed energy
+    Notes
+    -----
+    Each particle counts as one independent sample, n = particles times frames; at fixed energy
     that is right to order 1/N. Unbiased: bins are compared with their exact averages.
     """
 

@@ -46,8 +46,9 @@ class PairDistribution(Estimator):
         Number of equal bins in x.
     window : float, default 0.25
         g is extrapolated to contact from x < window.
-    degree : int, default 3
-        Degree of the polynomial in x that is fitted there.
+    degree : int, default 4
+        Degree of the polynomial in x that is fitted there. In 3D at eta = 0.45 Z is then right to 0.1 %, with
+        degree 3 it is 0.5 % too small.
 
     Notes
     -----
@@ -59,7 +60,7 @@ class PairDistribution(Estimator):
     grow with the number of frames.
     """
 
-    def __init__(self, depth: float = 1.0, bins: int = 100, window: float = 0.25, degree: int = 3) -> None:
+    def __init__(self, depth: float = 1.0, bins: int = 100, window: float = 0.25, degree: int = 4) -> None:
         if not (0.0 < window <= depth and bins * window / depth > 2 * degree + 4):
             raise ValueError(
                 f"window = {window:g} of depth = {depth:g} with {bins} bins; a polynomial of degree {degree} needs "

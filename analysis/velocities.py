@@ -21,6 +21,7 @@ from analysis import theory
 from analysis.distributions import ComponentDistribution, EnergyDistribution, SpeedDistribution
 from analysis.estimator import Estimator, axes_or_new
 from analysis.reduced import reduced_velocities, species_labels
+from analysis.series import estimate_from_series
 from analysis.statistics import Estimate, estimate_from_replicas
 
 if TYPE_CHECKING:
@@ -166,6 +167,11 @@ def h_excess(histogram: NDArray[np.generic], probabilities: FloatArray) -> Float
     return np.asarray(plug_in - (occupied - 1) / (2.0 * total[..., 0]))
 
 
+def _mean_of_frames(values: FloatArray) -> Estimate:
+    """Mean over frames in the order of time: errors from blocks, below 16 frames as if independent."""
+    return estimate_from_series(values) if len(values) >= 16 else estimate_from_replicas(values)
+
+
 class _PerFrame(Estimator):
     """One number per frame."""
 
@@ -254,7 +260,11 @@ class FourthCumulant(_PerFrame):
 
     @property
     def a2(self) -> Estimate:
-        """Mean over frames as if independent; the error of one frame is the noise of N particles."""
+        """Mean over frames; the error of one frame is the noise of N particles.
+
+        Frames may be correlated: errors come from blocks (`series.estimate_from_series`), with fewer than 16
+        frames as if they were independent.
+        """
         return self._estimate(self.values, 2)
 
     @property
@@ -265,7 +275,7 @@ class FourthCumulant(_PerFrame):
 
     def _estimate(self, values: FloatArray, order: int) -> Estimate:
         if len(values) > 1:
-            return estimate_from_replicas(values)
+            return _mean_of_frames(values)
         noise = theory.cumulant_noise(self._n, self._dim, 2 if order == 2 else 3)
         return Estimate(float(values[0]), noise, float(self._n))
 
@@ -302,8 +312,8 @@ class KolmogorovSmirnov(_PerFrame):
 
     @property
     def distance(self) -> Estimate:
-        """Mean distance over frames; the error takes them as independent, NaN for one frame."""
-        return estimate_from_replicas(self.values)
+        """Mean distance over frames, with an error as that of `FourthCumulant.a2`; NaN for one frame."""
+        return _mean_of_frames(self.values)
 
     @property
     def p_value(self) -> float:
@@ -339,5 +349,5 @@ class HFunction(_PerFrame):
 
     @property
     def excess(self) -> Estimate:
-        """Mean of H - H_eq over frames; the error takes them as independent, NaN for one frame."""
-        return estimate_from_replicas(self.values)
+        """Mean of H - H_eq over frames, with an error as that of `FourthCumulant.a2`; NaN for one frame."""
+        return _mean_of_frames(self.values)

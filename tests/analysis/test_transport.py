@@ -84,9 +84,9 @@ def test_errors_of_d_follow_students_t():
     window = (8 * STEP, 16 * STEP)
     truth = (exact_msd(window[1], 3) - exact_msd(window[0], 3)) / (6 * 8 * STEP)
     estimates, naive = [], []
-    for _ in range(120):
+    for _ in range(100):
         diffusion = Diffusion(points=16)
-        for frame in brownian(rng, 8, 1500, few):
+        for frame in brownian(rng, 8, 1000, few):
             diffusion.add(frame)
         d = diffusion.diffusion(window)
         estimates.append(d)
@@ -151,7 +151,7 @@ def test_velocities_forget_at_the_rate_of_collisions():
 @pytest.mark.slow
 @pytest.mark.parametrize(("eta", "known"), [(0.1, 0.9055), (0.3, None)])
 def test_diffusion_to_two_per_cent(eta, known):
-    _, checks = enskog(eta, 256, 2.0, 6000, (15, 30))
+    _, checks = enskog(eta, 256, 2.0, 5000, (15, 30))
     for check in checks:
         assert check.measured.standard_error / check.measured.value < 0.02
         assert abs(check.z) < 2

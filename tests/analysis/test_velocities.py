@@ -5,9 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scenes import gas as random_gas
 
+import hardspheres as hs
 from analysis import theory
+from analysis.calibration import calibrate
 from analysis.estimator import NoDataError
+from analysis.statistics import estimate_from_replicas
 from analysis.velocities import (
     ComponentDistribution,
     EnergyDistribution,
@@ -146,6 +150,26 @@ def test_cumulant_bias_and_noise_are_as_stated(gas):
     assert abs(many.a3.deviation(float(theory.equilibrium_a3(87)))) < 4
     one = FourthCumulant().add(gas.frame(gas.maxwell(rng, 30, 3)))
     assert one.a2.standard_error == pytest.approx(many.values.std(), rel=0.15)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::analysis.series.SeriesWarning")
+def test_errors_of_a2_over_correlated_frames_follow_students_t():
+    """Frames half a collision per particle apart; the truth at fixed energy is -2/(D + 2)."""
+    runs = []
+    for seed in range(200):
+        sim = hs.Simulation(random_gas("3d", 32, 0.15, seed=seed))
+        sim.run(collisions=320)
+        run = FourthCumulant()
+        for frame in sim.frames(every=0.5 * sim.time / 20, count=200):
+            run.add(frame)
+        runs.append(run)
+    truth = runs[0].expected
+    assert calibrate([run.a2 for run in runs], truth).passed
+    # siblings: frames taken as independent, and the truth of the infinite gas
+    naive = [estimate_from_replicas(run.values) for run in runs]
+    assert not calibrate(naive, truth).passed
+    assert not calibrate([run.a2 for run in runs], 0.0).passed
 
 
 def test_ks_p_values_are_even_though_the_energy_is_fixed(gas):
