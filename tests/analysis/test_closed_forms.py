@@ -244,6 +244,7 @@ def test_energy_passed_between_maxwellian_species(dim):
     assert abs(mean - exact / 2) > 10 * noise
 
 
+@pytest.mark.filterwarnings("ignore:the hard-:analysis.theory.TheoryRangeWarning")
 @pytest.mark.parametrize("dim", [2, 3])
 def test_transport(dim):
     eta = 1e-6

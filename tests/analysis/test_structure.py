@@ -151,6 +151,7 @@ def test_a_crystal_fails_the_check_of_a_fluid():
         pairs.add(frame)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SeriesWarning)
+        warnings.simplefilter("ignore", ContactSamplingWarning)
         check = pairs.check
         assert abs(check.measured.value - check.expected) > 0.1 * check.expected
 
