@@ -36,8 +36,8 @@ def two_sphere_rates(
 ) -> TwoSphereRates:
     """Return the exact rates of two equal discs or spheres in a box with hard walls on every axis.
 
-    The dynamics is ergodic (Simanyi, Ann. Henri Poincare 5, 203 (2004), doi 10.1007/s00023-004-0166-8), so
-    that rates are averages over the energy shell. With a_k = L_k - sigma, R^2 = 2E/m, u = Gamma(d) /
+    The dynamics is ergodic (Simanyi, Ergod. Theory Dyn. Syst. 19, 741 (1999), doi 10.1017/S0143385799133935),
+    so that rates are averages over the energy shell. With a_k = L_k - sigma, R^2 = 2E/m, u = Gamma(d) /
     (sqrt(pi) Gamma(d + 1/2)) and Q(sigma) the volume of overlapping pairs of centres, the free volume is prod
     a^2 - Q;
 
