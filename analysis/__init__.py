@@ -1,1 +1,6 @@
-"""Estimators: engine tallies and frames in, numbers with error bars beside their theory out."""
+"""Estimators: engine tallies and frames in, numbers with error bars beside their theory out.
+
+`statistics` and `series` make numbers with standard errors, `calibration` tests them; `theory` holds every
+closed form; `distributions`, `velocities`, `relaxation` and `temperatures` are about velocities, `pressure`
+and `virial_identity` about pressure, `structure` and `order` about places, `transport` about diffusion.
+"""

@@ -10,8 +10,6 @@ from hardspheres.errors import HardSpheresError
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from hardspheres import Frame
-
 __all__ = ["Estimator", "NoDataError"]
 
 
@@ -27,8 +25,8 @@ class Estimator(ABC):
     """
 
     @abstractmethod
-    def add(self, frame: Frame) -> Self:
-        """Take in one frame and return the estimator itself, so that calls can be chained."""
+    def add(self, frame: Any) -> Self:
+        """Take in one frame or one block of tallies and return the estimator itself, so that calls chain."""
 
     @abstractmethod
     def plot(self, ax: Axes | None = None) -> Axes:

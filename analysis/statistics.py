@@ -1,7 +1,7 @@
 """Numbers with their standard errors: replicas, blocks of a time series, and comparison with a theory.
 
-Every quantity that a study reports is an `Estimate`; every comparison of a curve with a theory is a
-`ChiSquare`.
+Blocks of automatic length are in `analysis.series`. Every quantity that a study reports is an `Estimate`;
+every comparison of a curve with a theory is a `ChiSquare`.
 """
 
 from __future__ import annotations
@@ -18,6 +18,9 @@ from scipy import stats
 __all__ = [
     "ChiSquare",
     "Estimate",
+    "ReplicaWarning",
+    "TheoryCheck",
+    "combine_replicas",
     "compare_with_theory",
     "estimate_from_blocks",
     "estimate_from_jackknife",
@@ -41,6 +44,9 @@ class Estimate:
         One standard error of `value`, same units; NaN where the data cannot tell (a single replica).
     n_effective : float
         How many independent samples stand behind the standard error.
+    degrees_of_freedom : float
+        Of the standard error itself: (value - truth) / standard_error follows Student's t with as many.
+        Infinite where the error is known rather than estimated.
 
     Examples
     --------
@@ -53,6 +59,7 @@ class Estimate:
     value: float
     standard_error: float
     n_effective: float = math.nan
+    degrees_of_freedom: float = math.inf
 
     def __str__(self) -> str:
         """Return the value with its error in parentheses, in units of the last printed digit.
@@ -92,6 +99,47 @@ class Estimate:
         scale = math.hypot(self.standard_error, uncertainty)
         return (self.value - theory) / scale if scale > 0.0 else math.nan
 
+    def p_value(self, theory: float, uncertainty: float = 0.0) -> float:
+        """Return the probability of a larger deviation, either way, when the theory is right.
+
+        Parameters
+        ----------
+        theory, uncertainty : float
+            As in `deviation`.
+
+        Returns
+        -------
+        float
+            From Student's t with `degrees_of_freedom`, raised by Welch and Satterthwaite's rule for the part
+            of the combined error that is the theory's (Welch 1947, doi 10.1093/biomet/34.1-2.28); NaN where
+            the errors are unknown.
+        """
+        z = self.deviation(theory, uncertainty)
+        if math.isnan(z):
+            return math.nan
+        own = self.standard_error**2 / (self.standard_error**2 + uncertainty**2)
+        freedom = self.degrees_of_freedom / own**2 if own > 0.0 else math.inf
+        return float(2.0 * (stats.t.sf(abs(z), freedom) if math.isfinite(freedom) else stats.norm.sf(abs(z))))
+
+    def interval(self, confidence: float = 0.95) -> tuple[float, float]:
+        """Return the interval that covers the truth with this probability, by Student's t.
+
+        Parameters
+        ----------
+        confidence : float, default 0.95
+            Between 0 and 1.
+
+        Returns
+        -------
+        low, high : float
+            In the units of `value`.
+        """
+        if not 0.0 < confidence < 1.0:
+            raise ValueError(f"confidence = {confidence}; expected a probability between 0 and 1")
+        law = stats.t(self.degrees_of_freedom) if math.isfinite(self.degrees_of_freedom) else stats.norm()
+        half = float(law.ppf(0.5 + confidence / 2)) * self.standard_error
+        return self.value - half, self.value + half
+
 
 def _last_place(error: float) -> int:
     """Return the power of ten of the last digit to print: one digit of the error, two after a leading 1."""
@@ -123,7 +171,65 @@ def estimate_from_replicas(values: ArrayLike) -> Estimate:
         raise ValueError(f"replica values have shape {array.shape}; expected (R,) with R >= 1")
     count = array.size
     error = float(array.std(ddof=1)) / math.sqrt(count) if count > 1 else math.nan
-    return Estimate(float(array.mean()), error, float(count))
+    return Estimate(float(array.mean()), error, float(count), float(count - 1))
+
+
+class ReplicaWarning(UserWarning):
+    """Replicas differ by more than their own errors: they are not in the same state, or the errors too small.
+
+    Attributes
+    ----------
+    estimate : Estimate
+        The combination, all the same.
+    """
+
+    def __init__(self, message: str, estimate: Estimate) -> None:
+        super().__init__(message)
+        self.estimate = estimate
+
+
+def combine_replicas(estimates: Sequence[Estimate]) -> Estimate:
+    """Return the mean of independent replicas of equal length, each with an error of its own.
+
+    The error is that of their spread, s / sqrt(R) with R - 1 degrees of freedom, which sees what blocks
+    within one replica cannot: a start that has not been forgotten. The replicas' own errors serve as a check:
+    s^2 over their mean square follows Fisher's F when nothing is wrong.
+
+    Parameters
+    ----------
+    estimates : sequence of Estimate
+        One per replica.
+
+    Returns
+    -------
+    Estimate
+
+    Warns
+    -----
+    ReplicaWarning
+        Where chance would spread the replicas as much as this once in 10 000 times.
+
+    Raises
+    ------
+    ValueError
+        If there are none.
+    """
+    combined = estimate_from_replicas([e.value for e in estimates])
+    freedom = np.array([e.degrees_of_freedom for e in estimates])
+    own = np.array([e.standard_error for e in estimates])
+    if len(own) > 1 and np.all(own > 0.0) and np.all(freedom > 0.0):
+        ratio = float(np.var([e.value for e in estimates], ddof=1) / np.mean(own**2))
+        behind = float(np.minimum(freedom, 1e6).sum())
+        if stats.f.sf(ratio, len(own) - 1, behind) < 1e-4:
+            warnings.warn(
+                ReplicaWarning(
+                    f"{len(own)} replicas spread {math.sqrt(ratio):.2g} times as far as their own errors say: "
+                    "equilibrate longer, or use longer blocks",
+                    combined,
+                ),
+                stacklevel=2,
+            )
+    return combined
 
 
 def estimate_from_blocks(series: ArrayLike, blocks: int = 32) -> Estimate:
@@ -172,7 +278,7 @@ def estimate_from_blocks(series: ArrayLike, blocks: int = 32) -> Estimate:
         )
     variance = float(used.var(ddof=1))
     effective = min(variance / error**2, float(used.size)) if error > 0.0 else float(used.size)
-    return Estimate(float(used.mean()), error, effective)
+    return Estimate(float(used.mean()), error, effective, float(blocks - 1))
 
 
 def jackknife(
@@ -227,10 +333,53 @@ def estimate_from_jackknife(samples: FloatArray, statistic: Callable[[FloatArray
     mean = samples.mean(axis=0)
     value = float(statistic(mean))
     if count < 2:
-        return Estimate(value, math.nan, float(count))
+        return Estimate(value, math.nan, float(count), 0.0)
     deleted = np.array([statistic(mean + (mean - row) / (count - 1)) for row in samples])
     error = math.sqrt((count - 1) / count * float(((deleted - deleted.mean()) ** 2).sum()))
-    return Estimate(count * value - (count - 1) * float(deleted.mean()), error, float(count))
+    bias_free = count * value - (count - 1) * float(deleted.mean())
+    return Estimate(bias_free, error, float(count), float(count - 1))
+
+
+@dataclass(frozen=True)
+class TheoryCheck:
+    """One measured number beside one theory.
+
+    Attributes
+    ----------
+    quantity, theory : str
+        What was measured and what it stands beside.
+    measured : Estimate
+        The measurement.
+    expected, uncertainty : float
+        The theory's value and its own standard uncertainty u.
+    """
+
+    quantity: str
+    theory: str
+    measured: Estimate
+    expected: float
+    uncertainty: float
+
+    @property
+    def z(self) -> float:
+        """Deviation (measured - expected) / sqrt(standard error^2 + u^2)."""
+        return self.measured.deviation(self.expected, self.uncertainty)
+
+    @property
+    def p_value(self) -> float:
+        """Probability of a larger deviation when the theory is right, see `Estimate.p_value`."""
+        return self.measured.p_value(self.expected, self.uncertainty)
+
+    @property
+    def better_than_theory(self) -> bool:
+        """Whether u exceeds two standard errors: then the measurement says more than the theory."""
+        return self.uncertainty > 2.0 * self.measured.standard_error
+
+    def __str__(self) -> str:
+        """Return the comparison in one line."""
+        expected = Estimate(self.expected, self.uncertainty)
+        note = "; the measurement is better than the theory" if self.better_than_theory else ""
+        return f"{self.quantity} {self.measured}, {self.theory} {expected}, z = {self.z:+.2f}{note}"
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,11 @@
-"""How velocities are distributed, and how far that is from Maxwell and Boltzmann.
+"""How far velocities are from Maxwell and Boltzmann: cumulants, Kolmogorov-Smirnov distance, H.
 
-All estimators work with reduced velocities c = (v - u) sqrt(m/kT), where u is the velocity of the common
-motion along periodic axes (zero along walls), m the particle's own mass and kT = 2 K_th / D the temperature
-of the whole gas, D its free momenta. At equilibrium every component of c is a standard normal number whatever
-the species. Since the energy of a simulated gas is fixed, <c^2> = D/N in every frame: kT is not a parameter
-that fluctuates, and each statement below says what that does to it.
+The distributions themselves are in `analysis.distributions`. All estimators work with reduced velocities c =
+(v - u) sqrt(m/kT), where u is the velocity of the common motion along periodic axes (zero along walls), m the
+particle's own mass and kT = 2 K_th / D the temperature of the whole gas, D its free momenta. At equilibrium
+every component of c is a standard normal number whatever the species. Since the energy of a simulated gas is
+fixed, <c^2> = D/N in every frame: kT is not a parameter that fluctuates, and each statement below says what
+that does to it.
 """
 
 from __future__ import annotations
@@ -15,12 +16,13 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from analysis import theory
+from analysis.distributions import ComponentDistribution, EnergyDistribution, SpeedDistribution
 from analysis.estimator import Estimator, axes_or_new
-from analysis.statistics import ChiSquare, Estimate, estimate_from_replicas
-from hardspheres.scene import drift, thermal_energy
+from analysis.reduced import reduced_velocities, species_labels
+from analysis.series import estimate_from_series
+from analysis.statistics import Estimate, estimate_from_replicas
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ComponentDistribution",
+    "EnergyDistribution",
     "FourthCumulant",
     "HFunction",
     "KolmogorovSmirnov",
@@ -42,46 +45,6 @@ __all__ = [
 ]
 
 FloatArray = NDArray[np.float64]
-
-
-def reduced_velocities(frame: Frame) -> tuple[FloatArray, float]:
-    """Return the velocities in thermal units and the temperature they refer to.
-
-    Parameters
-    ----------
-    frame : Frame
-        A moment of a simulation.
-
-    Returns
-    -------
-    c : (N, d) array
-        (v - u) sqrt(m/kT), dimensionless.
-    temperature : float
-        kT = 2 K_th / D, [energy].
-
-    Raises
-    ------
-    ValueError
-        If nothing moves.
-    """
-    scene = frame.scene
-    masses, periodic = scene.masses, scene.periodic
-    temperature = 2.0 * thermal_energy(frame.velocities, masses, periodic) / scene.degrees_of_freedom
-    if not temperature > 0.0:
-        raise ValueError(
-            "nothing moves in this frame; a gas without thermal motion has no velocity distribution"
-        )
-    peculiar = frame.velocities - drift(frame.velocities, masses, periodic)
-    return peculiar * np.sqrt(masses / temperature)[:, None], temperature
-
-
-def species_labels(frame: Frame) -> list[str]:
-    """Return one label per species of a frame's scene, with the mass and diameter that tell it apart."""
-    scene = frame.scene
-    kinds, first = np.unique(scene.species, return_index=True)
-    if len(kinds) == 1:
-        return ["all"]
-    return [f"m = {scene.masses[i]:.3g}, \u03c3 = {2 * scene.radii[i]:.3g}" for i in first]
 
 
 def cumulants(moments: FloatArray, dim: int) -> tuple[FloatArray, FloatArray]:
@@ -129,13 +92,13 @@ def ks_distance(speeds: FloatArray, dim: int) -> float:
     return float(max((ranks[1:] - law).max(), (law - ranks[:-1]).max()))
 
 
-def ks_p_value(distance: float, n: int, dim: int) -> float:
+def ks_p_value(distance: float, n: int, dim: int, momentum_conserved: bool = True) -> float:
     """Return the probability that a gas at equilibrium lies further from its law than `distance`.
 
     Kolmogorov's own distribution would be wrong: the scale of the law, kT, is that of the sample. The
-    distribution used is that of 4000 gases with velocities even on the sphere of fixed energy and zero
-    momentum, of min(N, 1000) particles, brought to N by Stephens' factor sqrt(N) + 0.12 + 0.11/sqrt(N)
-    (Stephens, J. Am. Stat. Assoc. 69, 730 (1974), doi 10.2307/2286009).
+    distribution used is that of 4000 gases with velocities even on the sphere of fixed energy (and zero
+    momentum in a periodic box), of min(N, 1000) particles of one mass, brought to N by Stephens' factor
+    sqrt(N) + 0.12 + 0.11/sqrt(N) (Stephens, J. Am. Stat. Assoc. 69, 730 (1974), doi 10.2307/2286009).
 
     Parameters
     ----------
@@ -145,6 +108,8 @@ def ks_p_value(distance: float, n: int, dim: int) -> float:
         Number of particles N.
     dim : {2, 3}
         Dimension d.
+    momentum_conserved : bool, default True
+        As in a periodic box; False between walls. It matters for N below some hundreds.
 
     Returns
     -------
@@ -152,21 +117,23 @@ def ks_p_value(distance: float, n: int, dim: int) -> float:
         Never below 1/4001, the resolution of the sample.
     """
     sample = min(n, 1000)
-    null = _ks_null(sample, dim)
+    null = _ks_null(sample, dim, momentum_conserved)
     scaled = distance * (math.sqrt(n) + 0.12 + 0.11 / math.sqrt(n))
     return float((np.count_nonzero(null >= scaled) + 1) / (len(null) + 1))
 
 
 @lru_cache(maxsize=16)
-def _ks_null(n: int, dim: int) -> FloatArray:
+def _ks_null(n: int, dim: int, momentum_conserved: bool) -> FloatArray:
     """Return 4000 scaled distances of equilibrium gases of n particles, always the same."""
     rng = np.random.default_rng(np.random.SeedSequence([n, dim]))
     distances = np.empty(4000)
     for index in range(len(distances)):
         velocity = rng.standard_normal((n, dim))
-        velocity -= velocity.mean(axis=0)
+        if momentum_conserved:
+            velocity -= velocity.mean(axis=0)
         speed = np.sqrt(np.einsum("ik,ik->i", velocity, velocity))
-        distances[index] = ks_distance(speed * math.sqrt(dim * (n - 1) / (speed @ speed)), dim)
+        freedom = dim * (n - 1) if momentum_conserved else dim * n
+        distances[index] = ks_distance(speed * math.sqrt(freedom / (speed @ speed)), dim)
     return distances * (math.sqrt(n) + 0.12 + 0.11 / math.sqrt(n))
 
 
@@ -200,211 +167,9 @@ def h_excess(histogram: NDArray[np.generic], probabilities: FloatArray) -> Float
     return np.asarray(plug_in - (occupied - 1) / (2.0 * total[..., 0]))
 
 
-class _Histogram(Estimator):
-    """A histogram of a reduced quantity per species, beside its exact law."""
-
-    _quantity = ""
-
-    def __init__(self, bins: int, low: float, high: float) -> None:
-        if bins < 2 or not low < high:
-            raise ValueError(
-                f"bins = {bins}, range {low:g} to {high:g}; expected at least 2 bins and a range"
-            )
-        self.edges: FloatArray = np.linspace(low, high, bins + 1)
-        self._counts: NDArray[np.int64] | None = None
-        self._sizes: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
-        self._thermal: FloatArray = np.zeros(0)
-        self._dim = 3
-        self.labels: list[str] = []
-
-    def _values(self, reduced: FloatArray) -> FloatArray:
-        raise NotImplementedError
-
-    def _law(self, edges: FloatArray) -> FloatArray:
-        raise NotImplementedError
-
-    def add(self, frame: Frame) -> Self:
-        """Take in one frame.
-
-        Parameters
-        ----------
-        frame : Frame
-            All frames must have the species of the first.
-
-        Returns
-        -------
-        The estimator itself.
-        """
-        reduced, temperature = reduced_velocities(frame)
-        species = frame.scene.species
-        kinds, first = np.unique(species, return_index=True)
-        values = self._values(reduced)
-        counts = np.stack([np.histogram(values[species == kind], bins=self.edges)[0] for kind in kinds])
-        sizes = np.array([np.count_nonzero(species == kind) for kind in kinds])
-        if self._counts is None:
-            self._counts, self._sizes = np.zeros_like(counts), np.zeros_like(sizes)
-            self._thermal = np.sqrt(temperature / frame.scene.masses[first])
-            self._dim = frame.scene.dim
-            self.labels = species_labels(frame)
-        elif counts.shape != self._counts.shape:
-            raise ValueError(
-                f"frame has {len(kinds)} species; expected {len(self._counts)}, as in the first frame"
-            )
-        self._counts = self._counts + counts
-        self._sizes = self._sizes + sizes
-        return self
-
-    def _counted(self) -> NDArray[np.int64]:
-        self._require(self._counts is not None, "histogram", "add(frame)")
-        assert self._counts is not None
-        return self._counts
-
-    @property
-    def counts(self) -> NDArray[np.int64]:
-        """Counts, (k, bins) int64, one row per species; what lies outside the edges is not counted."""
-        return self._counted().copy()
-
-    @property
-    def thermal_speeds(self) -> FloatArray:
-        """Thermal speed sqrt(kT/m) of each species, (k,), [speed].
-
-        Multiply `edges` by it and divide `density` by it for absolute units.
-        """
-        self._counted()
-        return self._thermal.copy()
-
-    @property
-    def density(self) -> FloatArray:
-        """Probability densities, (k, bins), per thermal speed."""
-        return np.asarray(self._counted() / self._sizes[:, None] / np.diff(self.edges))
-
-    @property
-    def density_error(self) -> FloatArray:
-        """Standard errors of `density`, (k, bins): multinomial, as if the frames added were independent."""
-        share = self._counted() / self._sizes[:, None]
-        return np.asarray(np.sqrt(share * (1 - share) / self._sizes[:, None]) / np.diff(self.edges))
-
-    @property
-    def theory(self) -> FloatArray:
-        """The Maxwell-Boltzmann density averaged over each bin, (bins,), per thermal speed."""
-        self._counted()
-        return np.asarray(np.diff(self._law(self.edges)) / np.diff(self.edges))
-
-    @property
-    def chi_square(self) -> ChiSquare:
-        """Pearson's test of all species against Maxwell and Boltzmann's law.
-
-        Bins that expect fewer than 10 counts are joined into the tail. Each species has B - 1 degrees of
-        freedom, and one less for all together because the energy is fixed (slightly conservative: the
-        constraint acts on <c^2> exactly). Assumes independent frames, at least one collision per particle
-        apart.
-        """
-        counts = self._counted()
-        law = np.diff(self._law(self.edges))
-        statistic, freedom = 0.0, -1
-        for row, size in zip(counts, self._sizes, strict=True):
-            kept = law * size >= 10
-            expected = np.append(law[kept] * size, size * (1.0 - law[kept].sum()))
-            observed = np.append(row[kept], size - row[kept].sum())
-            if expected[-1] < 10:  # the tail is too thin to stand alone
-                expected = np.append(expected[:-2], expected[-2:].sum())
-                observed = np.append(observed[:-2], observed[-2:].sum())
-            statistic += float(((observed - expected) ** 2 / expected).sum())
-            freedom += len(expected) - 1
-        if freedom < 1:
-            self._require(False, "test: too few particles", "add(frame) with more particles")
-        return ChiSquare(statistic, freedom, 1, float(stats.chi2.sf(statistic, freedom)))
-
-    def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the histogram of each species with its standard errors over the exact law.
-
-        Parameters
-        ----------
-        ax : Axes, optional
-            Where to draw; a new figure when absent.
-
-        Returns
-        -------
-        Axes
-        """
-        self._counted()
-        axes = axes_or_new(ax)
-        centres = (self.edges[1:] + self.edges[:-1]) / 2
-        fine = np.linspace(self.edges[0], self.edges[-1], 601)
-        step = 1e-4
-        law = (self._law(fine + step) - self._law(fine - step)) / (2 * step)
-        for index, (thermal, label) in enumerate(zip(self._thermal, self.labels, strict=True)):
-            name = "simulation" if label == "all" else label
-            colour = f"C{index}"
-            axes.plot(fine * thermal, law / thermal, color=colour, lw=1.5, zorder=1)
-            axes.errorbar(
-                centres * thermal,
-                self.density[index] / thermal,
-                self.density_error[index] / thermal,
-                fmt=".",
-                color=colour,
-                label=name,
-            )
-        axes.plot([], [], color="0.4", lw=1.5, label="Maxwell\u2013Boltzmann")
-        axes.set_xlabel(self._quantity)
-        axes.set_ylabel("probability density")
-        axes.legend()
-        return axes
-
-
-class SpeedDistribution(_Histogram):
-    """Histogram of speeds |v - u| per species, beside the exact Maxwell-Boltzmann law of the infinite gas.
-
-    Parameters
-    ----------
-    bins : int, default 60
-        Number of equal bins.
-    maximum : float, default 5
-        Upper edge in thermal speeds sqrt(kT/m).
-
-    Notes
-    -----
-    At N particles of fixed energy the exact law differs from the curve by O(1/N), see `theory.energy_share`;
-    with N > 1000 that is below the noise of a single frame.
-    """
-
-    _quantity = "speed"
-
-    def __init__(self, bins: int = 60, maximum: float = 5.0) -> None:
-        super().__init__(bins, 0.0, maximum)
-
-    def _values(self, reduced: FloatArray) -> FloatArray:
-        return np.asarray(np.sqrt(np.einsum("ik,ik->i", reduced, reduced)))
-
-    def _law(self, edges: FloatArray) -> FloatArray:
-        return theory.speed_cdf(edges, self._dim)
-
-
-class ComponentDistribution(_Histogram):
-    """Histogram of one velocity component per species, beside the exact normal law of variance kT/m.
-
-    Parameters
-    ----------
-    axis : int, default 0
-        Which component.
-    bins : int, default 60
-        Number of equal bins.
-    maximum : float, default 4
-        The histogram spans -maximum to maximum, in thermal speeds sqrt(kT/m).
-    """
-
-    def __init__(self, axis: int = 0, bins: int = 60, maximum: float = 4.0) -> None:
-        super().__init__(bins, -maximum, maximum)
-        self.axis = axis
-        self._quantity = f"velocity along {'xyz'[axis]}"
-
-    def _values(self, reduced: FloatArray) -> FloatArray:
-        if self.axis >= reduced.shape[1]:
-            raise ValueError(f"axis = {self.axis} in a gas of {reduced.shape[1]} dimensions")
-        return reduced[:, self.axis]
-
-    def _law(self, edges: FloatArray) -> FloatArray:
-        return theory.component_cdf(edges)
+def _mean_of_frames(values: FloatArray) -> Estimate:
+    """Mean over frames in the order of time: errors from blocks, below 16 frames as if independent."""
+    return estimate_from_series(values) if len(values) >= 16 else estimate_from_replicas(values)
 
 
 class _PerFrame(Estimator):
@@ -495,7 +260,11 @@ class FourthCumulant(_PerFrame):
 
     @property
     def a2(self) -> Estimate:
-        """Mean over frames as if independent; the error of one frame is the noise of N particles."""
+        """Mean over frames; the error of one frame is the noise of N particles.
+
+        Frames may be correlated: errors come from blocks (`series.estimate_from_series`), with fewer than 16
+        frames as if they were independent.
+        """
         return self._estimate(self.values, 2)
 
     @property
@@ -506,7 +275,7 @@ class FourthCumulant(_PerFrame):
 
     def _estimate(self, values: FloatArray, order: int) -> Estimate:
         if len(values) > 1:
-            return estimate_from_replicas(values)
+            return _mean_of_frames(values)
         noise = theory.cumulant_noise(self._n, self._dim, 2 if order == 2 else 3)
         return Estimate(float(values[0]), noise, float(self._n))
 
@@ -534,6 +303,7 @@ class KolmogorovSmirnov(_PerFrame):
     _ylabel = "Kolmogorov\u2013Smirnov distance"
 
     def _measure(self, frame: Frame) -> float:
+        self._momentum_conserved = bool(frame.scene.periodic.all())
         reduced, _ = reduced_velocities(frame)
         return ks_distance(np.sqrt(np.einsum("ik,ik->i", reduced, reduced)), frame.scene.dim)
 
@@ -542,13 +312,13 @@ class KolmogorovSmirnov(_PerFrame):
 
     @property
     def distance(self) -> Estimate:
-        """Mean distance over frames; the error takes them as independent, NaN for one frame."""
-        return estimate_from_replicas(self.values)
+        """Mean distance over frames, with an error as that of `FourthCumulant.a2`; NaN for one frame."""
+        return _mean_of_frames(self.values)
 
     @property
     def p_value(self) -> float:
         """Probability of a larger distance at equilibrium, for the last frame; see `ks_p_value`."""
-        return ks_p_value(float(self.values[-1]), self._n, self._dim)
+        return ks_p_value(float(self.values[-1]), self._n, self._dim, self._momentum_conserved)
 
 
 class HFunction(_PerFrame):
@@ -579,5 +349,5 @@ class HFunction(_PerFrame):
 
     @property
     def excess(self) -> Estimate:
-        """Mean of H - H_eq over frames; the error takes them as independent, NaN for one frame."""
-        return estimate_from_replicas(self.values)
+        """Mean of H - H_eq over frames, with an error as that of `FourthCumulant.a2`; NaN for one frame."""
+        return _mean_of_frames(self.values)

@@ -1,14 +1,20 @@
 """Estimators of the velocity distribution: right for a Maxwellian gas, and sure to see one that is not."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scenes import gas as random_gas
 
+import hardspheres as hs
 from analysis import theory
+from analysis.calibration import calibrate
 from analysis.estimator import NoDataError
+from analysis.statistics import estimate_from_replicas
 from analysis.velocities import (
     ComponentDistribution,
+    EnergyDistribution,
     FourthCumulant,
     HFunction,
     KolmogorovSmirnov,
@@ -19,7 +25,14 @@ from analysis.velocities import (
 )
 from hardspheres import HardSpheresError
 
-ESTIMATORS = [SpeedDistribution, ComponentDistribution, FourthCumulant, KolmogorovSmirnov, HFunction]
+ESTIMATORS = [
+    SpeedDistribution,
+    ComponentDistribution,
+    EnergyDistribution,
+    FourthCumulant,
+    KolmogorovSmirnov,
+    HFunction,
+]
 
 
 def not_maxwell(rng, n, dim):
@@ -69,6 +82,32 @@ def test_maxwellian_gas_is_accepted_and_another_rejected(dim, gas):
             assert h > 100 * math.sqrt(60 / 2) / 20000
 
 
+@pytest.mark.parametrize("boundary", ["periodic", "wall"])
+def test_small_gases_follow_the_exact_laws_and_not_the_infinite_one(boundary, gas):
+    """Six particles with masses 1 and 4: the exact laws hold, and Maxwell and Boltzmann's do not."""
+    rng = np.random.default_rng(35)
+    masses = np.repeat([1.0, 4.0], 3)
+    estimators = [SpeedDistribution(30, 4.0), ComponentDistribution(1, 30), EnergyDistribution(30, 9.0)]
+    frame = gas.frame(gas.maxwell(rng, 6, 3, masses), masses, boundary=boundary)
+    for _ in range(4000):
+        moved = replace(frame, velocities=gas.maxwell(rng, 6, 3, masses))
+        for estimator in estimators:
+            estimator.add(moved)
+    for estimator in estimators:
+        size = 12000 * np.diff(estimator.edges)
+        assert estimator.chi_square.p_value > 1e-3
+        expected = estimator.finite_theory * size
+        infinite = estimator.theory * size
+        seen = infinite > 20
+        wrong = ((estimator.counts - infinite) ** 2 / np.where(seen, infinite, np.inf)).sum()
+        right = ((estimator.counts - expected) ** 2 / np.where(seen, np.maximum(expected, 1), np.inf)).sum()
+        assert wrong > right + 40
+        np.testing.assert_allclose(estimator.density * size, estimator.counts)
+    # a heavier particle has less of the energy where the momentum is zero
+    means = (estimators[2].finite_theory * (estimators[2].edges[1:] + estimators[2].edges[:-1])).sum(axis=1)
+    assert (means[0] > 1.02 * means[1]) == (boundary == "periodic")
+
+
 def test_one_part_in_fifty_off_is_seen(gas):
     """A gas with 2 % of its particles at rest passes by eye and must not pass the tests."""
     rng = np.random.default_rng(30)
@@ -111,6 +150,26 @@ def test_cumulant_bias_and_noise_are_as_stated(gas):
     assert abs(many.a3.deviation(float(theory.equilibrium_a3(87)))) < 4
     one = FourthCumulant().add(gas.frame(gas.maxwell(rng, 30, 3)))
     assert one.a2.standard_error == pytest.approx(many.values.std(), rel=0.15)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::analysis.series.SeriesWarning")
+def test_errors_of_a2_over_correlated_frames_follow_students_t():
+    """Frames half a collision per particle apart; the truth at fixed energy is -2/(D + 2)."""
+    runs = []
+    for seed in range(200):
+        sim = hs.Simulation(random_gas("3d", 32, 0.15, seed=seed))
+        sim.run(collisions=320)
+        run = FourthCumulant()
+        for frame in sim.frames(every=0.5 * sim.time / 20, count=200):
+            run.add(frame)
+        runs.append(run)
+    truth = runs[0].expected
+    assert calibrate([run.a2 for run in runs], truth).passed
+    # siblings: frames taken as independent, and the truth of the infinite gas
+    naive = [estimate_from_replicas(run.values) for run in runs]
+    assert not calibrate(naive, truth).passed
+    assert not calibrate([run.a2 for run in runs], 0.0).passed
 
 
 def test_ks_p_values_are_even_though_the_energy_is_fixed(gas):

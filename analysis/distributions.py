@@ -1,0 +1,319 @@
+"""Distributions of speeds, velocity components and kinetic energies per species, beside their exact laws.
+
+Histograms are of reduced velocities c = (v - u) sqrt(m/kT), see `analysis.velocities`. The law of N ->
+infinity is Maxwell and Boltzmann's; at fixed energy and N particles it is exact too, and slightly different.
+Take frames at equal times: right after a collision its two partners are faster than others, a bias of order
+1/N.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from analysis import theory
+from analysis.estimator import Estimator, axes_or_new
+from analysis.reduced import reduced_velocities, species_labels
+from analysis.statistics import ChiSquare
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from hardspheres import Frame
+
+__all__ = ["ComponentDistribution", "EnergyDistribution", "SpeedDistribution"]
+
+FloatArray = NDArray[np.float64]
+
+
+class _Histogram(Estimator):
+    """A histogram of a reduced quantity per species, beside its exact law."""
+
+    _quantity = ""
+
+    def __init__(self, bins: int, low: float, high: float) -> None:
+        if bins < 2 or not low < high:
+            raise ValueError(
+                f"bins = {bins}, range {low:g} to {high:g}; expected at least 2 bins and a range"
+            )
+        self.edges: FloatArray = np.linspace(low, high, bins + 1)
+        self._counts: NDArray[np.int64] | None = None
+        self._sizes: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
+        self._thermal: FloatArray = np.zeros(0)
+        self._dim = 3
+        self._freedom = 0
+        self._momentum_shares: FloatArray = np.zeros(0)
+        self.labels: list[str] = []
+
+    def _values(self, reduced: FloatArray) -> FloatArray:
+        raise NotImplementedError
+
+    def _law(self, edges: FloatArray) -> FloatArray:
+        """Probability below each edge, infinitely many particles."""
+        raise NotImplementedError
+
+    def _finite_law(self, edges: FloatArray, momentum_share: float) -> FloatArray:
+        """Probability below each edge at fixed energy; one particle has this share of the mass."""
+        raise NotImplementedError
+
+    def add(self, frame: Frame) -> Self:
+        """Take in one frame.
+
+        Parameters
+        ----------
+        frame : Frame
+            All frames must have the species of the first.
+
+        Returns
+        -------
+        The estimator itself.
+        """
+        reduced, temperature = reduced_velocities(frame)
+        species = frame.scene.species
+        kinds, first = np.unique(species, return_index=True)
+        values = self._values(reduced)
+        counts = np.stack([np.histogram(values[species == kind], bins=self.edges)[0] for kind in kinds])
+        sizes = np.array([np.count_nonzero(species == kind) for kind in kinds])
+        if self._counts is None:
+            self._counts, self._sizes = np.zeros_like(counts), np.zeros_like(sizes)
+            self._thermal = np.sqrt(temperature / frame.scene.masses[first])
+            self._dim = frame.scene.dim
+            self._freedom = frame.scene.degrees_of_freedom
+            conserved = np.mean(frame.scene.periodic) if frame.scene.n > 1 else 0.0
+            self._momentum_shares = conserved * frame.scene.masses[first] / frame.scene.masses.sum()
+            self.labels = species_labels(frame)
+        elif counts.shape != self._counts.shape:
+            raise ValueError(
+                f"frame has {len(kinds)} species; expected {len(self._counts)}, as in the first frame"
+            )
+        self._counts = self._counts + counts
+        self._sizes = self._sizes + sizes
+        return self
+
+    def _counted(self) -> NDArray[np.int64]:
+        self._require(self._counts is not None, "histogram", "add(frame)")
+        assert self._counts is not None
+        return self._counts
+
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """Counts, (k, bins) int64, one row per species; what lies outside the edges is not counted."""
+        return self._counted().copy()
+
+    @property
+    def thermal_speeds(self) -> FloatArray:
+        """Thermal speed sqrt(kT/m) of each species, (k,), [speed].
+
+        Multiply `edges` of speeds by it and divide `density` by it for absolute units.
+        """
+        self._counted()
+        return self._thermal.copy()
+
+    def _units(self) -> FloatArray:
+        """Return what 1 on the axis of the histogram is for each species, (k,)."""
+        return self._thermal
+
+    @property
+    def density(self) -> FloatArray:
+        """Probability densities, (k, bins), per thermal speed."""
+        return np.asarray(self._counted() / self._sizes[:, None] / np.diff(self.edges))
+
+    @property
+    def density_error(self) -> FloatArray:
+        """Standard errors of `density`, (k, bins): multinomial, as if the frames added were independent."""
+        share = self._counted() / self._sizes[:, None]
+        return np.asarray(np.sqrt(share * (1 - share) / self._sizes[:, None]) / np.diff(self.edges))
+
+    @property
+    def theory(self) -> FloatArray:
+        """The density averaged over each bin at equilibrium, N -> infinity, (bins,), per thermal unit."""
+        self._counted()
+        return np.asarray(np.diff(self._law(self.edges)) / np.diff(self.edges))
+
+    @property
+    def finite_theory(self) -> FloatArray:
+        """The exact density of N particles of fixed energy averaged over each bin, (k, bins).
+
+        From `theory.finite_energy_law`: exact for any N and masses where all axes are periodic, or all walls.
+        It differs from `theory` by a relative amount of order 1/N, more in the tail, which ends.
+        """
+        self._counted()
+        return np.asarray(np.diff(self._finite_laws(), axis=1) / np.diff(self.edges))
+
+    def _finite_laws(self) -> FloatArray:
+        if self._freedom <= self._dim:  # a single particle: nothing to share the energy with
+            return np.tile(self._law(self.edges), (len(self._sizes), 1))
+        return np.array([self._finite_law(self.edges, share) for share in self._momentum_shares])
+
+    @property
+    def chi_square(self) -> ChiSquare:
+        """Pearson's test of all species against the exact law of N particles.
+
+        Bins that expect fewer than 10 counts are joined into the tail. Each species has B - 1 degrees of
+        freedom, and one less for all together because the energy is fixed (slightly conservative: the
+        constraint acts on <c^2> exactly). Assumes independent frames, at least one collision per particle
+        apart.
+        """
+        counts = self._counted()
+        statistic, freedom = 0.0, -1
+        for row, size, law in zip(counts, self._sizes, np.diff(self._finite_laws(), axis=1), strict=True):
+            kept = law * size >= 10
+            expected = np.append(law[kept] * size, size * (1.0 - law[kept].sum()))
+            observed = np.append(row[kept], size - row[kept].sum())
+            if expected[-1] < 10:  # the tail is too thin to stand alone
+                expected = np.append(expected[:-2], expected[-2:].sum())
+                observed = np.append(observed[:-2], observed[-2:].sum())
+            statistic += float(((observed - expected) ** 2 / expected).sum())
+            freedom += len(expected) - 1
+        if freedom < 1:
+            self._require(False, "test: too few particles", "add(frame) with more particles")
+        return ChiSquare(statistic, freedom, 1, float(stats.chi2.sf(statistic, freedom)))
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the histogram of each species with its standard errors over the law of the infinite gas.
+
+        The exact law of N particles is drawn dashed where N < 1000.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where to draw; a new figure when absent.
+
+        Returns
+        -------
+        Axes
+        """
+        self._counted()
+        axes = axes_or_new(ax)
+        centres = (self.edges[1:] + self.edges[:-1]) / 2
+        fine = np.linspace(self.edges[0], self.edges[-1], 601)
+        step = 1e-4
+        law = (self._law(fine + step) - self._law(fine - step)) / (2 * step)
+        for index, (thermal, label) in enumerate(zip(self._units(), self.labels, strict=True)):
+            colour = f"C{index}"
+            if self._sizes[index] < 1000 and self._freedom > self._dim:
+                share = self._momentum_shares[index]
+                finite = self._finite_law(fine + step, share) - self._finite_law(fine - step, share)
+                axes.plot(fine * thermal, finite / (2 * step) / thermal, "--", color=colour, lw=1, zorder=1)
+            name = "simulation" if label == "all" else label
+            axes.plot(fine * thermal, law / thermal, color=colour, lw=1.5, zorder=1)
+            axes.errorbar(
+                centres * thermal,
+                self.density[index] / thermal,
+                self.density_error[index] / thermal,
+                fmt=".",
+                color=colour,
+                label=name,
+            )
+        axes.plot([], [], color="0.4", lw=1.5, label="Maxwell\u2013Boltzmann")
+        axes.set_xlabel(self._quantity)
+        axes.set_ylabel("probability density")
+        axes.legend()
+        return axes
+
+
+class SpeedDistribution(_Histogram):
+    """Histogram of speeds |v - u| per species, beside the exact Maxwell-Boltzmann law of the infinite gas.
+
+    Parameters
+    ----------
+    bins : int, default 60
+        Number of equal bins.
+    maximum : float, default 5
+        Upper edge in thermal speeds sqrt(kT/m).
+
+    Notes
+    -----
+    Each particle counts as one independent sample, n = particles times frames; at fixed energy
+    that is right to order 1/N. Unbiased: bins are compared with their exact averages.
+    """
+
+    _quantity = "speed"
+
+    def __init__(self, bins: int = 60, maximum: float = 5.0) -> None:
+        super().__init__(bins, 0.0, maximum)
+
+    def _values(self, reduced: FloatArray) -> FloatArray:
+        return np.asarray(np.sqrt(np.einsum("ik,ik->i", reduced, reduced)))
+
+    def _law(self, edges: FloatArray) -> FloatArray:
+        return theory.speed_cdf(edges, self._dim)
+
+    def _finite_law(self, edges: FloatArray, momentum_share: float) -> FloatArray:
+        law = theory.finite_energy_law(self._freedom, self._dim, momentum_share)
+        return np.asarray(law.cdf(np.maximum(edges, 0.0) ** 2 / 2))
+
+
+class ComponentDistribution(_Histogram):
+    """Histogram of one velocity component per species, beside the exact normal law of variance kT/m.
+
+    Parameters
+    ----------
+    axis : int, default 0
+        Which component.
+    bins : int, default 60
+        Number of equal bins.
+    maximum : float, default 4
+        The histogram spans -maximum to maximum, in thermal speeds sqrt(kT/m).
+    """
+
+    def __init__(self, axis: int = 0, bins: int = 60, maximum: float = 4.0) -> None:
+        super().__init__(bins, -maximum, maximum)
+        self.axis = axis
+        self._quantity = f"velocity along {'xyz'[axis]}"
+
+    def _values(self, reduced: FloatArray) -> FloatArray:
+        if self.axis >= reduced.shape[1]:
+            raise ValueError(f"axis = {self.axis} in a gas of {reduced.shape[1]} dimensions")
+        return reduced[:, self.axis]
+
+    def _law(self, edges: FloatArray) -> FloatArray:
+        return theory.component_cdf(edges)
+
+    def _finite_law(self, edges: FloatArray, momentum_share: float) -> FloatArray:
+        # a component's share of the energy is (1 - q) Beta(1/2, (D - 1)/2)
+        square = edges**2 / (self._freedom * (1.0 - momentum_share))
+        half = stats.beta.cdf(np.minimum(square, 1.0), 0.5, (self._freedom - 1) / 2) / 2
+        return np.asarray(0.5 + np.sign(edges) * half)
+
+
+class EnergyDistribution(_Histogram):
+    """Histogram of kinetic energies m |v - u|^2/2 per species, beside the gamma law and the exact finite one.
+
+    At fixed energy of N particles each one's share follows a beta distribution (`theory.finite_energy_law`),
+    which tends to the gamma distribution of shape d/2 for N -> infinity: same for all species.
+
+    Parameters
+    ----------
+    bins : int, default 60
+        Number of equal bins.
+    maximum : float, default 12
+        Upper edge in units of kT.
+    """
+
+    _quantity = "kinetic energy"
+
+    def __init__(self, bins: int = 60, maximum: float = 12.0) -> None:
+        super().__init__(bins, 0.0, maximum)
+        self._temperature = 1.0
+
+    def add(self, frame: Frame) -> Self:
+        """Take in one frame; see `SpeedDistribution`."""
+        if self._counts is None:
+            self._temperature = reduced_velocities(frame)[1]
+        return super().add(frame)
+
+    def _values(self, reduced: FloatArray) -> FloatArray:
+        return np.asarray(np.einsum("ik,ik->i", reduced, reduced) / 2)
+
+    def _units(self) -> FloatArray:
+        return np.full(len(self._sizes), self._temperature)
+
+    def _law(self, edges: FloatArray) -> FloatArray:
+        return theory.energy_cdf(edges, self._dim)
+
+    def _finite_law(self, edges: FloatArray, momentum_share: float) -> FloatArray:
+        return np.asarray(theory.finite_energy_law(self._freedom, self._dim, momentum_share).cdf(edges))

@@ -1,0 +1,436 @@
+"""Pressure from the virial of collisions, from the forces on walls, and from the collision rate.
+
+The three measure one quantity in different ways, with different noise and different assumptions, so that
+their agreement is a test of the whole simulation.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from analysis import theory
+from analysis.estimator import Estimator, axes_or_new
+from analysis.series import BlockSeries, equilibration, estimate_from_series
+from analysis.statistics import Estimate, TheoryCheck
+from analysis.theory import Prediction
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from hardspheres import Scene
+    from hardspheres.simulation import Tallies
+
+__all__ = ["Pressure", "PressureTensor"]
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PressureTensor:
+    """A mean pressure tensor with standard errors, [energy/length^d].
+
+    Attributes
+    ----------
+    total, kinetic, collisional : (d, d) arrays
+        P_ab, and its parts: momentum carried by particles between collisions, and passed in collisions.
+    total_error, kinetic_error, collisional_error : (d, d) arrays
+        One standard error each. Of one component; the components are correlated, since the trace of the
+        kinetic part is constant.
+    degrees_of_freedom : (d, d) array
+        Of `total_error`.
+    """
+
+    total: FloatArray
+    kinetic: FloatArray
+    collisional: FloatArray
+    total_error: FloatArray
+    kinetic_error: FloatArray
+    collisional_error: FloatArray
+    degrees_of_freedom: FloatArray
+
+
+class Pressure(Estimator):
+    """Pressure and compressibility factor from blocks of tallies.
+
+    Feed it one block after another:
+
+    >>> import hardspheres as hs
+    >>> sim = hs.Simulation(hs.lattice_gas(n=108, packing_fraction=0.1, seed=1))
+    >>> sim.run(collisions=50 * 108)  # equilibrate
+    >>> pressure = Pressure(sim.scene)
+    >>> for _ in range(100):
+    ...     sim.reset_tallies()
+    ...     sim.run(collisions=10 * 108)
+    ...     pressure.add(sim.tallies)  # doctest: +SKIP
+    >>> print(pressure.virial)  # doctest: +SKIP
+    1.524(4)
+
+    Z is P V / (2 K_th / d) throughout, K_th the kinetic energy without the common motion along periodic axes,
+    V the volume of the box. All results are ratios of sums over blocks, with errors from blocks of automatic
+    length (`series.estimate_from_series`, which also warns of too few blocks and of a drift): give 100 blocks
+    or more, each of at least some collisions per particle. Memory does not grow beyond `series.BlockSeries`.
+
+    Parameters
+    ----------
+    scene : Scene
+        The gas: `sim.scene`.
+    discard : bool, default False
+        Drop blocks from the start by the rule of `series.equilibration`, applied to the virial per time.
+    """
+
+    def __init__(self, scene: Scene, discard: bool = False) -> None:
+        if not scene.thermal_energy > 0.0:
+            raise ValueError("nothing moves in this scene; a gas without thermal motion has no pressure")
+        self.scene = scene
+        self.discard = discard
+        self._blocks = BlockSeries()
+        self._counts_pairs = False
+        self._species, first = np.unique(scene.species, return_index=True)
+        self._diameters, self._masses = 2.0 * scene.radii[first], scene.masses[first]
+        momentum = np.where(scene.periodic, scene.momentum, 0.0) if scene.n > 1 else np.zeros(scene.dim)
+        self._common_motion = np.outer(momentum, momentum) / float(scene.masses.sum())
+
+    # Collecting ---------------------------------------------------------------------------------------------
+
+    def add(self, tallies: Tallies, pair_collisions: ArrayLike | None = None) -> Self:
+        """Take in one block: what was tallied since the last `sim.reset_tallies()`.
+
+        Parameters
+        ----------
+        tallies : Tallies
+            `sim.tallies`. Do reset them before the next block, or its start counts twice.
+        pair_collisions : (k, k) array_like, optional
+            How many collisions in this block were between species i and j, each counted once for i <= j.
+            Needed for the pressure from the rate of a mixture only, and then with every block.
+
+        Returns
+        -------
+        Pressure
+            The estimator itself.
+
+        Raises
+        ------
+        ValueError
+            If no time has passed, or the block is of another dimension.
+        """
+        dim, kinds = self.scene.dim, len(self._species)
+        if not tallies.time > 0.0:
+            raise ValueError("the block has no duration; run the simulation before adding its tallies")
+        if tallies.virial.shape != (dim, dim):
+            raise ValueError(f"the tallies are of {len(tallies.virial)} dimensions; the scene has {dim}")
+        pairs = np.zeros((kinds, kinds))
+        if kinds == 1:
+            pairs[0, 0] = tallies.collisions
+        elif pair_collisions is not None:
+            pairs = np.triu(np.asarray(pair_collisions, dtype=np.float64))
+        counted = kinds == 1 or pair_collisions is not None
+        if len(self._blocks) and counted != self._counts_pairs:
+            raise ValueError("give pair_collisions with every block or with none")
+        self._counts_pairs = counted
+        kinetic = tallies.kinetic - self._common_motion * tallies.time
+        parts = (tallies.virial, kinetic, tallies.wall_impulses, tallies.wall_radius_impulses, pairs)
+        self._blocks.add(np.concatenate([[tallies.time], *(np.ravel(part) for part in parts)]))
+        return self
+
+    def _rows(self) -> FloatArray:
+        self._require(len(self._blocks) >= 2, "two blocks", "add(sim.tallies) after each of two runs")
+        rows = self._blocks.rows
+        return rows[self.discarded_rows :]
+
+    @property
+    def n_blocks(self) -> int:
+        """How many blocks were added."""
+        return self._blocks.n_samples if len(self._blocks) else 0
+
+    @property
+    def discarded_rows(self) -> int:
+        """How many rows of the block series are dropped at the start; 0 unless `discard` is set."""
+        if not self.discard or len(self._blocks) < 16:
+            return 0
+        rows, dim = self._blocks.rows, self.scene.dim
+        trace = rows[:, 1 : 1 + dim * dim : dim + 1].sum(axis=1)
+        return equilibration(trace / rows[:, 0]).start
+
+    # Where things are in a row: time, virial, kinetic, wall impulses, wall radius impulses, pairs.
+
+    def _part(self, means: FloatArray, part: int) -> FloatArray:
+        """Return one part of rows (..., p) over their time: 0 virial, 1 kinetic, 2, 3 walls, 4 pairs."""
+        dim, kinds = self.scene.dim, len(self._species)
+        sizes = [(dim, dim), (dim, dim), (dim, 2), (dim, 2), (kinds, kinds)]
+        first = 1 + sum(a * b for a, b in sizes[:part])
+        shape = sizes[part]
+        chosen = means[..., first : first + shape[0] * shape[1]] / means[..., :1]
+        return np.asarray(chosen.reshape(*means.shape[:-1], *shape))
+
+    @property
+    def _thermal(self) -> float:
+        """2 K_th / d = P V of the ideal gas."""
+        return 2.0 * self.scene.thermal_energy / self.scene.dim
+
+    # Virial -------------------------------------------------------------------------------------------------
+
+    @property
+    def virial(self) -> Estimate:
+        """Compressibility factor from the virial, Z = 1 + W / (2 K_th), W = (1/t) sum of r.dp.
+
+        The sum is over collisions, r the separation at contact and dp the momentum passed (Alder and
+        Wainwright 1960, doi 10.1063/1.1731425). Unbiased at any length of run, N and boundary; in a periodic
+        box P is what an infinite system would feel but for `theory.finite_size_compressibility`, between
+        walls it is the mean over the box, with layers at the walls. Relative standard error of Z - 1: about
+        1.2/sqrt(collisions).
+        """
+
+        def compressibility(means: FloatArray) -> FloatArray:
+            trace = np.einsum("...aa->...", self._part(means, 0))
+            return np.asarray(1.0 + trace / (self.scene.dim * self._thermal))
+
+        return estimate_from_series(self._rows(), compressibility)
+
+    @property
+    def virial_pressure(self) -> Estimate:
+        """Pressure Z 2 K_th / (d V) of `virial`, [energy/length^d]."""
+        return self._in_units_of_pressure(self.virial)
+
+    @property
+    def tensor(self) -> PressureTensor:
+        """The pressure tensor, (1/V) [<sum m v_a v_b> + (1/t) sum r_a dp_b], and its two parts.
+
+        The kinetic part is exact, an integral over time of what the engine keeps event by event, less the
+        common motion along periodic axes.
+        """
+        (total, total_error, freedom), (kinetic, kinetic_error, _), (passed, passed_error, _) = (
+            self._tensor(parts) for parts in ((0, 1), (1,), (0,))
+        )
+        return PressureTensor(total, kinetic, passed, total_error, kinetic_error, passed_error, freedom)
+
+    def _tensor(self, parts: tuple[int, ...]) -> FloatArray:
+        """Value, error and degrees of freedom of a sum of tensors per volume, (3, d, d)."""
+        rows, dim = self._rows(), self.scene.dim
+        result = np.zeros((3, dim, dim))
+        for a, b in np.ndindex(dim, dim):
+
+            def component(means: FloatArray, a: int = a, b: int = b) -> FloatArray:
+                return np.asarray(
+                    sum(self._part(means, part)[..., a, b] for part in parts) / self.scene.volume
+                )
+
+            estimate = estimate_from_series(rows, component)
+            result[:, a, b] = estimate.value, estimate.standard_error, estimate.degrees_of_freedom
+        return result
+
+    # Rate ---------------------------------------------------------------------------------------------------
+
+    @property
+    def rate(self) -> Estimate:
+        """Compressibility factor from how often particles collide, `theory.compressibility_from_rate`.
+
+        Exact at any N, density and boundary while the velocities are at equilibrium: of one species Z - 1 =
+        N/(N - 1) (sigma/2d) sqrt(pi m/kT) nu C_N in a periodic box. Its noise is some 15 % lower than that of
+        `virial`, since how hard each collision was is not in it. Bias: a gas that is not Maxwellian, such as
+        one that is still relaxing, gives another value than `virial`; their difference is a test of that.
+
+        Raises
+        ------
+        NoDataError
+            For a mixture without `pair_collisions`.
+        """
+        self._require(
+            self._counts_pairs or not len(self._blocks),
+            "rate of each pair of species",
+            "add(tallies, pair_collisions=...)",
+        )
+        freedom, temperature = self.scene.degrees_of_freedom, self.scene.temperature
+
+        def compressibility(means: FloatArray) -> FloatArray:
+            rates = self._part(means, 4)
+            return theory.compressibility_from_rate(
+                rates, self._diameters, self._masses, temperature, freedom
+            )
+
+        return estimate_from_series(self._rows(), compressibility)
+
+    @property
+    def rate_pressure(self) -> Estimate:
+        """Pressure Z 2 K_th / (d V) of `rate`, [energy/length^d]."""
+        return self._in_units_of_pressure(self.rate)
+
+    @property
+    def collision_rate(self) -> Estimate:
+        """Collisions per particle and time, nu = 2 collisions / (N t), all species together, [1/time]."""
+        self._require(
+            self._counts_pairs or not len(self._blocks),
+            "rate of each pair of species",
+            "add(tallies, pair_collisions=...)",
+        )
+        n = self.scene.n
+        return estimate_from_series(
+            self._rows(), lambda means: 2.0 / n * self._part(means, 4).sum(axis=(-2, -1))
+        )
+
+    # Walls --------------------------------------------------------------------------------------------------
+
+    def _require_walls(self) -> NDArray[np.intp]:
+        axes = np.flatnonzero(~self.scene.periodic)
+        self._require(bool(len(axes)), "walls", "Pressure(scene) with a scene between walls")
+        return axes
+
+    @property
+    def wall_forces(self) -> dict[str, Estimate]:
+        """Mean force on each wall, by its name ("x low", "x high", ...), [energy/length].
+
+        F = (1/t) sum of 2 m |v_n| over hits. The two walls of an axis differ by what the momentum changed
+        over the run, divided by its time. Errors as for `walls`: too large for few particles and short
+        blocks.
+        """
+        axes, rows = self._require_walls(), self._rows()
+
+        def force(axis: int, side: int) -> Estimate:
+            return estimate_from_series(rows, lambda means: self._part(means, 2)[..., axis, side])
+
+        return {
+            f"{'xyz'[axis]} {name}": force(int(axis), side)
+            for axis in axes
+            for side, name in enumerate(("low", "high"))
+        }
+
+    @property
+    def wall_pressures(self) -> dict[str, Estimate]:
+        """Force on each wall over the area that centres can reach, [energy/length^d].
+
+        By the contact theorem kT times the mean density of centres in contact with the wall. It differs from
+        the bulk pressure by O(sigma/L); for the exact statement see `walls`. In a mixture the area is that
+        reached by a particle of mean radius.
+        """
+        scene = self.scene
+        reach = np.where(scene.periodic, scene.box, scene.box - 2.0 * float(scene.radii.mean()))
+        pressures = {}
+        for name, force in self.wall_forces.items():
+            area = math.prod(np.delete(reach, "xyz".index(name[0])).tolist())
+            pressures[name] = _scaled(force, 1.0 / area)
+        return pressures
+
+    @property
+    def walls(self) -> Estimate:
+        """Compressibility factor from the forces on the walls, sum over wall axes / (axes 2 K_th/d).
+
+        Along a wall axis k, P_kk V = (L_k/2)(F_low + F_high) - (R F)_low - (R F)_high, where each hit counts
+        with its particle's radius in (R F): Clausius' virial of the walls, equal to that of `tensor` in the
+        long run at any density, size and mixture. With some axes periodic, only the wall axes are in it.
+        Bias: a finite run adds [G(t) - G(0)]/t, G = sum of m r.v from the middle of the box;
+        `virial_identity.virial_identity` is the identity with it. Those terms of neighbouring blocks cancel,
+        which blocks do not know: with few particles and short blocks the standard error is too large, by half
+        for 24 discs and 6 collisions per particle in a block.
+        """
+        axes, half = self._require_walls(), self.scene.box / 2.0
+
+        def compressibility(means: FloatArray) -> FloatArray:
+            force, moment = self._part(means, 2).sum(axis=-1), self._part(means, 3).sum(axis=-1)
+            along = half * force - moment
+            return np.asarray(along[..., axes].sum(axis=-1) / (len(axes) * self._thermal))
+
+        return estimate_from_series(self._rows(), compressibility)
+
+    # Theory -------------------------------------------------------------------------------------------------
+
+    def _in_units_of_pressure(self, z: Estimate) -> Estimate:
+        return _scaled(z, self._thermal / self.scene.volume)
+
+    @property
+    def predictions(self) -> dict[str, Prediction]:
+        """What the theories say of Z for this gas, the best one first, by name.
+
+        One species in a periodic box: all with the finite-size correction of `theory.
+        finite_size_compressibility`, a shift that is the same for each. A mixture: BMCSL or Jenkins-Mancini,
+        with the shift of one species at the same packing fraction, all of it counted as uncertainty. Between
+        walls: the bulk, with an uncertainty of what it would change to take the volume that centres can reach
+        for V.
+        """
+        scene = self.scene
+        eta, dim, n = scene.packing_fraction, scene.dim, scene.n
+        bulk = theory.compressibility_factor(eta, dim)
+        shift, doubt = 0.0, 0.0
+        if scene.periodic.all() and n > 1:
+            finite = theory.finite_size_compressibility(eta, dim, n)
+            shift = float(finite.value - bulk.value)
+            doubt = 0.1 * abs(shift)
+        else:
+            reach = scene.box - np.where(scene.periodic, 0.0, 2.0 * float(scene.radii.mean()))
+            denser = min(eta * scene.volume / math.prod(reach.tolist()), 0.54 if dim == 3 else 0.66)
+            doubt = abs(float(theory.compressibility_factor(denser, dim).value - bulk.value))
+        if len(self._species) > 1:
+            densities = np.bincount(scene.species)[self._species] / scene.volume
+            mixed = theory.mixture_compressibility(densities, self._diameters, dim)
+            name = "Boublik-Mansoori-Carnahan-Starling-Leland" if dim == 3 else "Jenkins-Mancini"
+            return {
+                name: Prediction(mixed.value + shift, math.hypot(mixed.uncertainty, max(abs(shift), doubt)))
+            }
+        classic = theory.carnahan_starling(eta) if dim == 3 else theory.henderson(eta)
+        classic_error = 0.003 * float(classic) if dim == 3 else abs(float(classic - bulk.value))
+        named: dict[str, Prediction] = {
+            ("Kolafa-Labik-Malijevsky" if dim == 3 else "virial series resummed"): bulk,
+            ("Carnahan-Starling" if dim == 3 else "Henderson"): Prediction(classic, classic_error),
+        }
+        if eta <= (0.5 if dim == 3 else 0.6):
+            named["virial series to B10"] = theory.virial_series(eta, dim)
+        return {
+            name: Prediction(float(p.value) + shift, math.hypot(float(p.uncertainty), doubt))
+            for name, p in named.items()
+        }
+
+    @property
+    def checks(self) -> list[TheoryCheck]:
+        """Each way of measuring Z beside each theory."""
+        measured = {"Z from the virial": self.virial}
+        if self._counts_pairs:
+            measured["Z from the collision rate"] = self.rate
+        if not self.scene.periodic.all():
+            measured["Z from the walls"] = self.walls
+        return [
+            TheoryCheck(quantity, name, estimate, p.value, p.uncertainty)
+            for quantity, estimate in measured.items()
+            for name, p in self.predictions.items()
+        ]
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw Z from each way of measuring it, with standard errors, over the theories with their bands.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where to draw; a new figure when absent.
+
+        Returns
+        -------
+        Axes
+        """
+        checks = self.checks
+        axes = axes_or_new(ax)
+        for index, (name, prediction) in enumerate(self.predictions.items()):
+            axes.axhline(prediction.value, color=f"C{index + 1}", lw=1.5, label=name)
+            low, high = prediction.value - prediction.uncertainty, prediction.value + prediction.uncertainty
+            axes.axhspan(low, high, color=f"C{index + 1}", alpha=0.2, lw=0)
+        measured = {check.quantity: check.measured for check in checks}
+        names = [quantity.removeprefix("Z from the ") for quantity in measured]
+        values = [estimate.value for estimate in measured.values()]
+        errors = [estimate.standard_error for estimate in measured.values()]
+        axes.errorbar(range(len(names)), values, errors, fmt="o", color="C0", label="simulation")
+        axes.set_xticks(range(len(names)), names)
+        axes.set_xlim(-0.5, len(names) - 0.5)
+        axes.set_xlabel("measured from the")
+        axes.set_ylabel("compressibility factor Z")
+        axes.legend()
+        return axes
+
+
+def _scaled(estimate: Estimate, factor: float) -> Estimate:
+    return Estimate(
+        estimate.value * factor,
+        estimate.standard_error * abs(factor),
+        estimate.n_effective,
+        estimate.degrees_of_freedom,
+    )

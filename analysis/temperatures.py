@@ -1,0 +1,386 @@
+"""How unequal temperatures become equal: between two species, and between directions.
+
+Both estimators average over replicas, independent gases that differ in their random start only; errors come
+from the spread of the replicas. Add the frames of one replica in the order of time, then those of the next; a
+frame that does not advance in time begins a new replica. All replicas must be sampled alike.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis import theory
+from analysis.estimator import Estimator, axes_or_new
+from analysis.statistics import Estimate, TheoryCheck, estimate_from_jackknife, replica_mean
+from analysis.theory import Prediction
+from hardspheres.scene import drift
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from hardspheres import Frame, Scene
+
+__all__ = ["AnisotropyDecay", "TemperatureEquilibration"]
+
+FloatArray = NDArray[np.float64]
+
+
+class _Replicas(Estimator):
+    """A few numbers per frame, replica by replica."""
+
+    def __init__(self) -> None:
+        self._time: list[list[float]] = []
+        self._s: list[list[float]] = []
+        self._values: list[list[FloatArray]] = []
+        self._scene: Scene | None = None
+
+    def _measure(self, frame: Frame) -> FloatArray:
+        raise NotImplementedError
+
+    def add(self, frame: Frame) -> Self:
+        """Take in one frame.
+
+        Parameters
+        ----------
+        frame : Frame
+            The next frame of this replica, or the first of another.
+
+        Returns
+        -------
+        The estimator itself.
+
+        Raises
+        ------
+        ValueError
+            If the gas is not one this estimator is for, or not the one of the first frame.
+        """
+        scene = frame.scene
+        if self._scene is not None and (scene.n, scene.dim) != (self._scene.n, self._scene.dim):
+            raise ValueError(
+                f"frame has {scene.n} particles in {scene.dim} dimensions; expected {self._scene.n} in "
+                f"{self._scene.dim}, as in the first frame"
+            )
+        values = self._measure(frame)
+        if self._scene is None:
+            self._scene = scene
+        if not self._time or frame.time <= self._time[-1][-1]:
+            self._time.append([])
+            self._s.append([])
+            self._values.append([])
+        self._time[-1].append(frame.time)
+        self._s[-1].append(frame.collisions_per_particle)
+        self._values[-1].append(values)
+        return self
+
+    def merge(self, other: Self) -> Self:
+        """Append the replicas of another estimator of the same gas, in their order, and return this one."""
+        if self._scene is not None and other._scene is not None and self._scene.n != other._scene.n:
+            raise ValueError("the estimators are of different gases and cannot be merged")
+        self._scene = self._scene or other._scene
+        self._time += other._time
+        self._s += other._s
+        self._values += other._values
+        return self
+
+    @property
+    def n_replicas(self) -> int:
+        """Number of replicas R."""
+        return len(self._time)
+
+    @property
+    def time(self) -> FloatArray:
+        """Mean time of each sample since the first, (S,), [time]."""
+        times = np.array(self._ready(self._time))
+        return np.asarray((times - times[:, :1]).mean(axis=0))
+
+    @property
+    def s(self) -> FloatArray:
+        """Mean collisions per particle of each sample since the first, (S,)."""
+        s = np.array(self._ready(self._s))
+        return np.asarray((s - s[:, :1]).mean(axis=0))
+
+    @property
+    def samples(self) -> FloatArray:
+        """The values of each replica, (R, S, ...)."""
+        return np.array(self._ready(self._values))
+
+    def _gas(self) -> Scene:
+        self._require(self._scene is not None, "replicas", "add(frame)")
+        assert self._scene is not None
+        return self._scene
+
+    def _ready(self, series: list[list[Any]]) -> list[list[Any]]:
+        self._require(bool(series), "replicas", "add(frame)")
+        for index, replica in enumerate(series):
+            if len(replica) != len(series[0]):
+                raise ValueError(
+                    f"replica {index} was sampled {len(replica)} times; expected {len(series[0])}, as replica 0"
+                )
+        return series
+
+    def _ends(self, axis: FloatArray, window: tuple[float, float]) -> tuple[int, int]:
+        """Return the samples nearest to the ends of a window."""
+        first, last = (int(np.argmin(np.abs(axis - end))) for end in window)
+        slack = 0.51 * float(np.diff(axis).max()) if len(axis) > 1 else 0.0
+        if first >= last or max(abs(axis[first] - window[0]), abs(axis[last] - window[1])) > slack:
+            raise ValueError(
+                f"window = {window}; expected two samples between {axis[0]:g} and {axis[-1]:g}, the first earlier"
+            )
+        return first, last
+
+    def _rate(self, ends: FloatArray, length: float, what: str) -> Estimate:
+        """Mean rate of exponential decay between two ends, (R, 2); jackknife over replicas."""
+        mean, error = replica_mean(ends)
+        unknown = np.where(np.isnan(error), 0.0, error)
+        if np.any(np.abs(mean) < 3.0 * unknown) or mean[0] * mean[1] <= 0.0:
+            raise ValueError(
+                f"the {what} is lost in the noise within the window: {mean[0]:.2g} and {mean[1]:.2g} with standard "
+                f"errors {error[0]:.2g} and {error[1]:.2g}; use more particles or replicas, or an earlier window"
+            )
+        return estimate_from_jackknife(ends, lambda pair: math.log(float(pair[0] / pair[1])) / length)
+
+
+class TemperatureEquilibration(_Replicas):
+    """Kinetic temperatures of two or more species that start unequal, against time.
+
+    kT_i = sum over species i of m (v - u)^2 / (d N_i (1 - q_i)), u the common motion along periodic axes, q_i
+    = m_i/M times the fraction of periodic axes: at equilibrium of N particles of fixed energy its mean is
+    exactly kT (`theory.finite_energy_law`), so that there is no bias of order 1/N at the end. Theory: two
+    Maxwellians with a time-dependent temperature each, `theory.temperature_equilibration`, with its known
+    deviation as uncertainty; the temperatures it starts from are those measured in the first sample.
+
+    Examples
+    --------
+    >>> decay = TemperatureEquilibration()
+    >>> for seed in range(10):  # doctest: +SKIP
+    ...     scene = random_gas(n=1000, packing_fraction=0.005, velocities="two-temperatures", seed=seed, ...)
+    ...     for frame in Simulation(scene).frames(every=2.0, count=10):
+    ...         decay.add(frame)
+    >>> print(decay.fit_rate(window=(0, 10)), decay.expected_rate(window=(0, 10)))  # doctest: +SKIP
+    """
+
+    def _measure(self, frame: Frame) -> FloatArray:
+        scene = frame.scene
+        sizes = np.bincount(scene.species)
+        if len(sizes) < 2:
+            raise ValueError("the gas has one species; temperatures of species need at least two")
+        first = np.unique(scene.species, return_index=True)[1]
+        conserved = float(np.mean(scene.periodic)) * scene.masses[first] / scene.masses.sum()
+        peculiar = frame.velocities - drift(frame.velocities, scene.masses, scene.periodic)
+        twice = scene.masses * np.einsum("ik,ik->i", peculiar, peculiar)
+        total = np.bincount(scene.species, weights=twice)
+        return np.asarray(total / (scene.dim * sizes * (1.0 - conserved)))
+
+    @property
+    def temperatures(self) -> FloatArray:
+        """Mean kT of each species, (S, k), [energy]."""
+        return replica_mean(self.samples)[0]
+
+    @property
+    def temperatures_error(self) -> FloatArray:
+        """Standard errors of `temperatures`, (S, k); NaN for a single replica."""
+        return replica_mean(self.samples)[1]
+
+    @property
+    def theory(self) -> Prediction:
+        """What the two-Maxwellian theory expects at `time`, (S, k)."""
+        return self._theory(self.time)
+
+    def _theory(self, time: FloatArray) -> Prediction:
+        scene = self._gas()
+        first = np.unique(scene.species, return_index=True)[1]
+        densities = np.bincount(scene.species) / scene.volume
+        diameters, masses = 2.0 * scene.radii[first], scene.masses[first]
+        start = self.temperatures[0]
+        return theory.temperature_equilibration(time, start, densities, diameters, masses, scene.dim)
+
+    def fit_rate(self, window: tuple[float, float], species: tuple[int, int] = (0, 1)) -> Estimate:
+        """Return the mean rate at which the difference of two temperatures decays over a window of time.
+
+        ln[(T_i - T_j)(t1) / (T_i - T_j)(t2)]/(t2 - t1), from the two ends alone, see
+        `RelaxationCurve.fit_rate`; jackknife over replicas, R - 1 degrees of freedom.
+
+        Parameters
+        ----------
+        window : (float, float)
+            t1 < t2, times since the first sample; the nearest samples are used.
+        species : (int, int), default (0, 1)
+            Which two.
+
+        Returns
+        -------
+        Estimate
+            [1/time].
+
+        Raises
+        ------
+        ValueError
+            If the window does not hold two samples, or the difference is lost in the noise at one end.
+        """
+        time, samples = self.time, self.samples
+        ends = list(self._ends(time, window))
+        difference = samples[:, ends, species[0]] - samples[:, ends, species[1]]
+        return self._rate(difference, float(time[ends[1]] - time[ends[0]]), "temperature difference")
+
+    def expected_rate(self, window: tuple[float, float], species: tuple[int, int] = (0, 1)) -> Prediction:
+        """Return what the two-Maxwellian theory says of `fit_rate`, with its uncertainty."""
+        time = self.time
+        ends = np.array(self._ends(time, window))
+        expected = self._theory(time)
+        difference = expected.value[ends, species[0]] - expected.value[ends, species[1]]
+        length = float(time[ends[1]] - time[ends[0]])
+        rate = math.log(float(difference[0] / difference[1])) / length
+        relative = {3: 0.04, 2: 0.08}[self._gas().dim]
+        return Prediction(rate, relative * rate)
+
+    def check(self, window: tuple[float, float], species: tuple[int, int] = (0, 1)) -> TheoryCheck:
+        """Return the fitted rate beside the theory's."""
+        expected = self.expected_rate(window, species)
+        return TheoryCheck(
+            "rate of temperature equilibration",
+            "two Maxwellians",
+            self.fit_rate(window, species),
+            expected.value,
+            expected.uncertainty,
+        )
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the temperatures of the species against time over the theory with its band.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where to draw; a new figure when absent.
+
+        Returns
+        -------
+        Axes
+        """
+        time, values, errors = self.time, self.temperatures, self.temperatures_error
+        axes = axes_or_new(ax)
+        fine = np.linspace(0.0, float(time[-1]), 200)
+        expected = self._theory(fine)
+        for kind in range(values.shape[1]):
+            low, high = (expected.value + sign * expected.uncertainty for sign in (-1, 1))
+            axes.fill_between(fine, low[:, kind], high[:, kind], color=f"C{kind}", alpha=0.2, lw=0)
+            axes.plot(fine, expected.value[:, kind], color=f"C{kind}", lw=1.5)
+            axes.errorbar(
+                time,
+                values[:, kind],
+                errors[:, kind],
+                fmt="o",
+                ms=4,
+                color=f"C{kind}",
+                label=f"species {kind}",
+            )
+        axes.plot([], [], color="0.4", lw=1.5, label="two Maxwellians")
+        axes.set_xlabel("time")
+        axes.set_ylabel("temperature $k_BT$")
+        axes.legend()
+        return axes
+
+
+class AnisotropyDecay(_Replicas):
+    """Temperature along one axis over the mean of all axes, less 1, against collisions per particle.
+
+    A = T_x / T - 1 with kT_k = (1/N) sum m (v_k - u_k)^2: at equilibrium 0 on average, exactly where all axes
+    have the same boundary. Theory: `theory.anisotropy_decay` times the first sample, for a gas of one species
+    that starts Maxwellian with a different temperature along the axis; for small A, which a few tenths are.
+
+    Parameters
+    ----------
+    axis : int, default 0
+        Which axis.
+    """
+
+    def __init__(self, axis: int = 0) -> None:
+        super().__init__()
+        self.axis = axis
+
+    def _measure(self, frame: Frame) -> FloatArray:
+        scene = frame.scene
+        if not 0 <= self.axis < scene.dim:
+            raise ValueError(f"axis = {self.axis} in a gas of {scene.dim} dimensions")
+        peculiar = frame.velocities - drift(frame.velocities, scene.masses, scene.periodic)
+        along = np.einsum("i,ik,ik->k", scene.masses, peculiar, peculiar)
+        return np.asarray(along[self.axis] / along.mean() - 1.0)
+
+    @property
+    def anisotropy(self) -> FloatArray:
+        """A, mean over replicas, (S,)."""
+        return replica_mean(self.samples)[0]
+
+    @property
+    def anisotropy_error(self) -> FloatArray:
+        """Standard error of `anisotropy`, (S,); NaN for a single replica."""
+        return replica_mean(self.samples)[1]
+
+    @property
+    def theory(self) -> Prediction:
+        """What the Boltzmann equation expects at `s`, (S,); NaN beyond s = 4, with a warning."""
+        return self._theory(self.s)
+
+    def _theory(self, s: FloatArray) -> Prediction:
+        start = float(self.anisotropy[0])
+        decay = theory.anisotropy_decay(s, self._gas().dim)
+        return Prediction(start * decay.value, abs(start) * decay.uncertainty)
+
+    def fit_rate(self, window: tuple[float, float] = (0.0, 2.0)) -> Estimate:
+        """Return the mean rate at which A decays over a window, ln[A(s1)/A(s2)]/(s2 - s1), per unit of s.
+
+        From the two ends alone, jackknife over replicas; see `TemperatureEquilibration.fit_rate`.
+
+        Parameters
+        ----------
+        window : (float, float), default (0, 2)
+            s1 < s2, collisions per particle since the first sample; the nearest samples are used.
+        """
+        s = self.s
+        ends = list(self._ends(s, window))
+        return self._rate(self.samples[:, ends], float(s[ends[1]] - s[ends[0]]), "anisotropy")
+
+    def expected_rate(self, window: tuple[float, float] = (0.0, 2.0)) -> Prediction:
+        """Return what the Boltzmann equation says of `fit_rate`, with its uncertainty."""
+        s = self.s
+        ends = list(self._ends(s, window))
+        expected = self._theory(s[ends])
+        length = float(s[ends[1]] - s[ends[0]])
+        rate = math.log(float(expected.value[0] / expected.value[1])) / length
+        return Prediction(rate, float(np.hypot(*(expected.uncertainty / expected.value))) / length)
+
+    def check(self, window: tuple[float, float] = (0.0, 2.0)) -> TheoryCheck:
+        """Return the fitted rate beside the theory's."""
+        expected = self.expected_rate(window)
+        return TheoryCheck(
+            "decay rate of the anisotropy",
+            "Boltzmann equation",
+            self.fit_rate(window),
+            expected.value,
+            expected.uncertainty,
+        )
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the anisotropy with its standard errors against s over the Boltzmann equation's.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where to draw; a new figure when absent.
+
+        Returns
+        -------
+        Axes
+        """
+        s, values, errors = self.s, self.anisotropy, self.anisotropy_error
+        axes = axes_or_new(ax)
+        fine = np.linspace(0.0, min(float(s[-1]), 4.0), 200)
+        axes.plot(fine, self._theory(fine).value, color="0.25", lw=1.5, label="Boltzmann equation")
+        axes.errorbar(s, values, errors, fmt="o", ms=4, label="simulation")
+        axes.set_xlabel("collisions per particle s")
+        axes.set_ylabel(f"anisotropy $T_{'xyz'[self.axis]}/T - 1$")
+        axes.legend()
+        return axes

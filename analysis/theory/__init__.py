@@ -1,0 +1,161 @@
+"""Closed forms and tables that measurements are compared with, each with its source and uncertainty.
+
+Units are the caller's: lengths in any unit, temperatures as energies (k_B = 1). d is the dimension, N the
+number of particles, sigma a diameter, rho = N/V, eta the packing fraction, s = 2 n_coll / N the collisions
+per particle. All functions of packing fraction, speed or s take arrays and return arrays of the same shape.
+
+A theory that is not exact comes as a `Prediction`, a value with a standard uncertainty. Asking for one
+outside the range in which it was established gives a `TheoryRangeWarning`.
+
+One idea per file: `maxwell` velocities at equilibrium, `equilibrium` cumulants and H of N particles, `state`
+equations of state, `mixtures`, `collisions` rates and free flights, `relaxation` and `equal_speeds` the way
+to equilibrium, `transport` Enskog's coefficients, `two_spheres` exact rates of the smallest gas.
+"""
+
+from analysis.theory.collisions import (
+    collision_rate,
+    collision_speed_factor,
+    compressibility_from_rate,
+    finite_size_collision_rate,
+    finite_size_mean_free_path,
+    free_path_density,
+    free_path_moment,
+    free_path_survival,
+    free_time_density,
+    free_time_moment,
+    free_time_survival,
+    mean_free_path,
+    speed_dependent_free_path,
+    speed_dependent_rate,
+)
+from analysis.theory.equal_speeds import (
+    H_BINS,
+    KS_BINS,
+    SPEED_LIMIT,
+    EqualSpeedsRelaxation,
+    boltzmann_equal_speeds,
+    equal_speeds_decay_rate,
+    finite_size_relaxation,
+)
+from analysis.theory.equilibrium import (
+    cumulant_noise,
+    equilibrium_a2,
+    equilibrium_a3,
+    equilibrium_h,
+    ks_floor,
+)
+from analysis.theory.maxwell import (
+    component_cdf,
+    component_pdf,
+    energy_cdf,
+    energy_pdf,
+    energy_share,
+    finite_energy_law,
+    finite_mean_speed,
+    mean_speed,
+    speed_cdf,
+    speed_pdf,
+)
+from analysis.theory.mixtures import (
+    mixture_collision_rates,
+    mixture_compressibility,
+    mixture_contact_values,
+    mixture_mean_free_paths,
+)
+from analysis.theory.prediction import Prediction, TheoryRangeWarning, packing_fraction
+from analysis.theory.relaxation import (
+    anisotropy_decay,
+    anisotropy_rate,
+    near_equilibrium_rate,
+    sonine_rate,
+    temperature_equilibration,
+    temperature_equilibration_rate,
+)
+from analysis.theory.state import (
+    carnahan_starling,
+    compressibility_factor,
+    contact_value,
+    finite_size_compressibility,
+    henderson,
+    kolafa_labik_malijevsky,
+    virial_coefficients,
+    virial_discs,
+    virial_series,
+)
+from analysis.theory.transport import (
+    bulk_viscosity,
+    enskog_diffusion,
+    heat_conductivity,
+    periodic_diffusion_correction,
+    shear_viscosity,
+    velocity_correlation_rate,
+)
+from analysis.theory.two_spheres import two_sphere_rates
+
+__all__ = [
+    "H_BINS",
+    "KS_BINS",
+    "SPEED_LIMIT",
+    "EqualSpeedsRelaxation",
+    "Prediction",
+    "TheoryRangeWarning",
+    "anisotropy_decay",
+    "anisotropy_rate",
+    "boltzmann_equal_speeds",
+    "bulk_viscosity",
+    "carnahan_starling",
+    "collision_rate",
+    "collision_speed_factor",
+    "component_cdf",
+    "component_pdf",
+    "compressibility_factor",
+    "compressibility_from_rate",
+    "contact_value",
+    "cumulant_noise",
+    "energy_cdf",
+    "energy_pdf",
+    "energy_share",
+    "enskog_diffusion",
+    "equal_speeds_decay_rate",
+    "equilibrium_a2",
+    "equilibrium_a3",
+    "equilibrium_h",
+    "finite_energy_law",
+    "finite_mean_speed",
+    "finite_size_collision_rate",
+    "finite_size_compressibility",
+    "finite_size_mean_free_path",
+    "finite_size_relaxation",
+    "free_path_density",
+    "free_path_moment",
+    "free_path_survival",
+    "free_time_density",
+    "free_time_moment",
+    "free_time_survival",
+    "heat_conductivity",
+    "henderson",
+    "kolafa_labik_malijevsky",
+    "ks_floor",
+    "mean_free_path",
+    "mean_speed",
+    "mixture_collision_rates",
+    "mixture_compressibility",
+    "mixture_contact_values",
+    "mixture_mean_free_paths",
+    "near_equilibrium_rate",
+    "packing_fraction",
+    "periodic_diffusion_correction",
+    "shear_viscosity",
+    "sonine_rate",
+    "speed_cdf",
+    "speed_dependent_free_path",
+    "speed_dependent_rate",
+    "speed_pdf",
+    "temperature_equilibration",
+    "temperature_equilibration_rate",
+    "two_sphere_rates",
+    "velocity_correlation_rate",
+    "virial_coefficients",
+    "virial_discs",
+    "virial_series",
+]

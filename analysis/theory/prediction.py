@@ -1,0 +1,71 @@
+"""What a theory says, with its uncertainty and the range in which it was established."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = [
+    "Prediction",
+    "TheoryRangeWarning",
+    "packing_fraction",
+]
+
+FloatArray = NDArray[np.float64]
+
+
+class TheoryRangeWarning(UserWarning):
+    """A theory was asked for a value outside the range in which it was established."""
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """A theoretical value with its own uncertainty.
+
+    Attributes
+    ----------
+    value : float or array
+        What the theory says.
+    uncertainty : float or array
+        Its standard uncertainty u in the same units; 0 where the statement is exact.
+    """
+
+    value: Any
+    uncertainty: Any
+
+
+def check_dim(dim: int) -> None:
+    """Raise ValueError unless d is 2 or 3."""
+    if dim not in (2, 3):
+        raise ValueError(f"dim = {dim}; expected 2 or 3")
+
+
+def warn_outside(name: str, values: FloatArray, low: float, high: float) -> None:
+    """Warn where a theory is asked for values outside [low, high]."""
+    if values.size and (values.min() < low or values.max() > high):
+        warnings.warn(
+            f"{name} was established for {low:g} to {high:g}; asked at {values.min():g} to {values.max():g}",
+            TheoryRangeWarning,
+            stacklevel=3,
+        )
+
+
+def packing_fraction(number_density: ArrayLike, diameter: ArrayLike, dim: int) -> FloatArray:
+    """Return eta = (pi/6) rho sigma^3 in 3D, (pi/4) rho sigma^2 in 2D.
+
+    Parameters
+    ----------
+    number_density : array_like
+        rho [1/length^d].
+    diameter : array_like
+        sigma [length].
+    dim : {2, 3}
+        Dimension d.
+    """
+    check_dim(dim)
+    return np.asarray(math.pi / (2 * dim) * np.asarray(number_density) * np.asarray(diameter) ** dim)

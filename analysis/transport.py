@@ -1,0 +1,357 @@
+"""Diffusion: mean square displacement and velocity autocorrelation over lags spaced by powers of two."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections import deque
+from typing import TYPE_CHECKING, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis import theory
+from analysis.estimator import Estimator, axes_or_new
+from analysis.series import BlockSeries, SeriesWarning, estimate_from_series
+from analysis.statistics import Estimate, TheoryCheck
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from hardspheres import Scene
+
+__all__ = ["Diffusion", "Moving"]
+
+FloatArray = NDArray[np.float64]
+
+
+class Moving(Protocol):
+    """What `Diffusion.add` reads: a Simulation, or a frame that has unwrapped positions."""
+
+    @property
+    def time(self) -> float:
+        """Simulated time."""
+        ...
+
+    @property
+    def unwrapped_positions(self) -> FloatArray:
+        """Positions followed through the periodic boundaries, (N, d)."""
+        ...
+
+    @property
+    def velocities(self) -> FloatArray:
+        """Velocities, (N, d)."""
+        ...
+
+    @property
+    def scene(self) -> Scene:
+        """Where the simulation started."""
+        ...
+
+
+class Diffusion(Estimator):
+    """Mean square displacement, velocity autocorrelation and self-diffusion.
+
+    Add the simulation (or frames with `unwrapped_positions`) at equally spaced times. Lags are 1 to `points`
+    spacings, then points/2 + 1 to `points` double spacings, and so on: each level keeps its last `points`
+    snapshots, so that memory grows as the logarithm of the length of the run (the scheme of Dubbeldam et al.,
+    Mol. Simul. 35, 1084 (2009), doi 10.1080/08927020902818039).
+
+    >>> diffusion = Diffusion()
+    >>> for _ in range(1000):  # doctest: +SKIP
+    ...     sim.run(time=0.1)
+    ...     diffusion.add(sim)
+    >>> print(diffusion.diffusion(window=(5.0, 10.0)))  # doctest: +SKIP
+
+    Parameters
+    ----------
+    points : int, default 16
+        Snapshots per level; even, at least 4.
+    species : int, optional
+        Only the particles of this species; all by default.
+
+    Notes
+    -----
+    Displacements are relative to the common motion. Each lag has one value per origin, the average over
+    particles, and its error comes from blocks of origins of automatic length (`series.estimate_from_series`).
+    """
+
+    def __init__(self, points: int = 16, species: int | None = None) -> None:
+        if points < 4 or points % 2:
+            raise ValueError(f"points = {points}; expected an even number of at least 4")
+        self.points = points
+        self.species = species
+        self._scene: Scene | None = None
+        self._times: list[float] = []
+        self._count = 0
+        self._levels: list[deque[tuple[FloatArray, FloatArray]]] = []
+        self._rows_by_level: list[BlockSeries] = []
+        self._first: tuple[FloatArray, FloatArray] | None = None
+
+    # Collecting ---------------------------------------------------------------------------------------------
+
+    def add(self, frame: Moving) -> Self:
+        """Take in one moment.
+
+        Parameters
+        ----------
+        frame : Simulation or frame
+            Anything with `time`, `unwrapped_positions`, `velocities` and `scene`; equally spaced in time.
+
+        Returns
+        -------
+        Diffusion
+            The estimator itself.
+
+        Raises
+        ------
+        ValueError
+            If it has no unwrapped positions, comes at another spacing than the others, or the species is not
+            there.
+        """
+        positions = getattr(frame, "unwrapped_positions", None)
+        if positions is None:
+            raise ValueError("the frame has no unwrapped positions; add the simulation itself: add(sim)")
+        self._check_time(float(frame.time))
+        scene = frame.scene
+        members = slice(None) if self.species is None else np.flatnonzero(scene.species == self.species)
+        if not isinstance(members, slice) and len(members) == 0:
+            raise ValueError(f"species = {self.species}; the gas has {int(scene.species.max()) + 1}")
+        self._scene = self._scene or scene
+        share = scene.masses / scene.masses.sum()
+        common = np.where(scene.periodic, 1.0, 0.0)
+        x = (positions - common * (share @ positions))[members]
+        v = (frame.velocities - common * (share @ frame.velocities))[members]
+        level, every = 0, 1
+        while self._count % every == 0:
+            if level == len(self._levels):
+                self._levels.append(deque(maxlen=self.points))
+                self._rows_by_level.append(BlockSeries(256))
+            self._visit(level, x, v)
+            if self._count == 0:  # the first snapshot serves every level that may come
+                self._first = (x, v)
+                break
+            level, every = level + 1, 2 * every
+        self._count += 1
+        return self
+
+    def _gas(self) -> Scene:
+        self._require(self._scene is not None, "moments", "add(sim)")
+        assert self._scene is not None
+        return self._scene
+
+    def _check_time(self, time: float) -> None:
+        self._times = [*self._times[:2], time]  # the first two, and the last
+        if len(self._times) < 3:
+            if len(self._times) == 2 and not self._times[1] > self._times[0]:
+                raise ValueError(
+                    f"time = {time:g} is not after {self._times[0]:g}; run between two calls of add"
+                )
+            return
+        spacing = self._times[1] - self._times[0]
+        expected = self._times[0] + self._count * spacing
+        if abs(time - expected) > 1e-3 * spacing:
+            raise ValueError(
+                f"time = {time:g}; expected {expected:g}: moments must be equally spaced, here by {spacing:g}"
+            )
+
+    def _visit(self, level: int, x: FloatArray, v: FloatArray) -> None:
+        """Compare with the last snapshots of one level, then become one."""
+        past = self._levels[level]
+        if level > 0 and not past and self._first is not None:
+            past.append(self._first)
+        if len(past) == self.points:
+            old_x = np.array([snapshot[0] for snapshot in past])[::-1]
+            old_v = np.array([snapshot[1] for snapshot in past])[::-1]
+            squares = ((x - old_x) ** 2).sum(axis=2).mean(axis=1)
+            products = (v * old_v).sum(axis=2).mean(axis=1)
+            now = float((v * v).sum(axis=1).mean())
+            self._rows_by_level[level].add(np.concatenate([squares, [now], products]))
+        past.append((x, v))
+
+    # Lags ---------------------------------------------------------------------------------------------------
+
+    @property
+    def spacing(self) -> float:
+        """Time between two moments, [time]."""
+        self._require(len(self._times) > 1, "spacing", "add(sim) at least twice")
+        return self._times[1] - self._times[0]
+
+    def _lags(self) -> list[tuple[int, int]]:
+        """Level and place within it of every lag that has at least two origins."""
+        lags = []
+        for level, rows in enumerate(self._rows_by_level):
+            if len(rows) >= 2:
+                first = 1 if level == 0 else self.points // 2 + 1
+                lags += [(level, k) for k in range(first, self.points + 1)]
+        self._require(bool(lags), "lags", f"add(sim) at least {self.points + 2} times")
+        return lags
+
+    @property
+    def lags(self) -> FloatArray:
+        """Times between two moments that are compared, ascending, (lags,), [time]."""
+        return np.array([k * 2.0**level for level, k in self._lags()]) * self.spacing
+
+    @property
+    def mean_square_displacement(self) -> FloatArray:
+        """<|x(t) - x(0)|^2> at each of `lags`, relative to the common motion, (lags,), [length^2]."""
+        return np.array([self._rows_by_level[level].mean[k - 1] for level, k in self._lags()])
+
+    @property
+    def mean_square_displacement_error(self) -> FloatArray:
+        """Standard errors of `mean_square_displacement`; NaN where a lag has too few origins to tell."""
+        return np.array([self._error(level, k - 1) for level, k in self._lags()])
+
+    @property
+    def velocity_autocorrelation(self) -> FloatArray:
+        """<v(0).v(t)>/<v^2> at each of `lags`, (lags,)."""
+        rows = [(self._rows_by_level[level].mean, self.points + k) for level, k in self._lags()]
+        return np.array([mean[place] / mean[self.points] for mean, place in rows])
+
+    @property
+    def velocity_autocorrelation_error(self) -> FloatArray:
+        """Standard errors of `velocity_autocorrelation`; NaN where a lag has too few origins to tell."""
+        return np.array([self._error(level, self.points + k, self.points) for level, k in self._lags()])
+
+    def _error(self, level: int, place: int, over: int | None = None) -> float:
+        rows = self._rows_by_level[level].rows
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", SeriesWarning)
+            try:
+                if over is None:
+                    return estimate_from_series(rows[:, place]).standard_error
+                both = rows[:, [place, over]]
+                return estimate_from_series(both, lambda mean: mean[..., 0] / mean[..., 1]).standard_error
+            except SeriesWarning:
+                return math.nan
+
+    # Diffusion ----------------------------------------------------------------------------------------------
+
+    def diffusion(self, window: tuple[float, float]) -> Estimate:
+        """Return D_L of this box from the slope of the mean square displacement over a window of lags.
+
+        D = [MSD(t2) - MSD(t1)] / (2 d (t2 - t1)), by Einstein's relation; the mean over the window of the
+        integral of the velocity autocorrelation up to t. From the two ends alone, both seen from the same
+        origins, so that the error is right. Bias: at times t the slow tail t^(-d/2) of the autocorrelation is
+        cut off, which makes D somewhat too small; lags beyond the time in which sound crosses the box see the
+        box. Tens of collisions per particle are a good window. For the infinite fluid see
+        `infinite_diffusion`.
+
+        Parameters
+        ----------
+        window : (float, float)
+            t1 < t2 [time], t2 at most `points` times t1 and no longer than the longest of `lags`. The nearest
+            lags of one level are used.
+
+        Returns
+        -------
+        Estimate
+            [length^2/time].
+
+        Raises
+        ------
+        ValueError
+            If the window does not fit the lags.
+        """
+        level, first, last = self._level_of(window)
+        rows = self._rows_by_level[level].rows
+        duration = (last - first) * 2.0**level * self.spacing
+        return estimate_from_series(
+            (rows[:, last - 1] - rows[:, first - 1]) / (2 * self._gas().dim * duration)
+        )
+
+    def _level_of(self, window: tuple[float, float]) -> tuple[int, int, int]:
+        """Level of a window, and the places of its ends there."""
+        longest = float(self.lags[-1])
+        begin, end = window
+        if 0.0 < begin < end <= longest * (1 + 1e-9):
+            level = max(math.ceil(math.log2(end / self.spacing / self.points) - 1e-9), 0)
+            step = self.spacing * 2.0**level
+            first, last = round(begin / step), round(end / step)
+            if 1 <= first < last and len(self._rows_by_level[level]) >= 2:
+                return level, first, last
+        raise ValueError(
+            f"window = {window}; expected 0 < t1 < t2 <= {longest:g}, t2 at most {self.points} t1, in steps of "
+            f"{self.spacing:g} or more"
+        )
+
+    @property
+    def periodic_correction(self) -> theory.Prediction:
+        """What the periodic box takes from D (`theory.periodic_diffusion_correction`); in a 3D cube only."""
+        scene = self._gas()
+        if scene.dim != 3:
+            raise ValueError("in 2D diffusion has no infinite limit: D grows as the logarithm of the box")
+        if not scene.periodic.all() or np.ptp(scene.box) > 1e-9 * scene.box[0] or scene.species.max() > 0:
+            raise ValueError("the correction is for one species in a cubic box, periodic along every axis")
+        return theory.periodic_diffusion_correction(
+            scene.packing_fraction,
+            float(scene.box[0]),
+            2.0 * float(scene.radii[0]),
+            float(scene.masses[0]),
+            scene.temperature,
+        )
+
+    def infinite_diffusion(self, window: tuple[float, float]) -> Estimate:
+        """Return D of the infinite fluid, `diffusion` plus `periodic_correction` (Yeh and Hummer).
+
+        The uncertainty of the correction is not in the standard error; it is about 10 % of the correction,
+        which is some 10 % of D at N = 500.
+        """
+        here = self.diffusion(window)
+        value = here.value + float(self.periodic_correction.value)
+        return Estimate(value, here.standard_error, here.n_effective, here.degrees_of_freedom)
+
+    def check(self, window: tuple[float, float]) -> list[TheoryCheck]:
+        """Return D_L, and in 3D D of the infinite fluid, beside Enskog's D_E with its uncertainty."""
+        scene = self._gas()
+        if scene.species.max() > 0:
+            raise ValueError("Enskog's D here is for one species; this gas is a mixture")
+        enskog = theory.enskog_diffusion(
+            scene.packing_fraction,
+            scene.dim,
+            2.0 * float(scene.radii[0]),
+            float(scene.masses[0]),
+            scene.temperature,
+        )
+        value, doubt = float(enskog.value), float(enskog.uncertainty)
+        checks = [TheoryCheck("D in this box", "Enskog", self.diffusion(window), value, doubt)]
+        if scene.dim == 3 and scene.periodic.all() and np.ptp(scene.box) <= 1e-9 * scene.box[0]:
+            both = math.hypot(doubt, float(self.periodic_correction.uncertainty))
+            infinite = self.infinite_diffusion(window)
+            checks.append(TheoryCheck("D of the infinite fluid", "Enskog", infinite, value, both))
+        return checks
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the mean square displacement with its errors, over free flight and Enskog's diffusion.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where to draw; a new figure when absent.
+
+        Returns
+        -------
+        Axes
+        """
+        lags, value, error = self.lags, self.mean_square_displacement, self.mean_square_displacement_error
+        scene = self._gas()
+        axes = axes_or_new(ax)
+        axes.errorbar(lags, value, np.nan_to_num(error), fmt="o", ms=3, color="C0", label="simulation")
+        mean_square = float(np.mean([rows.mean[self.points] for rows in self._rows_by_level[:1]]))
+        early = lags[mean_square * lags**2 < 3 * value]
+        axes.plot(early, mean_square * early**2, color="0.6", lw=1.5, label="free flight")
+        if scene.species.max() == 0:
+            enskog = theory.enskog_diffusion(
+                scene.packing_fraction,
+                scene.dim,
+                2.0 * float(scene.radii[0]),
+                float(scene.masses[0]),
+                scene.temperature,
+            )
+            axes.plot(lags, 2 * scene.dim * float(enskog.value) * lags, color="0.25", lw=1.5, label="Enskog")
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        axes.set_xlabel("time")
+        axes.set_ylabel("mean square displacement")
+        axes.legend()
+        return axes

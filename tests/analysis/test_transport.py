@@ -1,0 +1,187 @@
+"""Diffusion: a walk whose diffusion is known exactly, calibrated errors, spheres beside Enskog."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from scenes import gas as random_gas
+from scipy import stats
+
+import hardspheres as hs
+from analysis import theory
+from analysis.calibration import calibrate
+from analysis.estimator import NoDataError
+from analysis.transport import Diffusion
+
+GAMMA, STEP = 0.5, 0.25
+
+
+def brownian(rng, n, steps, scene, drift=0.0):
+    """Ornstein-Uhlenbeck particles with friction 0.5 and kT/m = 1, sampled exactly: D = 2, <v v(t)> = exp(-t/2)."""
+    decay = math.exp(-GAMMA * STEP)
+    # covariance of the two noises of one step (Uhlenbeck and Ornstein 1930)
+    vv = 1 - decay**2
+    xv = (1 - decay) ** 2 / GAMMA
+    xx = (2 * GAMMA * STEP - 3 + 4 * decay - decay**2) / GAMMA**2
+    root = np.linalg.cholesky([[xx, xv], [xv, vv]])
+    x, v = np.zeros((n, scene.dim)), rng.standard_normal((n, scene.dim))
+    for step in range(steps):
+        yield SimpleNamespace(time=step * STEP, unwrapped_positions=x, velocities=v, scene=scene)
+        noise = np.einsum("ab,bnk->ank", root, rng.standard_normal((2, n, scene.dim)))
+        x = x + (1 - decay) / GAMMA * v + noise[0] + drift * STEP
+        v = decay * v + noise[1]
+
+
+def exact_msd(t, dim):
+    return 2 * dim / GAMMA**2 * (GAMMA * t - 1 + np.exp(-GAMMA * t))
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return random_gas("3d", 400, 0.01, boundary="wall")
+
+
+def test_a_known_walk(scene):
+    diffusion = Diffusion(points=8)
+    for frame in brownian(np.random.default_rng(1), 400, 3000, scene):
+        diffusion.add(frame)
+    lags = diffusion.lags
+    assert lags[:10] == pytest.approx(np.array([1, 2, 3, 4, 5, 6, 7, 8, 10, 12]) * STEP)
+    assert np.all(np.diff(lags) > 0) and lags[-1] > 300 * STEP
+    known = ~np.isnan(diffusion.mean_square_displacement_error)
+    assert known[:12].all() and not known[-1]
+    z = (diffusion.mean_square_displacement - exact_msd(lags, 3)) / diffusion.mean_square_displacement_error
+    assert np.nanmax(np.abs(z)) < 4.5
+    z = (
+        diffusion.velocity_autocorrelation - np.exp(-GAMMA * lags)
+    ) / diffusion.velocity_autocorrelation_error
+    assert np.nanmax(np.abs(z)) < 4.5
+    window = (16 * STEP, 32 * STEP)
+    expected = (exact_msd(window[1], 3) - exact_msd(window[0], 3)) / (6 * 16 * STEP)
+    measured = diffusion.diffusion(window)
+    assert abs(measured.deviation(expected)) < 4
+    assert measured.standard_error / measured.value < 0.03
+    # siblings: the slope is not yet 2 kT/m/gamma at short times, and the unit of time matters
+    assert abs(diffusion.diffusion((STEP, 4 * STEP)).deviation(2.0)) > 10
+    assert abs(measured.deviation(2 * expected)) > 10
+
+
+def test_memory_is_bounded(scene):
+    diffusion, few = Diffusion(points=4), random_gas("3d", 5, 0.001)
+    for frame in brownian(np.random.default_rng(2), 5, 3000, few):
+        diffusion.add(frame)
+    assert len(diffusion._levels) == 12  # 2^11 < 3000
+    assert all(len(level) <= 4 for level in diffusion._levels)
+    assert all(len(rows) < 256 for rows in diffusion._rows_by_level)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::analysis.series.SeriesWarning")
+def test_errors_of_d_follow_students_t():
+    rng, few = np.random.default_rng(3), random_gas("3d", 8, 0.001, boundary="wall")
+    window = (8 * STEP, 16 * STEP)
+    truth = (exact_msd(window[1], 3) - exact_msd(window[0], 3)) / (6 * 8 * STEP)
+    estimates, naive = [], []
+    for _ in range(100):
+        diffusion = Diffusion(points=16)
+        for frame in brownian(rng, 8, 1000, few):
+            diffusion.add(frame)
+        d = diffusion.diffusion(window)
+        estimates.append(d)
+        rows = diffusion._rows_by_level[0].rows
+        slopes = (rows[:, 15] - rows[:, 7]) / (6 * 8 * STEP)
+        naive.append((d.value - truth) / (slopes.std(ddof=1) / math.sqrt(len(slopes))))
+    assert calibrate(estimates, truth).passed
+    assert stats.chi2.sf(np.square(naive).sum(), len(naive)) < 1e-6  # sibling: origins taken as independent
+
+
+def test_common_motion_does_not_diffuse():
+    few = random_gas("3d", 200, 0.001)
+    measured = []
+    for drift in (0.0, 50.0):
+        diffusion = Diffusion(points=8)
+        for frame in brownian(np.random.default_rng(4), 200, 200, few, drift):
+            diffusion.add(frame)
+        measured.append(diffusion.mean_square_displacement)
+    np.testing.assert_allclose(measured[0], measured[1], rtol=1e-8)
+
+
+def enskog(eta, n, spacing, count, window, seed=1):
+    sim = hs.Simulation(random_gas("3d", n, eta, seed=seed))
+    sim.run(collisions=50 * n)
+    step = spacing / float(theory.collision_rate(eta, 3))
+    diffusion = Diffusion()
+    for _ in range(count):
+        sim.run(time=step)
+        diffusion.add(sim)
+    return diffusion, diffusion.check((window[0] * step, window[1] * step))
+
+
+def test_spheres_diffuse_as_known():
+    """256 spheres at eta = 0.2; the independent code of `test_diffusion_in_a_periodic_box` found 0.3684."""
+    diffusion, checks = enskog(0.2, 256, 2.0, 2000, (8, 16))
+    assert abs(checks[0].measured.deviation(0.3684, 0.006)) < 4
+    assert checks[0].measured.standard_error / checks[0].measured.value < 0.03
+    assert checks[1].measured.value == pytest.approx(
+        checks[0].measured.value + diffusion.periodic_correction.value
+    )
+    assert abs(checks[1].z) < 2
+    # siblings: the dilute gas's D, and particles of twice the mass
+    dilute = theory.enskog_diffusion(0.2, 3).value * theory.contact_value(0.2, 3)
+    assert abs(checks[0].measured.deviation(dilute)) > 8
+    assert abs(checks[0].measured.deviation(0.3684 / math.sqrt(2), 0.006)) > 5
+    axes = Figure().subplots()
+    assert diffusion.plot(axes) is axes
+
+
+def test_velocities_forget_at_the_rate_of_collisions():
+    eta = 0.2
+    diffusion, _ = enskog(eta, 256, 0.05, 1500, (8, 16), seed=2)
+    lags, value = diffusion.lags, diffusion.velocity_autocorrelation
+    rate = float(theory.velocity_correlation_rate(eta, 3))
+    short = slice(0, 8)  # up to 0.4 collisions per particle
+    expected = np.exp(-rate * lags[short])
+    error = diffusion.velocity_autocorrelation_error[short]
+    assert np.all(np.abs(value[short] - expected) < 4 * np.nan_to_num(error, nan=0.01) + 0.004)
+    assert abs(value[7] - math.exp(-1.2 * rate * lags[7])) > 0.02
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("eta", "known"), [(0.1, 0.9055), (0.3, None)])
+def test_diffusion_to_two_per_cent(eta, known):
+    _, checks = enskog(eta, 256, 2.0, 5000, (15, 30))
+    for check in checks:
+        assert check.measured.standard_error / check.measured.value < 0.02
+        assert abs(check.z) < 2
+    if known is not None:
+        assert abs(checks[0].measured.deviation(known, 0.01 * known)) < 4
+
+
+def test_misuse_is_named(scene):
+    with pytest.raises(NoDataError, match=r"call add\(sim\) at least 18 times first"):
+        _ = Diffusion().lags
+    with pytest.raises(NoDataError, match=r"no moments yet; call add\(sim\) first"):
+        _ = Diffusion().periodic_correction
+    with pytest.raises(ValueError, match="points = 5"):
+        Diffusion(points=5)
+    with pytest.raises(ValueError, match="no unwrapped positions"):
+        Diffusion().add(SimpleNamespace(time=0.0, positions=np.zeros((400, 3)), scene=scene))
+    walk = list(brownian(np.random.default_rng(5), 400, 40, scene))
+    with pytest.raises(ValueError, match="equally spaced"):
+        Diffusion().add(walk[0]).add(walk[1]).add(walk[3])
+    with pytest.raises(ValueError, match="not after"):
+        Diffusion().add(walk[0]).add(walk[0])
+    with pytest.raises(ValueError, match="species = 3; the gas has 1"):
+        Diffusion(species=3).add(walk[0])
+    diffusion = Diffusion(points=8)
+    for frame in walk:
+        diffusion.add(frame)
+    with pytest.raises(ValueError, match="expected 0 < t1 < t2"):
+        diffusion.diffusion((2.0, 1.0))
+    with pytest.raises(ValueError, match="cubic box"):
+        _ = diffusion.periodic_correction
+    flat = Diffusion().add(hs.Simulation(random_gas("2d", 20, 0.1)))
+    with pytest.raises(ValueError, match="no infinite limit"):
+        _ = flat.periodic_correction
