@@ -18,7 +18,8 @@ from hardspheres.tuning import (
     window_plan,
 )
 
-EVENTS_PER_BUCKET = 8
+EVENTS_PER_BUCKET = {False: 8, True: 32}  # more of them, where what they need is fetched ahead
+CACHED = 16000  # particles that the processor's own caches hold
 LINE_MARGIN = 1e-4  # in cells, of boxes that are not many cells long: single precision is off by a few 1e-6
 
 
@@ -87,6 +88,7 @@ class Engine:
         number[at.SCALE], number[at.GROWTH] = growth or (1.0, 0.0)
         count[at.N] = n
         count[at.AGENDA_ROOM] = 1024 + n // 16
+        count[at.LARGE] = int(n > CACHED)
         if plan is None:
             self._plan_lists(scene, number, count)
         else:
@@ -114,6 +116,7 @@ class Engine:
     def _plan_lists(self, scene: Scene, number: Any, count: Any) -> None:
         """Choose shells, cells and calendar of the list method."""
         at, n = self.layout, scene.n
+        per_bucket = EVENTS_PER_BUCKET[n > CACHED]
         shell = shell_width(scene)
         cells = cells_per_axis(scene, 2.0 * shell * (1.0 + SLACK) + 2.0 * float(scene.radii.max()))
         self._set_cells(scene, cells, number, count)
@@ -130,10 +133,10 @@ class Engine:
         lanes = at.CELL_LANES
         count[at.CELL_ROOM] = lanes * math.ceil(min(n, 1.5 * n / self.cells + 3) / lanes)
         count[at.LIST_ROOM] = 32
-        count[at.BUCKETS] = max(16, int(power_of_two_below(max(8 * n / EVENTS_PER_BUCKET, 1))))
+        count[at.BUCKETS] = max(16, int(power_of_two_below(max(8 * n / per_bucket, 1))))
         self.chunks = int(count[at.BUCKETS]) + n + 64
         length = number[at.EPOCH_LENGTH]
-        events = 2.0 * n * collision_frequency(scene) * length / EVENTS_PER_BUCKET
+        events = 2.0 * n * collision_frequency(scene) * length / per_bucket
         count[at.EPOCH_BUCKETS] = int(power_of_two_below(min(max(events, 16.0), 2.0**40)))
         number[at.INVERSE_WIDTH] = count[at.EPOCH_BUCKETS] / length
 
@@ -149,7 +152,8 @@ class Engine:
         self.chunks = 0
         windows = round(number[at.EPOCH_LENGTH] / plan.length)
         collisions = 0.5 * n * collision_frequency(scene) * plan.length
-        buckets = int(power_of_two_below(min(max(2.0 * collisions / EVENTS_PER_BUCKET, 1.0), 2.0**30)))
+        per_bucket = EVENTS_PER_BUCKET[n > CACHED]
+        buckets = int(power_of_two_below(min(max(2.0 * collisions / per_bucket, 1.0), 2.0**30)))
         number[at.INVERSE_WIDTH] = windows * buckets / number[at.EPOCH_LENGTH]
         count[at.WINDOW_BUCKETS] = count[at.BUCKETS] = buckets
         count[at.EPOCH_BUCKETS] = windows * buckets
@@ -206,10 +210,7 @@ class Engine:
             "meeting_i": np.zeros(int(count[at.MEETING_ROOM]), dtype=np.int32),
             "meeting_j": np.zeros(int(count[at.MEETING_ROOM]), dtype=np.int32),
             "meeting_when": np.zeros(int(count[at.MEETING_ROOM]), dtype=np.float32),
-            "candidate_time": np.zeros(candidates + 1),
-            "candidate_pair": np.zeros(candidates + 1, dtype=np.int64),
-            "candidate_versions": np.zeros(candidates + 1, dtype=np.int64),
-            "candidate_next": np.zeros(candidates + 1, dtype=np.int64),
+            "candidates": aligned(candidates * at.CANDIDATE + 1, np.int64),
         }
 
     def _make_room(self) -> None:

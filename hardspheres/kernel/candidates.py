@@ -1,19 +1,28 @@
 """Candidates of the window method: the contacts found for the present window, kept by time in buckets until it ends."""
 
 from .agenda import push_agenda
-from .compiler import jit
+from .compiler import bits, from_bits, jit, prefetch
 from .layout import (
     BUCKET,
+    CANDIDATE,
     CANDIDATE_ROOM,
     CANDIDATES,
     HALF_WINDOW,
     INVERSE_WIDTH,
+    LARGE,
     MIDDLE,
+    ROW,
     SHORT_QUEUE,
     STAMP_BITS,
     WINDOW_BUCKETS,
     N,
 )
+
+# A candidate.
+WHEN = 0  # bits of its time
+PAIR = 1  # lower id << 32 | higher id
+VERSIONS = 2  # of both, when the contact was computed
+NEXT = 3  # the next candidate of the same bucket
 
 
 @jit
@@ -35,34 +44,50 @@ def note_candidate(s, low, high, time):
         s.counter[SHORT_QUEUE] = 1
         return
     s.counter[CANDIDATES] = c + 1
-    s.candidate_time[c] = time
-    s.candidate_pair[c] = low << 32 | high
-    s.candidate_versions[c] = versions_of(s, low, high)
+    entry = c * CANDIDATE
+    s.candidates[entry + WHEN] = bits(time)
+    s.candidates[entry + PAIR] = low << 32 | high
+    s.candidates[entry + VERSIONS] = versions_of(s, low, high)
     last = s.counter[BUCKET] | (s.counter[WINDOW_BUCKETS] - 1)  # of this window, whatever rounding says
     bucket = min(int(max(time, 0.0) * s.number[INVERSE_WIDTH]), last)
     if bucket <= s.counter[BUCKET]:
         push_agenda(s, time, low << 32 | high, c)
     else:
         slot = bucket & (s.counter[WINDOW_BUCKETS] - 1)
-        s.candidate_next[c] = s.buckets[slot]
+        s.candidates[entry + NEXT] = s.buckets[slot]
         s.buckets[slot] = c
+
+
+@jit
+def partners(s, c):
+    """Lower and higher id of a candidate."""
+    pair = s.candidates[c * CANDIDATE + PAIR]
+    return pair >> 32, pair & STAMP_BITS
 
 
 @jit
 def candidate_holds(s, c):
     """Whether neither partner of a candidate has changed since it was noted."""
-    low = s.candidate_pair[c] >> 32
-    high = s.candidate_pair[c] & STAMP_BITS
-    return versions_of(s, low, high) == s.candidate_versions[c]
+    low, high = partners(s, c)
+    return versions_of(s, low, high) == s.candidates[c * CANDIDATE + VERSIONS]
 
 
 @jit
 def open_candidates(s):
     """Bring the candidates of the current bucket, as far as they still hold, to the agenda."""
     slot = s.counter[BUCKET] & (s.counter[WINDOW_BUCKETS] - 1)
-    c = s.buckets[slot]
+    first = s.buckets[slot]
     s.buckets[slot] = -1
+    c = first
+    while c >= 0 and s.counter[LARGE]:
+        low, high = partners(s, c)
+        prefetch(s.version, low)
+        prefetch(s.version, min(high, s.counter[N]))
+        prefetch(s.row, low * ROW)
+        prefetch(s.row, min(high, s.counter[N]) * ROW)
+        c = s.candidates[c * CANDIDATE + NEXT]
+    c = first
     while c >= 0:
         if candidate_holds(s, c):
-            push_agenda(s, s.candidate_time[c], s.candidate_pair[c], c)
-        c = s.candidate_next[c]
+            push_agenda(s, from_bits(s.candidates[c * CANDIDATE + WHEN]), s.candidates[c * CANDIDATE + PAIR], c)
+        c = s.candidates[c * CANDIDATE + NEXT]

@@ -92,12 +92,14 @@ NODE_ROOM = 30
 MEETINGS = 31  # pairs whose lines may meet
 MEETING_ROOM = 32
 EPOCH_BUCKETS = 33  # buckets in an epoch
-COUNTERS = 34
+LARGE = 34  # 1: the gas is larger than the caches, so what is needed soon is fetched ahead
+COUNTERS = 35
 
 # Calendar: chunks of 8 int64: the next chunk (-1: none) and how many entries, then 7 entries id << 32 | stamp.
 CHUNK = 8
 STAMP_BITS = 0xFFFFFFFF
 
+CANDIDATE = 4  # int64 in a candidate
 LINE_LANES = 16  # lines that one pass of the filter handles
 
 LANES = 16  # neighbours that one pass of the prediction handles
@@ -147,10 +149,7 @@ class Arrays(NamedTuple):
     meeting_i: object  # int32 (MEETING_ROOM): pairs whose lines may meet
     meeting_j: object  # int32 (MEETING_ROOM)
     meeting_when: object  # float32 (MEETING_ROOM)
-    candidate_time: object  # float64 (CANDIDATE_ROOM)
-    candidate_pair: object  # int64: lower id << 32 | higher id
-    candidate_versions: object  # int64: of both, when the contact was computed
-    candidate_next: object  # int64: the next candidate of the same bucket
+    candidates: object  # int64 (CANDIDATE_ROOM * CANDIDATE), see `candidates`
     number: object  # float64: the numbers above
     counter: object  # int64: the counters above
     total: object  # float64: the sums above
@@ -199,10 +198,7 @@ def pointers(a):
         pointer(a.meeting_i),
         pointer(a.meeting_j),
         pointer(a.meeting_when),
-        pointer(a.candidate_time),
-        pointer(a.candidate_pair),
-        pointer(a.candidate_versions),
-        pointer(a.candidate_next),
+        pointer(a.candidates),
         pointer(a.number),
         pointer(a.counter),
         pointer(a.total),

@@ -3,7 +3,7 @@
 from . import layout
 from .agenda import pop_agenda
 from .calendar import clear_calendar, schedule, turn_page
-from .candidates import candidate_holds, open_candidates
+from .candidates import candidate_holds, open_candidates, partners
 from .compiler import entry, jit
 from .events import begin_epoch, collide_pair, hit_wall
 from .flags import SPARSE, WALLS
@@ -15,6 +15,7 @@ from .layout import (
     EVENT,
     IMAGES,
     INVERSE_WIDTH,
+    LARGE,
     LATE,
     LATE_BY,
     LONE,
@@ -38,7 +39,7 @@ from .layout import (
 )
 from .neighbours import make_all_lists, renew_list
 from .prediction import next_event
-from .windows import follow, open_window
+from .windows import fetch_rows, follow, open_window
 
 __all__ = ["DONE", "NO_ROOM", "PAUSED", "STANDS_STILL", "layout", "run"]
 
@@ -110,6 +111,8 @@ def run(arrays, cells, chunks, afresh, stop_epoch, stop_time, stop_pairs, budget
                 search = (bucket & (s.counter[WINDOW_BUCKETS] - 1)) == 0
                 if not search:
                     open_candidates(s)
+                    if s.counter[LARGE]:
+                        fetch_rows(s)
             else:
                 turn_page(s)
         else:
@@ -150,8 +153,7 @@ def execute_candidate(s, c, time):
     if not candidate_holds(s, c):
         s.counter[STALE] += 1
         return
-    i = s.candidate_pair[c] >> 32
-    partner = s.candidate_pair[c] & STAMP_BITS
+    i, partner = partners(s, c)
     keep_clock(s, time)
     other = -1
     if partner < s.counter[N]:

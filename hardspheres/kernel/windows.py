@@ -12,8 +12,8 @@ There are no events but collisions: nothing is done for particles that nobody me
 
 import numpy as np
 
-from .candidates import note_candidate
-from .compiler import jit
+from .candidates import note_candidate, partners
+from .compiler import jit, prefetch
 from .flags import DIM, WALLS
 from .layout import (
     AGENDA_LENGTH,
@@ -22,6 +22,8 @@ from .layout import (
     CANDIDATES,
     CELLS,
     HALF_WINDOW,
+    LINE_LANES,
+    LINE_ROOM,
     LINE_UNIT,
     MIDDLE,
     N,
@@ -33,7 +35,7 @@ from .layout import (
 )
 from .lines import LINE, PLACE, ZERO, line_at, meet_line, shifted, solve_meetings
 from .prediction import wall_contact
-from .rows import around, draft_line, meet_all, meet_rows, pieces_of, register_all
+from .rows import around, cell_at, draft_line, meet_all, meet_rows, pieces_of, register_all
 
 
 @jit
@@ -55,6 +57,29 @@ def open_window(s, cells):
     if WALLS:
         for i in range(s.counter[N]):
             note_wall(s, i)
+
+
+@jit
+def fetch_rows(s):
+    """Have in the cache the lines with which those will be compared that collide in this bucket."""
+    for stage in range(2):
+        for a in range(s.counter[AGENDA_LENGTH]):
+            low, _ = partners(s, s.agenda_entry[a])
+            cell = cell_at(s, low, s.agenda_time[a])
+            plane = s.counter[CELLS + 1] * s.counter[CELLS + 2]
+            cells = s.counter[CELLS] * plane
+            for side in range(-1, 2):
+                row = cell + side * plane
+                row += cells if row < 0 else (-cells if row >= cells else 0)
+                if stage == 0:
+                    prefetch(s.row_start, row)
+                    prefetch(s.row_chain, row)
+                else:
+                    first = s.row_start[max(row - 1, 0)]
+                    for column in range(LINE - 1):
+                        if DIM == 3 or not (column == 2 or column == 5):
+                            prefetch(s.lines, column * s.counter[LINE_ROOM] + first)
+                            prefetch(s.lines, column * s.counter[LINE_ROOM] + first + LINE_LANES)
 
 
 @jit
