@@ -149,7 +149,6 @@ class Engine:
         number[at.STRETCH] = plan.stretch
         number[at.LINE_UNIT] = 1.0 / edge
         number[at.LINE_MARGIN] = LINE_MARGIN * (1.0 + max(plan.cells) / 256.0)
-        self.chunks = 0
         windows = round(number[at.EPOCH_LENGTH] / plan.length)
         collisions = 0.5 * n * collision_frequency(scene) * plan.length
         per_bucket = EVENTS_PER_BUCKET[n > CACHED]
@@ -160,6 +159,7 @@ class Engine:
         count[at.LINE_ROOM] = (3 if scene.dim == 3 else 1) * (n + n // 4 + 1024)
         count[at.NODE_ROOM] = (3 if scene.dim == 3 else 1) * (n // 3 + 1024)
         count[at.CANDIDATE_ROOM] = n // 2 + 1024
+        self.chunks = buckets + n // 8 + 256
         count[at.MEETING_ROOM] = 1024
 
     def _set_cells(self, scene: Scene, cells: list[int], number: Any, count: Any) -> None:
@@ -199,8 +199,6 @@ class Engine:
             "row_start": np.zeros(self.cells * windows + 1, dtype=np.int32),
             "row_own": np.zeros(self.cells * windows + 1, dtype=np.int32),
             "row_above": np.zeros(self.cells * windows + 1, dtype=np.int32),
-            "row_up": np.zeros(self.cells * windows + 1, dtype=np.int32),
-            "row_down": np.zeros(self.cells * windows + 1, dtype=np.int32),
             "row_chain": np.zeros(self.cells * windows + 1, dtype=np.int32),
             "nodes": aligned(int(count[at.NODE_ROOM]) * 8 + 1, np.float32),
             "node_ids": np.zeros(int(count[at.NODE_ROOM]) + 1, dtype=np.int32),

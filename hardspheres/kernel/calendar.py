@@ -6,6 +6,7 @@ further bucket; events after the epoch are not entered at all, since the epoch p
 """
 
 from .agenda import push_agenda
+from .chunks import clear_buckets, push_bucket, release
 from .compiler import jit, prefetch
 from .layout import (
     AGENDA_LENGTH,
@@ -14,7 +15,6 @@ from .layout import (
     CHUNK,
     EPOCH_LENGTH,
     EVENT,
-    FREE_CHUNK,
     INVERSE_WIDTH,
     LIST_ROOM,
     PARTNER,
@@ -33,24 +33,6 @@ def tie_key(i, partner):
     if partner < 0:
         return 0
     return (min(i, partner) << 32) | max(i, partner)
-
-
-@jit
-def push_bucket(s, slot, entry):
-    """Append an entry to a bucket."""
-    chunk = s.buckets[slot]
-    if chunk < 0 or (s.chunks[chunk * CHUNK] & 7) == 7:
-        fresh = s.counter[FREE_CHUNK]
-        if fresh < 0:
-            s.counter[SHORT_QUEUE] = 1
-            return
-        s.counter[FREE_CHUNK] = s.chunks[fresh * CHUNK] >> 3
-        s.chunks[fresh * CHUNK] = chunk << 3
-        s.buckets[slot] = fresh
-        chunk = fresh
-    header = s.chunks[chunk * CHUNK] + 1
-    s.chunks[chunk * CHUNK] = header
-    s.chunks[chunk * CHUNK + (header & 7)] = entry
 
 
 @jit
@@ -105,9 +87,7 @@ def open_bucket(s, slot):
             i = entry >> 32
             if s.event[i * EVENT + STAMP] == entry & STAMP_BITS:
                 enter(s, i)
-        s.chunks[chunk * CHUNK] = s.counter[FREE_CHUNK] << 3
-        s.counter[FREE_CHUNK] = chunk
-        chunk = header >> 3
+        chunk = release(s, chunk)
 
 
 @jit
@@ -124,11 +104,7 @@ def turn_page(s):
 @jit
 def clear_calendar(s, chunks):
     """Empty the calendar and go back to its first bucket."""
-    for slot in range(s.counter[BUCKETS] + 1):
-        s.buckets[slot] = -1
-    for chunk in range(chunks):
-        s.chunks[chunk * CHUNK] = (chunk + 1 if chunk + 1 < chunks else -1) << 3
-    s.counter[FREE_CHUNK] = 0
+    clear_buckets(s, s.counter[BUCKETS] + 1, chunks)
     s.counter[AGENDA_LENGTH] = 0
     s.counter[SHORT_QUEUE] = 0
     s.counter[BUCKET] = 0

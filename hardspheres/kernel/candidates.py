@@ -1,12 +1,14 @@
 """Candidates of the window method: the contacts found for the present window, kept by time in buckets until it ends."""
 
 from .agenda import push_agenda
+from .chunks import push_bucket, release
 from .compiler import bits, from_bits, jit, prefetch
 from .layout import (
     BUCKET,
     CANDIDATE,
     CANDIDATE_ROOM,
     CANDIDATES,
+    CHUNK,
     HALF_WINDOW,
     INVERSE_WIDTH,
     LARGE,
@@ -22,7 +24,6 @@ from .layout import (
 WHEN = 0  # bits of its time
 PAIR = 1  # lower id << 32 | higher id
 VERSIONS = 2  # of both, when the contact was computed
-NEXT = 3  # the next candidate of the same bucket
 
 
 @jit
@@ -54,8 +55,7 @@ def note_candidate(s, low, high, time):
         push_agenda(s, time, low << 32 | high, c)
     else:
         slot = bucket & (s.counter[WINDOW_BUCKETS] - 1)
-        s.candidates[entry + NEXT] = s.buckets[slot]
-        s.buckets[slot] = c
+        push_bucket(s, slot, c)
 
 
 @jit
@@ -76,18 +76,34 @@ def candidate_holds(s, c):
 def open_candidates(s):
     """Bring the candidates of the current bucket, as far as they still hold, to the agenda."""
     slot = s.counter[BUCKET] & (s.counter[WINDOW_BUCKETS] - 1)
-    first = s.buckets[slot]
+    chunk = s.buckets[slot]
     s.buckets[slot] = -1
-    c = first
-    while c >= 0 and s.counter[LARGE]:
-        low, high = partners(s, c)
-        prefetch(s.version, low)
-        prefetch(s.version, min(high, s.counter[N]))
-        prefetch(s.row, low * ROW)
-        prefetch(s.row, min(high, s.counter[N]) * ROW)
-        c = s.candidates[c * CANDIDATE + NEXT]
-    c = first
-    while c >= 0:
-        if candidate_holds(s, c):
-            push_agenda(s, from_bits(s.candidates[c * CANDIDATE + WHEN]), s.candidates[c * CANDIDATE + PAIR], c)
-        c = s.candidates[c * CANDIDATE + NEXT]
+    if s.counter[LARGE]:
+        fetch_candidates(s, chunk)
+    while chunk >= 0:
+        for k in range(1, (s.chunks[chunk * CHUNK] & 7) + 1):
+            c = s.chunks[chunk * CHUNK + k]
+            if candidate_holds(s, c):
+                entry = c * CANDIDATE
+                push_agenda(s, from_bits(s.candidates[entry + WHEN]), s.candidates[entry + PAIR], c)
+        chunk = release(s, chunk)
+
+
+@jit
+def fetch_candidates(s, first):
+    """Have in the cache the candidates of a chain of chunks, and then their particles."""
+    for stage in range(2):
+        chunk = first
+        while chunk >= 0:
+            header = s.chunks[chunk * CHUNK]
+            for k in range(1, (header & 7) + 1):
+                c = s.chunks[chunk * CHUNK + k]
+                if stage == 0:
+                    prefetch(s.candidates, c * CANDIDATE)
+                else:
+                    low, high = partners(s, c)
+                    prefetch(s.version, low)
+                    prefetch(s.version, high)
+                    prefetch(s.row, low * ROW)
+                    prefetch(s.row, high * ROW)
+            chunk = header >> 3

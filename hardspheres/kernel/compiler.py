@@ -29,11 +29,11 @@ if PURE_PYTHON:
         """In plain Python: nothing."""
 
     def bits(x):
-        """The bits of a float64 as int64."""
+        """Return the bits of a float64 as int64."""
         return struct.unpack("q", struct.pack("d", x))[0]
 
     def from_bits(k):
-        """The float64 that has these bits."""
+        """Return the float64 that has these bits."""
         return struct.unpack("d", struct.pack("q", k))[0]
 
 else:
@@ -68,7 +68,7 @@ else:
 
     @intrinsic
     def bits(typingctx, x):
-        """The bits of a float64 as int64."""
+        """Return the bits of a float64 as int64."""
 
         def codegen(context, builder, signature, args):
             return builder.bitcast(args[0], context.get_value_type(types.int64))
@@ -77,7 +77,7 @@ else:
 
     @intrinsic
     def from_bits(typingctx, k):
-        """The float64 that has these bits."""
+        """Return the float64 that has these bits."""
 
         def codegen(context, builder, signature, args):
             return builder.bitcast(args[0], context.get_value_type(types.float64))

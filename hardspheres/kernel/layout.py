@@ -138,8 +138,6 @@ class Arrays(NamedTuple):
     row_start: object  # int32 (cells + 1): first line of each row
     row_own: object  # int32 (cells): first line of the cell in the middle
     row_above: object  # int32 (cells): first line of the cell above
-    row_up: object  # int32 (cells): the row above, or -1
-    row_down: object  # int32 (cells): the row below, or -1
     row_chain: object  # int32 (cells): first node of the row's chain of new lines
     nodes: object  # float32 (NODE_ROOM * LINE): new lines
     node_ids: object  # int32 (NODE_ROOM)
@@ -187,8 +185,6 @@ def pointers(a):
         pointer(a.row_start),
         pointer(a.row_own),
         pointer(a.row_above),
-        pointer(a.row_up),
-        pointer(a.row_down),
         pointer(a.row_chain),
         pointer(a.nodes),
         pointer(a.node_ids),

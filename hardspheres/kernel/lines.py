@@ -45,14 +45,14 @@ def line_at(p, stride, k):
 
 @jit
 def shifted(line, sx, sy):
-    """The same line in another image."""
+    """Return the same line in another image."""
     x, y, z, u, v, w, reach = line
     return x + sx, y + sy, z, u, v, w, reach
 
 
 @jit
 def compare(p, stride, k, line):
-    """b = r.v, v.v, and r.r less the squared contact distance, of line k against the one given."""
+    """B = r.v, v.v, and r.r less the squared contact distance, of line k against the one given."""
     x, y, z, u, v, w, reach = line
     dx, du = p[PLACE * stride + k] - x, p[WAY * stride + k] - u
     dy, dv = p[(PLACE + 1) * stride + k] - y, p[(WAY + 1) * stride + k] - v

@@ -86,7 +86,7 @@ def run(arrays, cells, chunks, afresh, stop_epoch, stop_time, stop_pairs, budget
     while budget > 0 or search:  # a search that is due is never put off
         if search:
             if SPARSE:
-                open_window(s, cells)
+                open_window(s, cells, chunks)
             else:
                 search_lists(s, lists, cells, chunks)
             search = False

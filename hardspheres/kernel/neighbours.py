@@ -59,7 +59,7 @@ def cell_and_place(s, i, d):
 
 @jit
 def locate(s, i):
-    """Indices of the cell that holds i's centre, and its place as seen from the cell's corner."""
+    """Find the indices of the cell that holds i's centre, and its place as seen from the cell's corner."""
     cx, x = cell_and_place(s, i, 0)
     cy, y = cell_and_place(s, i, 1)
     cz, z = 0, np.float32(0.0)

@@ -63,7 +63,7 @@ def cell_of(s, i, d, t):
     x = s.row[i * ROW + X + d] + s.row[i * ROW + V + d] * (t - s.row[i * ROW + T])
     shift = s.number[BOX + d] * np.floor(x * s.number[INVERSE + d])  # INVERSE is 0 between walls
     cell = (x - shift) * s.number[CELL_DENSITY + d]
-    cell = cell if cell > 0.0 else 0.0  # written so that not even a NaN leaves the grid
+    cell = max(0.0, cell)  # written so that not even a NaN leaves the grid
     return min(int(cell), s.counter[CELLS + d] - 1), shift
 
 
@@ -143,8 +143,6 @@ def lay_out_rows(s):
                 s.row_above[row] = place
                 if has_above:
                     place += s.cell_count[row + up]
-                s.row_down[row] = row + down if has_below else -1
-                s.row_up[row] = row + up if has_above else -1
                 row += 1
     s.row_start[row] = place
 
@@ -161,17 +159,27 @@ def write_line(s, slot, k, i, shift):
 
 
 @jit
-def insert_draft(s, k, i, cell, length):
+def row_beside(s, cell, step):
+    """Row of the cell above or below a cell, -1 where there is none, and how far it is shifted."""
+    ny = s.counter[CELLS + 1]
+    z = cell // ny % s.counter[CELLS + 2]
+    other, shift = around(s, z + step, 2)
+    return (cell + (other - z) * ny if other >= 0 else -1), shift
+
+
+@jit
+def insert_draft(s, k, i, cell):
     """Copy a draft to the rows of the cell, of the one above and of the one below, the last free slot first."""
     rank = s.cell_count[cell] - 1
     s.cell_count[cell] = rank
     write_line(s, s.row_own[cell] + rank, k, i, ZERO)
     if DIM == 3:
-        up, down = int(s.row_up[cell]), int(s.row_down[cell])
+        up, shift_up = row_beside(s, cell, 1)
+        down, shift_down = row_beside(s, cell, -1)
         if up >= 0:
-            write_line(s, s.row_start[up] + rank, k, i, -length if up < cell else ZERO)
+            write_line(s, s.row_start[up] + rank, k, i, -shift_up)
         if down >= 0:
-            write_line(s, s.row_above[down] + rank, k, i, length if down > cell else ZERO)
+            write_line(s, s.row_above[down] + rank, k, i, -shift_down)
 
 
 @jit
@@ -188,16 +196,15 @@ def register_all(s, cells, begin):
         s.counter[SHORT_LISTS] = 1
         return
     lay_out_rows(s)
-    length = np.float32(s.number[BOX + 2] * s.number[LINE_UNIT])
     for m in range(n):
         i = int(s.order[m])
         if s.where[m] >= 0:
-            insert_draft(s, m, i, int(s.where[m]), length)
+            insert_draft(s, m, i, int(s.where[m]))
         else:
             pieces = -int(s.where[m])
             for p in range(pieces):
                 cell = draft_line(s, m, i, begin + duration * (p + 0.5) / pieces, pieces)
-                insert_draft(s, m, i, cell, length)
+                insert_draft(s, m, i, cell)
     if s.counter[BUCKET] == 0:
         keep_order(s, cells)
 

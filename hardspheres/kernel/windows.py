@@ -13,41 +13,40 @@ There are no events but collisions: nothing is done for particles that nobody me
 import numpy as np
 
 from .candidates import note_candidate, partners
+from .chunks import clear_buckets
 from .compiler import jit, prefetch
 from .flags import DIM, WALLS
 from .layout import (
     AGENDA_LENGTH,
-    BOX,
     BUCKET,
     CANDIDATES,
     CELLS,
     HALF_WINDOW,
+    LARGE,
     LINE_LANES,
     LINE_ROOM,
-    LINE_UNIT,
     MIDDLE,
-    N,
     NODE_ROOM,
     NODES,
     SHORT_LISTS,
     SHORT_QUEUE,
     WINDOW_BUCKETS,
+    N,
 )
 from .lines import LINE, PLACE, ZERO, line_at, meet_line, shifted, solve_meetings
 from .prediction import wall_contact
-from .rows import around, cell_at, draft_line, meet_all, meet_rows, pieces_of, register_all
+from .rows import around, cell_at, draft_line, meet_all, meet_rows, pieces_of, register_all, row_beside
 
 
 @jit
-def open_window(s, cells):
+def open_window(s, cells, chunks):
     """Register all lines and find all candidates of the window that begins in the current bucket."""
     s.counter[CANDIDATES] = 0
     s.counter[NODES] = 0
     s.counter[SHORT_LISTS] = 0
     s.counter[SHORT_QUEUE] = 0
     s.counter[AGENDA_LENGTH] = 0
-    for slot in range(s.counter[WINDOW_BUCKETS]):
-        s.buckets[slot] = -1
+    clear_buckets(s, s.counter[WINDOW_BUCKETS], chunks)
     begin = s.counter[BUCKET] // s.counter[WINDOW_BUCKETS] * (2.0 * s.number[HALF_WINDOW])
     s.number[MIDDLE] = begin + s.number[HALF_WINDOW]
     register_all(s, cells, begin)
@@ -108,12 +107,10 @@ def follow(s, i, now):
         solve_meetings(s)
         chain_draft(s, i, cell, ZERO)
         if DIM == 3:
-            length = np.float32(s.number[BOX + 2] * s.number[LINE_UNIT])
-            up, down = int(s.row_up[cell]), int(s.row_down[cell])
-            if up >= 0:
-                chain_draft(s, i, up, -length if up < cell else ZERO)
-            if down >= 0:
-                chain_draft(s, i, down, length if down > cell else ZERO)
+            for step in range(-1, 2, 2):
+                beside, shift = row_beside(s, cell, step)
+                if beside >= 0:
+                    chain_draft(s, i, beside, -shift)
 
 
 @jit
@@ -139,6 +136,8 @@ def meet_around(s, i, line, cell, since):
     """Compare a new line with all lines of its cell and the cells around."""
     ny, nz = s.counter[CELLS + 1], s.counter[CELLS + 2]
     cx, cz, cy = cell // ny // nz, cell // ny % nz, cell % ny
+    if s.counter[LARGE]:
+        fetch_chains(s, cx, cz, cy)
     for kx in range(cx - 1, cx + 2):
         x, sx = around(s, kx, 0)
         if x >= 0:
@@ -148,6 +147,18 @@ def meet_around(s, i, line, cell, since):
                 y, sy = around(s, ky, 1)
                 if y >= 0:
                     meet_chain(s, row + y, i, shifted(line, -sx, -sy), since)
+
+
+@jit
+def fetch_chains(s, cx, cz, cy):
+    """Have in the cache the first of the lines chained to the rows around a cell."""
+    ny, nz = s.counter[CELLS + 1], s.counter[CELLS + 2]
+    for kx in range(cx - 1, cx + 2):
+        x, _ = around(s, kx, 0)
+        for ky in range(cy - 1, cy + 2):
+            y, _ = around(s, ky, 1)
+            if x >= 0 and y >= 0:
+                prefetch(s.nodes, s.row_chain[(x * nz + cz) * ny + y] * LINE)
 
 
 @jit
