@@ -16,6 +16,8 @@ from .layout import (
     EPOCH_LENGTH,
     EVENT,
     INVERSE_WIDTH,
+    LANES,
+    LARGE,
     LIST_ROOM,
     PARTNER,
     ROW,
@@ -49,6 +51,18 @@ def make_ready(s, i):
 
 
 @jit
+def fetch_neighbours(s):
+    """Have in the cache whom the particles of the agenda's first event may meet next."""
+    i = s.agenda_entry[0] >> 32
+    partner = s.event[i * EVENT + PARTNER]
+    for k in range(LANES):
+        prefetch(s.row, s.neighbours[i * s.counter[LIST_ROOM] + k] * ROW)
+    if 0 <= partner < s.counter[N]:
+        for k in range(LANES):
+            prefetch(s.row, s.neighbours[partner * s.counter[LIST_ROOM] + k] * ROW)
+
+
+@jit
 def enter(s, i):
     """Put i's event, just predicted, into the calendar."""
     time = s.event_float[i * EVENT + TIME]
@@ -76,10 +90,22 @@ def schedule(s, i, time, partner):
 
 
 @jit
+def fetch_events(s, chunk):
+    """Have in the cache the events of a chain of chunks."""
+    while chunk >= 0:
+        header = s.chunks[chunk * CHUNK]
+        for k in range(1, (header & 7) + 1):
+            prefetch(s.event, (s.chunks[chunk * CHUNK + k] >> 32) * EVENT)
+        chunk = header >> 3
+
+
+@jit
 def open_bucket(s, slot):
     """Enter the live events of a bucket anew: those of the current bucket reach the agenda."""
     chunk = s.buckets[slot]
     s.buckets[slot] = -1
+    if s.counter[LARGE]:
+        fetch_events(s, chunk)
     while chunk >= 0:
         header = s.chunks[chunk * CHUNK]
         for k in range(1, (header & 7) + 1):

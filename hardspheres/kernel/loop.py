@@ -2,7 +2,7 @@
 
 from . import layout
 from .agenda import pop_agenda
-from .calendar import clear_calendar, schedule, turn_page
+from .calendar import clear_calendar, fetch_neighbours, schedule, turn_page
 from .candidates import candidate_holds, open_candidates, partners
 from .compiler import entry, jit
 from .events import begin_epoch, collide_pair, hit_wall
@@ -39,7 +39,7 @@ from .layout import (
 )
 from .neighbours import make_all_lists, renew_list
 from .prediction import next_event
-from .windows import fetch_rows, follow, open_window
+from .windows import follow, open_window
 
 __all__ = ["DONE", "NO_ROOM", "PAUSED", "STANDS_STILL", "layout", "run"]
 
@@ -111,8 +111,6 @@ def run(arrays, cells, chunks, afresh, stop_epoch, stop_time, stop_pairs, budget
                 search = (bucket & (s.counter[WINDOW_BUCKETS] - 1)) == 0
                 if not search:
                     open_candidates(s)
-                    if s.counter[LARGE]:
-                        fetch_rows(s)
             else:
                 turn_page(s)
         else:
@@ -125,6 +123,8 @@ def run(arrays, cells, chunks, afresh, stop_epoch, stop_time, stop_pairs, budget
             if SPARSE:
                 execute_candidate(s, first, time)
             else:
+                if s.counter[LARGE] and s.counter[AGENDA_LENGTH] > 0:
+                    fetch_neighbours(s)
                 execute_and_predict(s, first, time)
             if s.counter[LONE] > 1000 * n:
                 return STANDS_STILL

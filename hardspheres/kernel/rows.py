@@ -68,17 +68,6 @@ def cell_of(s, i, d, t):
 
 
 @jit
-def cell_at(s, i, t):
-    """Cell that holds i at time t."""
-    x, _ = cell_of(s, i, 0, t)
-    y, _ = cell_of(s, i, 1, t)
-    z = 0
-    if DIM == 3:
-        z, _ = cell_of(s, i, 2, t)
-    return (x * s.counter[CELLS + 2] + z) * s.counter[CELLS + 1] + y
-
-
-@jit
 def draft_line(s, k, i, t, pieces):
     """Write i's line, in the image that is in the box at time t, to the drafts; returns the cell that holds i then."""
     ri = i * ROW

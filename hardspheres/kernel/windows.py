@@ -12,7 +12,7 @@ There are no events but collisions: nothing is done for particles that nobody me
 
 import numpy as np
 
-from .candidates import note_candidate, partners
+from .candidates import note_candidate
 from .chunks import clear_buckets
 from .compiler import jit, prefetch
 from .flags import DIM, WALLS
@@ -35,7 +35,7 @@ from .layout import (
 )
 from .lines import LINE, PLACE, ZERO, line_at, meet_line, shifted, solve_meetings
 from .prediction import wall_contact
-from .rows import around, cell_at, draft_line, meet_all, meet_rows, pieces_of, register_all, row_beside
+from .rows import around, draft_line, meet_all, meet_rows, pieces_of, register_all, row_beside
 
 
 @jit
@@ -56,29 +56,6 @@ def open_window(s, cells, chunks):
     if WALLS:
         for i in range(s.counter[N]):
             note_wall(s, i)
-
-
-@jit
-def fetch_rows(s):
-    """Have in the cache the lines with which those will be compared that collide in this bucket."""
-    for stage in range(2):
-        for a in range(s.counter[AGENDA_LENGTH]):
-            low, _ = partners(s, s.agenda_entry[a])
-            cell = cell_at(s, low, s.agenda_time[a])
-            plane = s.counter[CELLS + 1] * s.counter[CELLS + 2]
-            cells = s.counter[CELLS] * plane
-            for side in range(-1, 2):
-                row = cell + side * plane
-                row += cells if row < 0 else (-cells if row >= cells else 0)
-                if stage == 0:
-                    prefetch(s.row_start, row)
-                    prefetch(s.row_chain, row)
-                else:
-                    first = s.row_start[max(row - 1, 0)]
-                    for column in range(LINE - 1):
-                        if DIM == 3 or not (column == 2 or column == 5):
-                            prefetch(s.lines, column * s.counter[LINE_ROOM] + first)
-                            prefetch(s.lines, column * s.counter[LINE_ROOM] + first + LINE_LANES)
 
 
 @jit
@@ -137,7 +114,7 @@ def meet_around(s, i, line, cell, since):
     ny, nz = s.counter[CELLS + 1], s.counter[CELLS + 2]
     cx, cz, cy = cell // ny // nz, cell // ny % nz, cell % ny
     if s.counter[LARGE]:
-        fetch_chains(s, cx, cz, cy)
+        fetch_around(s, cx, cz, cy)
     for kx in range(cx - 1, cx + 2):
         x, sx = around(s, kx, 0)
         if x >= 0:
@@ -150,15 +127,28 @@ def meet_around(s, i, line, cell, since):
 
 
 @jit
-def fetch_chains(s, cx, cz, cy):
-    """Have in the cache the first of the lines chained to the rows around a cell."""
+def fetch_lines(s, row):
+    """Have in the cache the first lines of a row, and those after them."""
+    for column in range(LINE - 1):
+        if DIM == 3 or not (column == 2 or column == 5):
+            first = column * s.counter[LINE_ROOM] + s.row_start[row]
+            prefetch(s.lines, first)
+            prefetch(s.lines, first + LINE_LANES)
+
+
+@jit
+def fetch_around(s, cx, cz, cy):
+    """Have in the cache the lines around a cell, and the first of those chained to its rows."""
     ny, nz = s.counter[CELLS + 1], s.counter[CELLS + 2]
     for kx in range(cx - 1, cx + 2):
         x, _ = around(s, kx, 0)
-        for ky in range(cy - 1, cy + 2):
-            y, _ = around(s, ky, 1)
-            if x >= 0 and y >= 0:
-                prefetch(s.nodes, s.row_chain[(x * nz + cz) * ny + y] * LINE)
+        if x >= 0:
+            row = (x * nz + cz) * ny
+            fetch_lines(s, row + max(cy - 1, 0))
+            for ky in range(cy - 1, cy + 2):
+                y, _ = around(s, ky, 1)
+                if y >= 0:
+                    prefetch(s.nodes, s.row_chain[row + y] * LINE)
 
 
 @jit
