@@ -16,7 +16,7 @@ NEIGHBOURS_WANTED = {2: 11.0, 3: 14.0}  # per list: fewer means more renewals, m
 SLACK = 1e-6  # by which lists and lines reach further than they must, so that rounding never matters
 THERMAL_SPEEDS = (2.2, 2.6, 3.0, 3.5)  # flights up to this many sqrt(kT/m) are registered in one piece
 REG, PIECE, PAIR, CELL, COLL, NEWP, NEWC = 50.0, 300.0, 0.6, 15.0, 200.0, 1.0, 8.0
-SPARSE_BELOW = {2: 0.3, 3: 0.16}  # packing fraction below which windows are faster than lists
+SPARSE_BELOW = {2: 0.3, 3: 0.25}  # packing fraction below which windows are faster than lists
 
 
 def power_of_two_below(x: float) -> float:
