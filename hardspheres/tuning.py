@@ -8,14 +8,18 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.stats
 
 from hardspheres.scene import Scene
 
 NEIGHBOURS_WANTED = {2: 11.0, 3: 14.0}  # per list: fewer means more renewals, more means dearer predictions
 SLACK = 1e-6  # by which lists and lines reach further than they must, so that rounding never matters
-THERMAL_SPEEDS = (2.2, 2.6, 3.0, 3.5)  # flights up to this many sqrt(kT/m) are registered in one piece
-REG, PIECE, PAIR, CELL, COLL, NEWP, NEWC = 50.0, 300.0, 0.6, 15.0, 200.0, 1.0, 8.0
+THERMAL_SPEEDS = (
+    2.2,
+    2.6,
+    3.0,
+    3.5,
+)  # flights up to this many sqrt(kT/m) are registered in one piece: one is chosen
+WINDOWS_IN_AN_EPOCH = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)  # likewise
 SPARSE_BELOW = {2: 0.3, 3: 0.25}  # packing fraction below which windows are faster than lists
 
 
@@ -109,6 +113,12 @@ class WindowPlan:
     cells: list[int]
 
 
+def share_faster(speed: float, dim: int) -> float:
+    """Share of the particles that Maxwell and Boltzmann have faster than this many sqrt(kT/m)."""
+    tail = math.exp(-0.5 * speed * speed)
+    return tail if dim == 2 else math.erfc(speed / math.sqrt(2.0)) + math.sqrt(2.0 / math.pi) * speed * tail
+
+
 def window_plan(scene: Scene) -> WindowPlan | None:
     """Return the windows that cost least, or None where lists serve better or the box is too small for them."""
     largest = 2.0 * float(scene.radii.max())
@@ -118,9 +128,7 @@ def window_plan(scene: Scene) -> WindowPlan | None:
         return None
     frequency = collision_frequency(scene)
     plans = {}
-    for parts, speeds in itertools.product(
-        (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256), THERMAL_SPEEDS
-    ):
+    for parts, speeds in itertools.product(WINDOWS_IN_AN_EPOCH, THERMAL_SPEEDS):
         length = epoch_length(scene) / parts
         stretch = 0.5 * speeds * rms / math.sqrt(scene.dim) * length
         cells = [int(edge / ((largest + 2.0 * stretch) * (1.0 + 1e-3))) for edge in scene.box.tolist()]
@@ -129,11 +137,11 @@ def window_plan(scene: Scene) -> WindowPlan | None:
         occupancy = scene.n / math.prod(cells)
         around = occupancy * 3**scene.dim
         collisions = frequency * length
-        in_pieces = float(scipy.stats.chi.sf(speeds, scene.dim))
+        in_pieces = share_faster(speeds, scene.dim)
         # Measured, in ns: registering a line (and more of them for a flight in pieces) and comparing it with half the lines
         # around, passing by a cell, and for each collision comparing the new lines with all around, those of this window too.
-        cost = REG + PIECE * in_pieces + PAIR * around + CELL / occupancy
-        cost += collisions * (COLL + around * (NEWP + NEWC * collisions))
+        cost = 50.0 + 300.0 * in_pieces + 0.6 * around + 15.0 / occupancy
+        cost += collisions * (200.0 + around * (1.0 + 8.0 * collisions))
         cost /= length
         plans[cost] = WindowPlan(length, stretch, cells)
     return plans[min(plans)] if plans else None

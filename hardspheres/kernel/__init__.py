@@ -28,13 +28,16 @@ down is never later. **The calendar** (`calendar`; Brown 1988, doi:10.1145/63039
 their time. An event that no longer counts stays where it is until its bucket is opened.
 
 *Dilute: windows* (`windows`). In a short window of time every flight is a known line and few lines come near another. All
-lines are compared cell by cell with a vectorised filter in single precision, and what passes it is computed exactly. Contacts
-within the window are kept in buckets by their time; a particle that has collided gets a new line and is compared again. Between
-collisions nothing happens at all, where lists would have to be renewed many times for each collision of a dilute gas.
+lines are laid out so that those around a cell stand in a few contiguous runs (`rows`), and are compared with a vectorised filter
+in single precision (`lines`); what passes it is computed exactly. Contacts within the window are kept in buckets by their time
+(`candidates`); a particle that has collided gets a new line and is compared again. Between collisions nothing happens at all,
+where lists would have to be renewed many times for each collision of a dilute gas.
 
-Either way the events of the calendar's current bucket lie in a small heap (`agenda`), so that the next event is found in a time
-that does not depend on their number. Equal times are ordered by the lower, then the higher id; a wall counts as the id
-n + 2 axis + side.
+Either way buckets are chains of whole cache lines (`chunks`), and the events of the current one lie in a small heap
+(`agenda`), so that the next event is found in a time that does not depend on their number. Equal times are ordered by the
+lower, then the higher id; a wall counts as the id n + 2 axis + side.
+
+Where a gas is larger than the processor's caches, what the coming events need is fetched ahead; that too changes no bit.
 
 **Growth.** To make dense random starts (`hardspheres.compression`) all radii may grow linearly in time: at time t of an epoch they
 are the rows' radii times SCALE + GROWTH t. Contacts are then those of `hardspheres.growth`, lists reach as far as the largest size
