@@ -8,6 +8,7 @@ particles and not with the box.
 import itertools
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,7 +131,7 @@ class CellGrid:
         if self._table is not None:
             if not self.periodic.all():
                 number[number < 0] = self._total
-            cell = self._table[number]
+            cell: NDArray[np.integer[Any]] = self._table[number]
         else:
             cell = np.searchsorted(self.cells, number)
             cell[self.cells[np.minimum(cell, len(self.cells) - 1)] != number] = len(self.cells)
