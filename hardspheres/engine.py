@@ -134,7 +134,7 @@ class Engine:
         count[at.CELL_ROOM] = lanes * math.ceil(min(n, 1.5 * n / self.cells + 3) / lanes)
         count[at.LIST_ROOM] = 32
         count[at.BUCKETS] = max(16, int(power_of_two_below(max(8 * n / per_bucket, 1))))
-        self.chunks = int(count[at.BUCKETS]) + n + 64
+        self.chunks = int(count[at.BUCKETS]) // 2 + n // 3 + 64
         length = number[at.EPOCH_LENGTH]
         events = 2.0 * n * collision_frequency(scene) * length / per_bucket
         count[at.EPOCH_BUCKETS] = int(power_of_two_below(min(max(events, 16.0), 2.0**40)))

@@ -8,6 +8,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hardspheres.scene import Scene
 
@@ -40,10 +41,26 @@ def epoch_length(scene: Scene) -> float:
     multiplies it by a power of two.
     """
     spacing = root_of_power_below(scene.volume / scene.n, scene.dim)
-    v2 = math.fsum((scene.velocities * scene.velocities).ravel().tolist()) / scene.n
+    v2 = mean_square(scene.velocities)
     if v2 == 0.0:
         return 1.0
     return 2.0 * spacing / root_of_power_below(v2, 2)
+
+
+def mean_square(velocities: NDArray[np.float64]) -> float:
+    """Mean square speed, with the power of two below it that the exactly rounded sum of squares gives.
+
+    A sum in whatever order is off by less than one rounding for each term, as no term is negative. Only where a power of
+    two is that near is the exactly rounded sum computed; otherwise both have the same.
+    """
+    squares = (velocities * velocities).ravel()
+    n = len(velocities)
+    total = float(np.sum(squares))
+    off = 2.0 * len(squares) * float(np.finfo(np.float64).eps)
+    low, high = total * (1.0 - off) / n, total * (1.0 + off) / n
+    if off < 0.5 and 0.0 < low and high < math.inf and math.frexp(low)[1] == math.frexp(high)[1]:
+        return total / n
+    return math.fsum(squares.data) / n
 
 
 def typical_speed(scene: Scene, energy: float) -> float:
@@ -65,8 +82,11 @@ def shell_width(scene: Scene) -> float:
     """How far a particle may go before its neighbour list is renewed: as far as leaves lists of about the wanted length."""
     ball = 4.0 * math.pi / 3.0 if scene.dim == 3 else math.pi
 
+    a1, a2, a3 = (float(np.mean(scene.radii**k)) for k in (1, 2, 3))
+
     def neighbours(shell: float) -> float:
-        r1, r2, r3 = (float(np.mean((scene.radii + shell) ** k)) for k in (1, 2, 3))
+        r1, r2 = a1 + shell, a2 + shell * (2.0 * a1 + shell)  # moments of the radii and the shell together
+        r3 = a3 + shell * (3.0 * a2 + shell * (3.0 * a1 + shell))
         pairs = 2.0 * r3 + 6.0 * r1 * r2 if scene.dim == 3 else 2.0 * r2 + 2.0 * r1 * r1
         return ball * scene.number_density * pairs
 
@@ -126,10 +146,10 @@ def window_plan(scene: Scene) -> WindowPlan | None:
     rms = max(math.sqrt(float(np.mean(now))), typical_speed(scene, scene.kinetic_energy))
     if scene.packing_fraction > SPARSE_BELOW[scene.dim] or rms == 0.0 or math.sqrt(np.max(now)) > 50.0 * rms:
         return None
-    frequency = collision_frequency(scene)
+    frequency, epoch = collision_frequency(scene), epoch_length(scene)
     plans = {}
     for parts, speeds in itertools.product(WINDOWS_IN_AN_EPOCH, THERMAL_SPEEDS):
-        length = epoch_length(scene) / parts
+        length = epoch / parts
         stretch = 0.5 * speeds * rms / math.sqrt(scene.dim) * length
         cells = [int(edge / ((largest + 2.0 * stretch) * (1.0 + 1e-3))) for edge in scene.box.tolist()]
         if any(c < (3 if periodic else 1) for c, periodic in zip(cells, scene.periodic, strict=True)):
