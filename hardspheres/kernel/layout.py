@@ -46,7 +46,10 @@ CELL_EDGE = 24  # edges of a cell, 3 slots
 MIDDLE = 27  # time at the middle of the window
 SCALE = 28  # growth: at the epoch's start all radii are this many times those given
 GROWTH = 29  # how much that grows in a unit of time
-NUMBERS = 30
+SMALL_RADIUS = 30  # windows: particles with a larger radius are in the coarse grid
+LARGEST = 31  # largest radius
+LARGE_DENSITY = 32  # coarse cells per length, 3 slots
+NUMBERS = 35
 
 # Sums since the tallies were reset, float64.
 VIRIAL = 0  # sum of r_a dp_b over pair collisions: xx, yy, zz, xy, xz, yz
@@ -92,7 +95,9 @@ NODE_ROOM = 30
 MEETINGS = 31  # pairs whose lines may meet
 MEETING_ROOM = 32
 EPOCH_BUCKETS = 33  # buckets in an epoch
-COUNTERS = 34
+LARGE = 34  # windows: how many particles are in the coarse grid
+LARGE_CELLS = 35  # coarse cells per axis, 3 slots
+COUNTERS = 38
 
 # Calendar: chunks of 8 int64: the next chunk (-1: none) and how many entries, then 7 entries id << 32 | stamp.
 CHUNK = 8
@@ -129,7 +134,8 @@ class Arrays(NamedTuple):
     agenda_entry: object  # int64: id << 32 | stamp
     scratch: object  # float64 (LANES * 16)
     scratch_int: object  # the same memory as int64
-    order: object  # windows: int32 (n): the particles in the order in which they are gone through
+    order: object  # windows: int32 (n): the particles of the rows in the order in which they are gone through
+    large: object  # int32: those that are in the coarse grid
     drafts: object  # float32 ((n + 1) * LINE): lines before they are sorted, and the latest new one
     lines: object  # float32 (7 * LINE_ROOM + LINE_LANES): sorted into rows, column by column
     line_ids: object  # int32 (LINE_ROOM + LINE_LANES)
@@ -138,7 +144,7 @@ class Arrays(NamedTuple):
     row_above: object  # int32 (cells): first line of the cell above
     row_up: object  # int32 (cells): the row above, or -1
     row_down: object  # int32 (cells): the row below, or -1
-    row_chain: object  # int32 (cells): first node of the row's chain of new lines
+    row_chain: object  # int32 (cells + coarse cells): first node of each chain of new lines
     nodes: object  # float32 (NODE_ROOM * LINE): new lines
     node_ids: object  # int32 (NODE_ROOM)
     node_next: object  # int32 (NODE_ROOM)
@@ -182,6 +188,7 @@ def pointers(a):
         pointer(a.scratch),
         pointer(a.scratch_int),
         pointer(a.order),
+        pointer(a.large),
         pointer(a.drafts),
         pointer(a.lines),
         pointer(a.line_ids),
