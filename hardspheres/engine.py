@@ -269,7 +269,7 @@ class Engine:
     def method(self) -> str:
         """How partners are searched for."""
         if self.arrays.counter[self.layout.WINDOW_BUCKETS]:
-            return "windows of time"
+            return "windows of time" + ", two grids" * bool(len(self.large))
         images = bool(self.arrays.counter[self.layout.IMAGES])
         return "neighbour lists" + (" that name the image" if images else "")
 

@@ -135,6 +135,11 @@ class _Split:
         The gas.
     small_radius : float
         Largest radius of the small ones.
+
+    Attributes
+    ----------
+    crowding : float
+        Packing fraction of the small ones in the space that the large ones leave, times (mean / largest radius)^d.
     """
 
     def __init__(self, scene: Scene, small_radius: float) -> None:
@@ -145,10 +150,9 @@ class _Split:
         self.large_radius = float(large.mean()) if len(large) else 0.0
         self.largest = float(scene.radii.max())
         filled = float(np.sum(sphere_volume(large, scene.dim))) / scene.volume
-        # The small ones fill this fraction of what the large ones leave.
-        self.packing_fraction = scene.packing_fraction
-        if len(large):
-            self.packing_fraction = (scene.packing_fraction - filled) / (1.0 - filled)
+        # Where sizes differ, lists pay for cells made for the largest: they take over at a higher density.
+        among = (scene.packing_fraction - filled) / (1.0 - filled)
+        self.crowding = among * (float(scene.radii.mean()) / self.largest) ** scene.dim
         self.share_of_large = self._share_of_large(small, large)
 
     def _share_of_large(self, small: Floats, large: Floats) -> float:
@@ -158,7 +162,10 @@ class _Split:
         dim = self.scene.dim
         both = len(small) * len(large) * mean_cross_section(small, large, dim)
         alike = len(large) ** 2 * mean_cross_section(large, large, dim)
-        return (alike + both) / (alike + 2.0 * both + len(small) ** 2 * mean_cross_section(small, small, dim))
+        share: float = (alike + both) / (
+            alike + 2.0 * both + len(small) ** 2 * mean_cross_section(small, small, dim)
+        )
+        return share
 
     def plan(self, length: float, stretch: float) -> WindowPlan | None:
         """Return the cells for windows of this length, or None where the box is too small for them."""
@@ -168,9 +175,7 @@ class _Split:
         if any(c < (3 if periodic else 1) for c, periodic in zip(coarse, scene.periodic, strict=True)):
             return None
         reach = self.largest + self.small_radius + 2.0 * stretch
-        return WindowPlan(
-            length, stretch, cells, self.small_radius, cells_per_axis(scene, reach, self.large)
-        )
+        return WindowPlan(length, stretch, cells, self.small_radius, cells_per_axis(scene, reach, self.large))
 
     def _cells(self, width: float) -> list[int]:
         return [int(edge / (width * (1.0 + 1e-3))) for edge in self.scene.box.tolist()]
@@ -179,22 +184,24 @@ class _Split:
         """Rough cost of a window per particle, in ns, given how often each collides and how many flights are in pieces."""
         dim, n = self.scene.dim, self.scene.n
         occupancy = self.small / math.prod(plan.cells)
-        around = occupancy * 3**dim
+        around: float = occupancy * 3**dim
         # Measured: registering a line (and more of them for a flight in pieces) and comparing it with half the lines around,
         # passing by a cell, and for each collision comparing the new lines with all around, those of this window too.
-        opening = REG + PIECE * in_pieces + PAIR * around + CELL / occupancy
-        collision = COLL + around * (NEWP + NEWC * collisions)
+        opening: float = REG + PIECE * in_pieces + PAIR * around + CELL / occupancy
+        collision: float = COLL + around * (NEWP + NEWC * collisions)
         if not self.large:
             return opening + collisions * collision
         # A large one is compared with the lines in a box of rows, which stand in few runs, and with the chains of each row.
         reach = self.large_radius + self.small_radius + 2.0 * plan.stretch
-        wide = [2.0 * reach * c / edge + 1.0 for c, edge in zip(plan.cells, self.scene.box.tolist(), strict=True)]
-        met = occupancy * math.prod(wide)
-        columns = math.prod(wide) / (wide[1] * (3.0 if dim == 3 else 1.0))
-        search = COLL + columns * (RUN + HEAD * wide[1]) + met * (NEWP + NEWC * collisions)
+        wide = [
+            2.0 * reach * c / edge + 1.0 for c, edge in zip(plan.cells, self.scene.box.tolist(), strict=True)
+        ]
+        met: float = occupancy * math.prod(wide)
+        columns: float = math.prod(wide) / (wide[1] * (3.0 if dim == 3 else 1.0))
+        search: float = COLL + columns * (RUN + HEAD * wide[1]) + met * (NEWP + NEWC * collisions)
         opening = (self.small * opening + self.large * search) / n
         collision += 3**dim * (HEAD + NEWC * self.large / math.prod(plan.large_cells))
-        share = self.share_of_large
+        share: float = self.share_of_large
         return opening + collisions * ((1.0 - share) * collision + share * search)
 
 
@@ -202,7 +209,9 @@ def splits(scene: Scene) -> list[_Split]:
     """Return ways to divide the particles into small and large ones: none is large, or few enough to be worth it."""
     radii = np.unique(scene.radii)
     if len(radii) > 8:
-        radii = np.unique(np.quantile(scene.radii, (0.5, 0.8, 0.9, 0.96, 0.98, 0.99, 0.996, 1.0), method="lower"))
+        radii = np.unique(
+            np.quantile(scene.radii, (0.5, 0.8, 0.9, 0.96, 0.98, 0.99, 0.996, 1.0), method="lower")
+        )
     return [_Split(scene, float(r)) for r in radii if np.mean(scene.radii > r) <= 0.5]
 
 
@@ -213,7 +222,7 @@ def window_plan(scene: Scene) -> WindowPlan | None:
     if rms == 0.0 or math.sqrt(np.max(now)) > 50.0 * rms:
         return None
     frequency = collision_frequency(scene)
-    dilute = [split for split in splits(scene) if split.packing_fraction <= SPARSE_BELOW[scene.dim]]
+    dilute = [split for split in splits(scene) if split.crowding <= SPARSE_BELOW[scene.dim]]
     in_pieces = {speeds: float(scipy.stats.chi.sf(speeds, scene.dim)) for speeds in THERMAL_SPEEDS}
     plans = {}
     for split, parts, speeds in itertools.product(

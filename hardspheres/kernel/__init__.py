@@ -31,6 +31,7 @@ their time. An event that no longer counts stays where it is until its bucket is
 lines are compared cell by cell with a vectorised filter in single precision, and what passes it is computed exactly. Contacts
 within the window are kept in buckets by their time; a particle that has collided gets a new line and is compared again. Between
 collisions nothing happens at all, where lists would have to be renewed many times for each collision of a dilute gas.
+A few large particles among small ones have a coarser grid of their own (`large`).
 
 Either way the events of the calendar's current bucket lie in a small heap (`agenda`), so that the next event is found in a time
 that does not depend on their number. Equal times are ordered by the lower, then the higher id; a wall counts as the id

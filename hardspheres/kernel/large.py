@@ -60,7 +60,7 @@ def span(s, i, t, d, reach, cells, density):
 
 @jit
 def shifted_along_z(line, sz):
-    """The same line in another image."""
+    """Return the same line in another image."""
     x, y, z, u, v, w, reach = line
     return x, y, z + sz, u, v, w, reach
 

@@ -27,15 +27,15 @@ from .layout import (
     LARGE,
     LINE_UNIT,
     MIDDLE,
-    N,
     NODES,
     SHORT_LISTS,
     SHORT_QUEUE,
     WINDOW_BUCKETS,
+    N,
 )
 from .lines import LINE, ZERO, line_at, shifted, solve_meetings
 from .prediction import wall_contact
-from .rows import around, draft_line, meet_all, meet_rows, pieces_of, register_all
+from .rows import ALWAYS, around, draft_line, meet_all, meet_rows, pieces_of, register_all
 
 
 @jit
@@ -53,20 +53,32 @@ def open_window(s, cells):
     register_all(s, cells, begin)
     if s.counter[SHORT_LISTS]:
         return
+    if SIZES:
+        register_large(s, begin)
+        if s.counter[SHORT_LISTS]:
+            return
     meet_all(s)
     if WALLS:
         for i in range(s.counter[N]):
             note_wall(s, i)
-    if SIZES:
-        register_large(s, begin)
 
 
 @jit
 def register_large(s, begin):
-    """Compare the large particles with all small ones and with each other."""
+    """Hang the lines of all large particles in the coarse grid, compared with all small ones and with each other."""
     clear_large(s)
+    duration = 2.0 * s.number[HALF_WINDOW]
+    draft = s.counter[N]
     for k in range(s.counter[LARGE]):
-        search_rest(s, s.large[k], begin)
+        i = int(s.large[k])
+        pieces = pieces_of(s, i, duration)
+        for p in range(pieces):
+            time = begin + duration * (p + 0.5) / pieces
+            draft_line(s, draft, i, time, pieces)
+            line = line_at(s.drafts, 1, draft * LINE)
+            meet_small(s, i, line, time, ALWAYS)
+            meet_large(s, i, line, time, ALWAYS)
+            chain_large(s, i, time, p == 0)
     if s.counter[SHORT_LISTS]:
         s.counter[NODES] = 0  # more lines than there is room for, and none that was replaced
 
@@ -84,12 +96,6 @@ def follow(s, i, now):
     """Find what happens to i, which has just changed, in the rest of the window, and chain its new line to its rows."""
     if WALLS:
         note_wall(s, i)
-    search_rest(s, i, now)
-
-
-@jit
-def search_rest(s, i, now):
-    """Find whom i meets in the rest of the window, and chain its line to the rows, or the coarse cell, that it belongs to."""
     middle, half = s.number[MIDDLE], s.number[HALF_WINDOW]
     duration = middle + half - now
     if duration <= 0.0:
