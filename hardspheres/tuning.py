@@ -11,7 +11,7 @@ import numpy as np
 import scipy.stats
 from numpy.typing import NDArray
 
-from hardspheres.scene import Scene, sphere_volume
+from hardspheres.scene import Scene
 
 Floats = NDArray[np.float64]
 
@@ -135,11 +135,6 @@ class _Split:
         The gas.
     small_radius : float
         Largest radius of the small ones.
-
-    Attributes
-    ----------
-    crowding : float
-        Packing fraction of the small ones in the space that the large ones leave, times (mean / largest radius)^d.
     """
 
     def __init__(self, scene: Scene, small_radius: float) -> None:
@@ -149,10 +144,6 @@ class _Split:
         self.small, self.large = len(small), len(large)
         self.large_radius = float(large.mean()) if len(large) else 0.0
         self.largest = float(scene.radii.max())
-        filled = float(np.sum(sphere_volume(large, scene.dim))) / scene.volume
-        # Where sizes differ, lists pay for cells made for the largest: they take over at a higher density.
-        among = (scene.packing_fraction - filled) / (1.0 - filled)
-        self.crowding = among * (float(scene.radii.mean()) / self.largest) ** scene.dim
         self.share_of_large = self._share_of_large(small, large)
 
     def _share_of_large(self, small: Floats, large: Floats) -> float:
@@ -219,14 +210,15 @@ def window_plan(scene: Scene) -> WindowPlan | None:
     """Return the windows that cost least, or None where lists serve better or the box is too small for them."""
     now = np.sum(scene.velocities * scene.velocities, axis=1)
     rms = max(math.sqrt(float(np.mean(now))), typical_speed(scene, scene.kinetic_energy))
-    if rms == 0.0 or math.sqrt(np.max(now)) > 50.0 * rms:
+    # Lists pay for cells made for the largest: where sizes differ they take over at a higher density.
+    crowding = scene.packing_fraction * float(scene.radii.mean() / scene.radii.max()) ** scene.dim
+    if crowding > SPARSE_BELOW[scene.dim] or rms == 0.0 or math.sqrt(np.max(now)) > 50.0 * rms:
         return None
     frequency = collision_frequency(scene)
-    dilute = [split for split in splits(scene) if split.crowding <= SPARSE_BELOW[scene.dim]]
     in_pieces = {speeds: float(scipy.stats.chi.sf(speeds, scene.dim)) for speeds in THERMAL_SPEEDS}
     plans = {}
     for split, parts, speeds in itertools.product(
-        dilute, (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256), THERMAL_SPEEDS
+        splits(scene), (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256), THERMAL_SPEEDS
     ):
         length = epoch_length(scene) / parts
         plan = split.plan(length, 0.5 * speeds * rms / math.sqrt(scene.dim) * length)
