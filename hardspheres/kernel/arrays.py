@@ -31,14 +31,15 @@ class Arrays(NamedTuple):
     agenda_entry: object  # int64: id << 32 | stamp
     scratch: object  # float64 (LANES * 16)
     scratch_int: object  # the same memory as int64
-    order: object  # windows: int32 (n): the particles in the order in which they are gone through
+    order: object  # windows: int32 (n): the particles of the rows in the order in which they are gone through
+    large: object  # int32: those that are in the coarse grid
     drafts: object  # float32 ((n + 1) * LINE): lines before they are sorted, and the latest new one
     lines: object  # float32 (7 * LINE_ROOM + LINE_LANES): sorted into rows, column by column
     line_ids: object  # int32 (LINE_ROOM + LINE_LANES)
     row_start: object  # int32 (cells + 1): first line of each row
     row_own: object  # int32 (cells): first line of the cell in the middle
     row_above: object  # int32 (cells): first line of the cell above
-    row_chain: object  # int32 (cells): first node of the row's chain of new lines
+    row_chain: object  # int32 (cells + coarse cells): first node of each chain of new lines
     nodes: object  # float32 (NODE_ROOM * LINE): new lines
     node_ids: object  # int32 (NODE_ROOM)
     node_next: object  # int32 (NODE_ROOM)

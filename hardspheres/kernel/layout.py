@@ -46,7 +46,10 @@ CELL_EDGE = 24  # edges of a cell, 3 slots
 MIDDLE = 27  # time at the middle of the window
 SCALE = 28  # growth: at the epoch's start all radii are this many times those given
 GROWTH = 29  # how much that grows in a unit of time
-NUMBERS = 30
+SMALL_RADIUS = 30  # windows: particles with a larger radius are in the coarse grid
+LARGEST = 31  # largest radius
+LARGE_DENSITY = 32  # coarse cells per length, 3 slots
+NUMBERS = 35
 
 # Sums since the tallies were reset, float64.
 VIRIAL = 0  # sum of r_a dp_b over pair collisions: xx, yy, zz, xy, xz, yz
@@ -92,8 +95,10 @@ NODE_ROOM = 30
 MEETINGS = 31  # pairs whose lines may meet
 MEETING_ROOM = 32
 EPOCH_BUCKETS = 33  # buckets in an epoch
-LARGE = 34  # 1: the gas is larger than the caches, so what is needed soon is fetched ahead
-COUNTERS = 35
+LARGE = 34  # windows: how many particles are in the coarse grid
+LARGE_CELLS = 35  # coarse cells per axis, 3 slots
+BEYOND_CACHE = 38  # 1: the gas is larger than the caches, so what is needed soon is fetched ahead
+COUNTERS = 39
 
 # Calendar: chunks of 8 int64: the next chunk (-1: none) and how many entries, then 7 entries id << 32 | stamp.
 CHUNK = 8
@@ -133,6 +138,7 @@ def pointers(a):
         pointer(a.scratch),
         pointer(a.scratch_int),
         pointer(a.order),
+        pointer(a.large),
         pointer(a.drafts),
         pointer(a.lines),
         pointer(a.line_ids),
