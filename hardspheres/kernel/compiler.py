@@ -170,6 +170,11 @@ def jit(function):
     )
 
 
+def part(function):
+    """Compile a large part that is called rarely as a function of its own: it saves compilation time."""
+    return numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
+
+
 def entry(function):
     """Compile a function that Python calls: cached on disk, and without the interpreter's lock."""
     return numba.njit(error_model="numpy", cache=not PURE_PYTHON and bool(config.CACHE_DIR), nogil=True)(

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from .compiler import jit, prefetch
+from .compiler import jit, prefetch, part
 from .flags import DIM, SIZES
 from .layout import (
     BOX,
@@ -178,7 +178,7 @@ def insert_draft(s, k, i, cell):
             write_line(s, s.row_above[down] + rank, k, i, -shift_down)
 
 
-@jit
+@part
 def register_all(s, cells, begin):
     """Lay all lines out in rows; SHORT_LISTS tells if there was no room."""
     n = in_rows(s)
@@ -205,7 +205,7 @@ def register_all(s, cells, begin):
         keep_order(s, cells)
 
 
-@jit
+@part
 def keep_order(s, cells):
     """Go through the particles in the order of their cells from now on: it saves waiting for memory, and changes nothing else."""
     n = s.counter[N]
@@ -247,7 +247,7 @@ def meet_rows(s, row, y, i, line, since):
         meet_beyond(s, row, y, 1, i, line, since)
 
 
-@jit
+@part
 def meet_beyond(s, row, y, step, i, line, since):
     """Compare i's line with the row at y + step, if that lies on the other side of the box."""
     other, shift = around(s, y + step, 1, CELLS)
@@ -258,7 +258,7 @@ def meet_beyond(s, row, y, step, i, line, since):
         )
 
 
-@jit
+@part
 def meet_all(s):
     """Compare all lines with those of the same and the neighbouring cells, each pair once."""
     nx, ny, nz = s.counter[CELLS], s.counter[CELLS + 1], s.counter[CELLS + 2]

@@ -15,7 +15,7 @@ import numpy as np
 from .candidates import note_candidate
 from .chains import chain_draft, meet_chain
 from .chunks import clear_buckets
-from .compiler import jit, prefetch
+from .compiler import jit, prefetch, part
 from .flags import DIM, SIZES, WALLS
 from .large import chain_large, clear_large, is_large, meet_large, meet_small
 from .layout import (
@@ -64,7 +64,7 @@ def open_window(s, cells, chunks):
             note_wall(s, i)
 
 
-@jit
+@part
 def register_large(s, begin):
     """Hang the lines of all large particles in the coarse grid, compared with all small ones and with each other."""
     clear_large(s)
