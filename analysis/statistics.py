@@ -223,7 +223,8 @@ def combine_replicas(estimates: Sequence[Estimate]) -> Estimate:
         if stats.f.sf(ratio, len(own) - 1, behind) < 1e-4:
             warnings.warn(
                 ReplicaWarning(
-                    f"{len(own)} replicas spread {math.sqrt(ratio):.2g} times as far as their own errors say: "
+                    f"{len(own)} replicas spread {math.sqrt(ratio):.2g} times as far as their own errors "
+                    "say: "
                     "equilibrate longer, or use longer blocks",
                     combined,
                 ),

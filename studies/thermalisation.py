@@ -527,7 +527,8 @@ def _print(
     screen.say("a2: mean over replicas; KS, H - Heq: all replicas together; z: deviation in standard errors")
     screen.say(
         f"H on {curve.h_bins} bins of {summary['h_bin_width']:.4g} thermal speeds; noise at equilibrium: "
-        f"a2 {theory.cumulant_noise(summary['particles_in_all'], curve.dim):.1e}, KS {summary['ks_floor']:.1e}"
+        f"a2 {theory.cumulant_noise(summary['particles_in_all'], curve.dim):.1e}, KS "
+        f"{summary['ks_floor']:.1e}"
     )
     chi_square = reference.chi_square if reference is not None else None
     if chi_square is not None:
