@@ -52,7 +52,7 @@ class SelfDiffusion:
     packing_fractions: tuple[float, ...] = (0.1, 0.3)
     fluid: Fluid = field(default_factory=lambda: Fluid(n=1000))
     collisions_per_particle: float = 200.0
-    replicas: int = 16
+    replicas: int = 12
     seed: int = 1
     workers: int | None = None
 

@@ -71,7 +71,7 @@ def _finish_displacement(axes: Axes) -> None:
     axes.set_xlabel("mean free times")
     axes.set_ylabel(r"$\langle |x(t) - x(0)|^2 \rangle \,/\, 2 d D_\mathrm{E} t$")
     axes.set_title("Mean square displacement")
-    axes.legend(title="packing fraction", loc="center right", alignment="left", fontsize=8)
+    axes.legend(title="packing fraction", loc="upper left", alignment="left", fontsize=8)
 
 
 def _draw_velocities(axes: Axes, state: DiffusionState, colour: Any) -> None:
