@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 import hardspheres as hs
 from analysis import theory
 from analysis.series import SeriesWarning
-from analysis.statistics import Estimate, estimate_from_replicas, replica_mean
+from analysis.statistics import Estimate, TheoryCheck, estimate_from_replicas, replica_mean
 from analysis.theory import Prediction
 from analysis.transport import Diffusion
 from studies.ensemble import available_cores, replica_seeds, run_replicas
 from studies.fluid import THEORY_UP_TO, Fluid, broken, load_kernels, ordered
-from studies.report import OutputFolder, Screen, checks_of, estimate_json, say_checks
+from studies.report import ALARM, OutputFolder, Screen, alarming, checks_of, estimate_json, say_checks
 
 __all__ = ["DiffusionState", "SelfDiffusion", "Walks", "self_diffusion"]
 
@@ -30,7 +30,6 @@ SPACING = 0.25  # of the moments that are compared, in mean free times
 WINDOW = (20.0, 40.0)  # lags between which the slope is taken, in mean free times
 POINTS = 16  # snapshots per level of `Diffusion`
 SHORTEST = 80.0  # collisions per particle: twice the longest lag
-ALARM = 5.0  # standard errors
 
 
 @dataclass(frozen=True)
@@ -68,19 +67,22 @@ class SelfDiffusion:
             limit = THEORY_UP_TO[fluid.dim]
             if fluid.packing_fraction > limit:
                 raise hs.SceneError(
-                    f"packing fraction {fluid.packing_fraction:g} is above {limit:g}, where Enskog's theory ends; "
+                    f"packing fraction {fluid.packing_fraction:g} is above {limit:g}, where Enskog's "
+                    "theory ends; "
                     "ask for less"
                 )
         if self.fluid.n < 2:
             raise hs.SceneError(f"--n {self.fluid.n} cannot diffuse among others; ask for at least 2")
-        if self.collisions_per_particle < SHORTEST:
+        if not SHORTEST <= self.collisions_per_particle < math.inf:
             raise hs.SceneError(
-                f"--collisions-per-particle {self.collisions_per_particle:g} is too short for the slope between "
+                f"--collisions-per-particle {self.collisions_per_particle:g} is too short for the slope "
+                "between "
                 f"{WINDOW[0]:g} and {WINDOW[1]:g}; ask for at least {SHORTEST:g}"
             )
         if self.replicas < 4:
             raise hs.SceneError(
-                f"--replicas {self.replicas} gives no error bar, which comes from their spread; ask for at least 4"
+                f"--replicas {self.replicas} gives no error bar, which comes from their spread; ask for at "
+                "least 4"
             )
 
 
@@ -186,11 +188,16 @@ class DiffusionState:
         return replace(self.here, value=self.here.value + float(self.correction.value))
 
     @property
-    def deviation(self) -> float:
-        """D (infinite in 3D, of this box in 2D) less Enskog's in standard errors, theory's uncertainties included."""
+    def check(self) -> TheoryCheck:
+        """D (infinite in 3D, of this box in 2D) beside Enskog's, the uncertainties of all theory included."""
         doubt = 0.0 if self.correction is None else float(self.correction.uncertainty)
-        measured = self.infinite or self.here
-        return measured.deviation(float(self.enskog.value), math.hypot(float(self.enskog.uncertainty), doubt))
+        doubt = math.hypot(float(self.enskog.uncertainty), doubt)
+        return TheoryCheck("D", "Enskog", self.infinite or self.here, float(self.enskog.value), doubt)
+
+    @property
+    def deviation(self) -> float:
+        """Deviation of `check` in combined standard errors."""
+        return self.check.z
 
 
 def combine(fluid: Fluid, walks: Sequence[_Walk]) -> DiffusionState:
@@ -210,7 +217,7 @@ def combine(fluid: Fluid, walks: Sequence[_Walk]) -> DiffusionState:
     failures = [walk.failure for walk in walks if walk.failure]
     if any(walk.ordered for walk in walks):
         failures.append("the particles have ordered: this is no fluid")
-    if abs(state.deviation) > ALARM:
+    if alarming(state.check.measured, state.check.expected, state.check.uncertainty):
         failures.append(f"D is {state.deviation:+.1f} standard errors from Enskog's theory")
     return replace(state, failures=tuple(failures))
 
@@ -232,8 +239,8 @@ def self_diffusion(study: SelfDiffusion, out: OutputFolder, screen: Screen) -> t
     summary : dict
         The content of summary.json.
     sound : bool
-        Whether every state is a fluid whose D agrees with theory to 5 standard errors, and conserves energy and
-        momentum.
+        Whether every state is a fluid whose D agrees with theory to 5 standard errors, and conserves energy
+        and momentum.
 
     Raises
     ------
@@ -388,7 +395,8 @@ def _print(
     screen.table("", header, rows)
     screen.say()
     screen.say(
-        f"D from the slope of the mean square displacement between {WINDOW[0]:g} and {WINDOW[1]:g} mean free times; "
+        f"D from the slope of the mean square displacement between {WINDOW[0]:g} and {WINDOW[1]:g} mean "
+        "free times; "
         "errors from the spread of the replicas"
     )
     if three:
@@ -398,7 +406,8 @@ def _print(
     else:
         screen.say("in 2D diffusion has no infinite limit: D grows as the logarithm of the box")
     screen.say(
-        "Enskog's theory leaves out correlated collisions: its uncertainty is what it is known to miss; z: deviation "
+        "Enskog's theory leaves out correlated collisions: its uncertainty is what it is known to miss; z: "
+        "deviation "
         "in standard errors, uncertainties of theory included"
     )
     say_checks(screen, summary, out)

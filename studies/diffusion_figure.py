@@ -43,7 +43,7 @@ def figure(states: Sequence[DiffusionState]) -> Figure:
 
 
 def _draw_displacement(axes: Axes, state: DiffusionState, colour: Any) -> None:
-    """MSD over 2 d D_E t, which Enskog's diffusion makes 1, against mean free times."""
+    """Draw MSD over 2 d D_E t, which Enskog's diffusion makes 1, against mean free times."""
     scale = 2 * state.fluid.dim * float(state.enskog.value) * state.lags
     axes.errorbar(
         state.lags * state.rate,

@@ -1,8 +1,8 @@
-"""Where studies of fluids start: one or two species placed at random, or grown to their size where they are dense.
+"""Where studies of fluids start: one or two species, placed at random or, where they are dense, grown.
 
-A fluid that is not dense is placed one particle after another. A dense one is grown from small spheres, because a
-lattice near freezing does not melt in any affordable run (fcc at packing fraction 0.49, for one). How much of the
-run is thrown away before anything is measured is the same rule for all: see `Fluid.discarded`.
+A fluid that is not dense is placed one particle after another. A dense one is grown from small spheres,
+because a lattice near freezing does not melt in any affordable run (fcc at packing fraction 0.49, for one).
+How much is thrown away before anything is measured is the same rule for all, `Fluid.discarded`.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ FloatArray = NDArray[np.float64]
 Boundary = str | tuple[str, ...]
 
 FREEZING = {2: 0.70, 3: 0.494}
-"""Packing fractions up to which the fluid counts as the state in equilibrium. Spheres freeze at 0.492 (Fernandez
-et al. 2012, doi 10.1103/PhysRevLett.108.165701; older work has 0.494), discs at 0.70 (Engel et al. 2013, doi
-10.1103/PhysRevE.87.042134)."""
+"""Packing fractions up to which the fluid counts as the state in equilibrium. Spheres freeze at 0.492
+(Fernandez et al. 2012, doi 10.1103/PhysRevLett.108.165701; older work has 0.494), discs at 0.70 (Engel et al.
+2013, doi 10.1103/PhysRevE.87.042134)."""
 THEORY_UP_TO = {2: 0.66, 3: 0.494}
 RANDOM_UP_TO = {2: 0.45, 3: 0.30}  # packing fractions: random placement nears its limit above
 RELAXED = (

@@ -1,4 +1,4 @@
-"""Two species of different temperatures come to one: temperatures and their difference, beside the kinetic theory."""
+"""Two species of different temperatures come to one, beside kinetic theory."""
 
 from __future__ import annotations
 
@@ -20,14 +20,13 @@ from analysis.temperatures import TemperatureEquilibration
 from analysis.theory import Prediction
 from studies.ensemble import available_cores, replica_seeds, run_replicas
 from studies.fluid import THEORY_UP_TO, Fluid, broken
-from studies.report import OutputFolder, Screen, checks_of, estimate_json, say_checks
+from studies.report import ALARM, OutputFolder, Screen, alarming, checks_of, estimate_json, say_checks
 
 __all__ = ["Equilibrations", "Mixture", "Result", "mixture"]
 
 FloatArray = NDArray[np.float64]
 
 SAMPLES = 4  # in each relaxation time
-ALARM = 5.0  # standard errors
 CONTACT_DOUBT = {3: 0.003, 2: 0.005}  # relative uncertainty of g - 1, see `theory.mixture_contact_values`
 
 
@@ -65,24 +64,28 @@ class Mixture:
             raise hs.SceneError("the gas has one species; give --mass-ratio or --diameter-ratio other than 1")
         if few < 2:
             raise hs.SceneError(
-                f"--fraction {fluid.fraction:g} of {fluid.n} particles leaves {few} of one species; a temperature "
+                f"--fraction {fluid.fraction:g} of {fluid.n} particles leaves {few} of one species; a "
+                "temperature "
                 "needs at least 2"
             )
         if fluid.packing_fraction > limit:
             raise hs.SceneError(
-                f"packing fraction {fluid.packing_fraction:g} is above {limit:g}, where the theory of mixtures ends; "
+                f"packing fraction {fluid.packing_fraction:g} is above {limit:g}, where the theory of "
+                "mixtures ends; "
                 "ask for less"
             )
         if not 0.0 < self.temperature_ratio < math.inf or self.temperature_ratio == 1.0:
             raise hs.SceneError(
-                f"--temperature-ratio {self.temperature_ratio:g} leaves nothing to equilibrate; expected a positive "
+                f"--temperature-ratio {self.temperature_ratio:g} leaves nothing to equilibrate; expected a "
+                "positive "
                 "number other than 1"
             )
         if not 0.5 <= self.relaxation_times <= 100.0:
             raise hs.SceneError(f"--relaxation-times {self.relaxation_times:g}; expected 0.5 to 100")
         if self.replicas < 4:
             raise hs.SceneError(
-                f"--replicas {self.replicas} gives no error bar, which comes from their spread; ask for at least 4"
+                f"--replicas {self.replicas} gives no error bar, which comes from their spread; ask for at "
+                "least 4"
             )
 
     def start(self, seed: np.random.SeedSequence) -> hs.Scene:
@@ -206,8 +209,8 @@ class Result:
     def collision_rate(self) -> TheoryCheck:
         """Collisions per particle and time over the second half of the run, all species together.
 
-        Theory: sum of x_i nu_ij at the temperatures of theory, averaged over that half; u from the contact values,
-        1/N for the finite size, and the theory's temperatures.
+        Theory: sum of x_i nu_ij at the temperatures of theory, averaged over that half; u from the contact
+        values, 1/N for the finite size, and the theory's temperatures.
         """
         half = len(self.time) // 2
         expected = self._rates(self.expected.value[half:])
@@ -251,15 +254,19 @@ class Result:
 
     @property
     def failures(self) -> list[str]:
-        """One sentence for each number beyond 5 standard errors."""
-        worst = int(np.nanargmax(np.abs(self.deviations)))
-        sentences = []
-        if abs(self.deviations[worst]) > ALARM:
+        """One sentence for each number beyond 5 standard errors, the worst moment for the curve."""
+        sentences, z = [], np.abs(self.deviations)
+        worst = int(np.nanargmax(z))
+        freedom = self.decay.n_replicas - 1.0
+        error = float(self.difference_error[worst])
+        there = Estimate(float(self.difference[worst]), error, degrees_of_freedom=freedom)
+        if alarming(there, self.theory_difference[worst], self.theory_difference_error[worst]):
             sentences.append(
-                f"T1 - T2 is {self.deviations[worst]:+.1f} standard errors from theory at time {self.time[worst]:.4g}"
+                f"T1 - T2 is {self.deviations[worst]:+.1f} standard errors from theory at time "
+                f"{self.time[worst]:.4g}"
             )
         for check in self.checks:
-            if abs(check.z) > ALARM:
+            if alarming(check.measured, check.expected, check.uncertainty):
                 sentences.append(
                     f"{check.quantity}: {check.z:+.1f} standard errors from theory ({check.theory})"
                 )
@@ -408,7 +415,8 @@ def _print(
     screen.table("", ["time", "s", "T1", "T2", "T1 - T2", "theory", "z", ""], rows)
     screen.say()
     screen.say(
-        "theory: two Maxwellians, exact at the start; its uncertainty in parentheses is what it is known to miss later,"
+        "theory: two Maxwellians, exact at the start; its uncertainty in parentheses is what it is known "
+        "to miss later,"
     )
     screen.say("when the species are no longer Maxwellian and the difference decays more slowly")
     screen.say(

@@ -1,4 +1,4 @@
-"""The equation of state: pressure at several packing fractions, measured in up to three ways, beside theory."""
+"""The equation of state: pressure at several packing fractions, in up to three ways, beside theory."""
 
 from __future__ import annotations
 
@@ -17,13 +17,12 @@ from analysis.statistics import Estimate, ReplicaWarning, combine_replicas, pool
 from analysis.theory import Prediction
 from studies.ensemble import available_cores, replica_seeds, run_replicas
 from studies.fluid import THEORY_UP_TO, Fluid, broken, load_kernels, ordered
-from studies.report import OutputFolder, Screen, checks_of, estimate_json, say_checks
+from studies.report import ALARM, OutputFolder, Screen, alarming, checks_of, estimate_json, say_checks
 
 __all__ = ["EquationOfState", "State", "States", "equation_of_state", "packing_fractions"]
 
 BLOCKS = 128  # of each run; they are joined as their correlation demands
 FEWEST_COLLISIONS = 16 * 8  # of a run: 16 blocks of 8
-ALARM = 5.0  # standard errors: by chance less than once in 1000 runs of nine packing fractions
 
 
 @dataclass(frozen=True)
@@ -58,11 +57,11 @@ class EquationOfState:
         """Raise SceneError for options that make no sense."""
         for fluid in self.fluids:
             fluid.check()
-        collisions = round(self.collisions_per_particle * self.fluid.n / 2)
-        if collisions < FEWEST_COLLISIONS:
+        fewest = 2 * FEWEST_COLLISIONS / self.fluid.n
+        if not fewest <= self.collisions_per_particle < math.inf:
             raise hs.SceneError(
-                f"--collisions-per-particle {self.collisions_per_particle:g} is {collisions} collisions of "
-                f"{self.fluid.n} particles; an error bar needs at least {FEWEST_COLLISIONS}"
+                f"--collisions-per-particle {self.collisions_per_particle:g} gives no error bar for "
+                f"{self.fluid.n} particles; ask for at least {fewest:.3g}"
             )
 
 
@@ -239,16 +238,15 @@ def combine(fluid: Fluid, runs: Sequence[_Run]) -> State:
 
 def _deviations(state: State) -> list[str]:
     """Return one sentence for each pair of numbers that do not agree."""
-    sentences = []
+    best, virial, sentences = state.best, state.measured["virial"], []
     for name, z in state.measured.items():
-        deviation = state.deviation(name)
-        if abs(deviation) > ALARM:
+        if alarming(z, float(best.value), float(best.uncertainty)):
             theory = next(iter(state.theories))
-            sentences.append(f"Z from the {name} is {deviation:+.1f} standard errors from {theory}")
-    virial = state.measured["virial"]
-    for name, z in state.measured.items():
-        deviation = z.deviation(virial.value, virial.standard_error)
-        if name != "virial" and abs(deviation) > ALARM:
+            sentences.append(
+                f"Z from the {name} is {state.deviation(name):+.1f} standard errors from {theory}"
+            )
+        if name != "virial" and alarming(z, virial.value, virial.standard_error):
+            deviation = z.deviation(virial.value, virial.standard_error)
             sentences.append(f"Z from the {name} is {deviation:+.1f} standard errors from that of the virial")
     return sentences
 
@@ -272,7 +270,8 @@ def equation_of_state(
     summary : dict
         The content of summary.json.
     sound : bool
-        Whether every state is a fluid that agrees with theory to 5 standard errors, and conserves energy and momentum.
+        Whether every state is a fluid that agrees with theory to 5 standard errors, and conserves energy and
+        momentum.
 
     Raises
     ------
@@ -452,7 +451,8 @@ def _print(
     placed = ["placed at random"] * any(not state.fluid.dense for state in states)
     grown = ["grown to their size"] * any(state.fluid.dense for state in states)
     screen.say(
-        f"start: {' or '.join([*placed, *grown])}; discarded: collisions per particle before the measurement, "
+        f"start: {' or '.join([*placed, *grown])}; discarded: collisions per particle before the "
+        "measurement, "
         "with what the rule of Chodera 2016 drops from its start"
     )
     for state in states:

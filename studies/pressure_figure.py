@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Sequence
 
 import numpy as np
@@ -60,7 +61,7 @@ def _range(states: Sequence[State]) -> FloatArray:
 
 
 def _spread(states: Sequence[State]) -> dict[str, float]:
-    """How far to shift the points of each way of measuring sideways, so that none hides another."""
+    """Return how far to shift the points of each way of measuring sideways, so that none hides another."""
     eta = [state.fluid.packing_fraction for state in states]
     names = list(states[0].measured)
     step = 0.012 * (eta[-1] - eta[0]) if len(eta) > 1 else 0.004
@@ -91,7 +92,7 @@ def _draw_z(axes: Axes, states: Sequence[State]) -> None:
                 zorder=3,
             )
     axes.set_ylabel("compressibility factor $PV/NkT$")
-    axes.set_title(f"Equation of state of {fluid}")
+    axes.set_title(textwrap.fill(f"Equation of state of {fluid}", 72))
     axes.legend(loc="upper left")
 
 
@@ -104,7 +105,7 @@ def _mixture(eta: float, state: State) -> float:
 
 
 def _draw_residuals(axes: Axes, states: Sequence[State]) -> None:
-    """Relative residual in per mille, with the theory's uncertainty as a band and the other theories as lines."""
+    """Draw relative residuals, the theory's uncertainty as a band, and the classic formula as a line."""
     eta = np.array([state.fluid.packing_fraction for state in states])
     best = np.array([float(state.best.value) for state in states])
     doubt = 1e3 * np.array([float(state.best.uncertainty) for state in states]) / best

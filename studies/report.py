@@ -28,10 +28,12 @@ if TYPE_CHECKING:
     from analysis.statistics import Estimate
 
 __all__ = [
+    "ALARM",
     "COLOURS",
     "OutputError",
     "OutputFolder",
     "Screen",
+    "alarming",
     "checks_of",
     "estimate_json",
     "figure_style",
@@ -47,6 +49,10 @@ COLOURS = {
     "other": "#e0a030",
 }
 """Colours of all figures: theory is a dark line, simulation is blue points, a second species is red."""
+
+ALARM = 5.0
+"""Deviation from theory, in standard errors, at which a study's check has failed."""
+_ALARM_P = 5.7e-7  # of as large a deviation by chance, when the error is known
 
 _STYLE: Any = {
     "figure.dpi": 100,
@@ -259,6 +265,15 @@ def estimate_json(estimate: Estimate) -> dict[str, float]:
         "n_effective": estimate.n_effective,
         "degrees_of_freedom": estimate.degrees_of_freedom,
     }
+
+
+def alarming(measured: Estimate, expected: float, uncertainty: float) -> bool:
+    """Return whether a measurement is beyond 5 standard errors from what was expected.
+
+    An error that is itself estimated from few values allows more than 5: the probability is that of 5 known
+    standard errors, 6e-7, by Student's t. A theory that is not known (NaN) raises no alarm.
+    """
+    return measured.p_value(expected, uncertainty) < _ALARM_P
 
 
 def checks_of(statuses: Sequence[Mapping[str, Any]], failures: Sequence[str]) -> dict[str, Any]:
