@@ -75,9 +75,8 @@ class SelfDiffusion:
             raise hs.SceneError(f"--n {self.fluid.n} cannot diffuse among others; ask for at least 2")
         if not SHORTEST <= self.collisions_per_particle < math.inf:
             raise hs.SceneError(
-                f"--collisions-per-particle {self.collisions_per_particle:g} is too short for the slope "
-                "between "
-                f"{WINDOW[0]:g} and {WINDOW[1]:g}; ask for at least {SHORTEST:g}"
+                f"--collisions-per-particle {self.collisions_per_particle:g} is no length for a slope between "
+                f"{WINDOW[0]:g} and {WINDOW[1]:g} mean free times; ask for at least {SHORTEST:g}"
             )
         if self.replicas < 4:
             raise hs.SceneError(
