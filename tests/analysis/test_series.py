@@ -158,14 +158,14 @@ def test_replicas_are_combined_by_their_spread_and_checked_by_their_errors():
 
 
 def test_pooled_replicas_follow_their_own_students_t():
-    """200 pools of 2 replicas with 8 values each: KS p < 0.001 once in 1000 seeds."""
+    """800 pools of 2 replicas with 8 values each: KS p < 0.001 once in 1000 seeds."""
     rng = np.random.default_rng(5)
 
     def replica():
         values = rng.standard_normal(8)
         return Estimate(values.mean(), values.std(ddof=1) / math.sqrt(8), 8, 7)
 
-    pools = [pool_replicas([replica(), replica()]) for _ in range(200)]
+    pools = [pool_replicas([replica(), replica()]) for _ in range(800)]
     assert stats.kstest(pulls(pools), "uniform").pvalue > 1e-3
     assert all(7 <= pool.degrees_of_freedom <= 14 and pool.n_effective == 16 for pool in pools)
     # sibling: the errors of single replicas, not divided by their number
