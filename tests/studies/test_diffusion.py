@@ -78,8 +78,8 @@ def test_discs_have_no_infinite_limit():
 @pytest.mark.slow
 def test_the_correction_brings_boxes_together():
     """D at packing fraction 0.2 from N = 64 and 500: equal with the correction, p < 0.001 once in 1000 seeds."""
-    small = measured(Fluid(n=64, packing_fraction=0.2), 1000.0, 32, seed=6)
-    large = measured(Fluid(n=500, packing_fraction=0.2), 300.0, 24, seed=7)
+    small = measured(Fluid(n=64, packing_fraction=0.2), 600.0, 24, seed=6)
+    large = measured(Fluid(n=500, packing_fraction=0.2), 300.0, 12, seed=7)
     doubt = 0.1 * abs(float(small.correction.value) - float(large.correction.value))  # of the viscosity
     other, error = large.infinite.value, large.infinite.standard_error
     print(small.here, large.here, small.infinite, large.infinite)
@@ -87,6 +87,14 @@ def test_the_correction_brings_boxes_together():
     assert large.here.standard_error < 0.02 * large.here.value
     # sibling: without the correction the small box is too slow by 8 %
     assert small.here.deviation(large.here.value, large.here.standard_error) < -5
+
+
+@pytest.mark.slow
+def test_workers_change_nothing(finished, tmp_path):
+    study, _, summary, _ = finished
+    other = SelfDiffusion((0.1,), study.fluid, 80.0, replicas=6, seed=5, workers=2)
+    again, _ = self_diffusion(other, OutputFolder(tmp_path / "again"), Screen(json_output=True))
+    assert again["states"] == summary["states"] and again["checks"] == summary["checks"]
 
 
 @pytest.mark.parametrize(
