@@ -71,7 +71,8 @@ def _finish_displacement(axes: Axes) -> None:
     axes.set_xlabel("mean free times")
     axes.set_ylabel(r"$\langle |x(t) - x(0)|^2 \rangle \,/\, 2 d D_\mathrm{E} t$")
     axes.set_title("Mean square displacement")
-    axes.legend(title="packing fraction", loc="upper left", alignment="left", fontsize=8)
+    place: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.07), "alignment": "left"}
+    axes.legend(title="packing fraction", title_fontsize=8, fontsize=8, **place)
 
 
 def _draw_velocities(axes: Axes, state: DiffusionState, colour: Any) -> None:
@@ -140,4 +141,4 @@ def _draw_diffusion(axes: Axes, states: Sequence[DiffusionState]) -> None:
     axes.set_xlabel("packing fraction")
     axes.set_ylabel(r"$D \,/\, D_\mathrm{E}$")
     axes.set_title("Self-diffusion")
-    axes.legend(loc="best", fontsize=8)
+    axes.legend(loc="lower left", fontsize=8)
