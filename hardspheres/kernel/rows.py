@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from .compiler import jit, prefetch, part
+from .compiler import jit, part, prefetch
 from .flags import DIM, SIZES
 from .layout import (
     BOX,

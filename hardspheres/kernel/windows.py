@@ -15,7 +15,7 @@ import numpy as np
 from .candidates import note_candidate
 from .chains import chain_draft, meet_chain
 from .chunks import clear_buckets
-from .compiler import jit, prefetch, part
+from .compiler import jit, part, prefetch
 from .flags import DIM, SIZES, WALLS
 from .large import chain_large, clear_large, is_large, meet_large, meet_small
 from .layout import (
