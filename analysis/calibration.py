@@ -48,8 +48,10 @@ class Calibration:
         """Return the calibration in one line."""
         verdict = "calibrated" if self.passed else "NOT calibrated"
         return (
-            f"{self.n_runs} runs: mean pull {self.mean:+.2f} +- {self.mean_error:.2f}, spread {self.spread:.3f} "
-            f"(Student's t: {self.expected_spread:.3f} +- {self.spread_error:.3f}), KS p = {self.p_value:.3g}, {verdict}"
+            f"{self.n_runs} runs: mean pull {self.mean:+.2f} +- {self.mean_error:.2f}, spread "
+            f"{self.spread:.3f} "
+            f"(Student's t: {self.expected_spread:.3f} +- {self.spread_error:.3f}), KS p = "
+            f"{self.p_value:.3g}, {verdict}"
         )
 
 
@@ -80,7 +82,8 @@ def calibrate(estimates: Sequence[Estimate], truth: float, uncertainty: float = 
     runs = len(pulls)
     if runs < 10 or not np.isfinite(pulls).all() or not np.all(freedom > 4.0):
         raise ValueError(
-            f"{runs} runs; a calibration needs at least 10, each with a standard error of more than 4 degrees of freedom"
+            f"{runs} runs; a calibration needs at least 10, each with a standard error of more than 4 "
+            "degrees of freedom"
         )
     finite = np.minimum(freedom, 1e9)
     p_value = float(stats.kstest(stats.t.cdf(pulls, finite), "uniform").pvalue)

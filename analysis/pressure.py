@@ -344,7 +344,7 @@ class Pressure(Estimator):
     def predictions(self) -> dict[str, Prediction]:
         """What the theories say of Z for this gas, the best one first, by name.
 
-        One species in a periodic box: all with the finite-size correction of `theory.
+        One diameter in a periodic box: all with the finite-size correction of `theory.
         finite_size_compressibility`, a shift that is the same for each. A mixture: BMCSL or Jenkins-Mancini,
         with the shift of one species at the same packing fraction, all of it counted as uncertainty. Between
         walls: the bulk, with an uncertainty of what it would change to take the volume that centres can reach
@@ -362,7 +362,7 @@ class Pressure(Estimator):
             reach = scene.box - np.where(scene.periodic, 0.0, 2.0 * float(scene.radii.mean()))
             denser = min(eta * scene.volume / math.prod(reach.tolist()), 0.54 if dim == 3 else 0.66)
             doubt = abs(float(theory.compressibility_factor(denser, dim).value - bulk.value))
-        if len(self._species) > 1:
+        if np.ptp(self._diameters) > 0.0:  # masses alone play no part
             densities = np.bincount(scene.species)[self._species] / scene.volume
             mixed = theory.mixture_compressibility(densities, self._diameters, dim)
             name = "Boublik-Mansoori-Carnahan-Starling-Leland" if dim == 3 else "Jenkins-Mancini"

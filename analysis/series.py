@@ -197,7 +197,8 @@ def estimate_from_series(
     settled = equilibration(pseudo, candidates=20) if too_short and n >= 16 else None
     if settled is not None and settled.n_effective > 2.0 * whole.n_effective:
         message = (
-            f"the first {settled.start} of {n} samples are unlike the rest ({estimate} with them); discard them, or "
+            f"the first {settled.start} of {n} samples are unlike the rest ({estimate} with them); discard "
+            "them, or "
             "equilibrate longer"
         )
         warnings.warn(DriftWarning(message, estimate), stacklevel=2)

@@ -26,6 +26,7 @@ __all__ = [
     "estimate_from_jackknife",
     "estimate_from_replicas",
     "jackknife",
+    "pool_replicas",
     "replica_mean",
 ]
 
@@ -223,13 +224,50 @@ def combine_replicas(estimates: Sequence[Estimate]) -> Estimate:
         if stats.f.sf(ratio, len(own) - 1, behind) < 1e-4:
             warnings.warn(
                 ReplicaWarning(
-                    f"{len(own)} replicas spread {math.sqrt(ratio):.2g} times as far as their own errors say: "
+                    f"{len(own)} replicas spread {math.sqrt(ratio):.2g} times as far as their own errors "
+                    "say: "
                     "equilibrate longer, or use longer blocks",
                     combined,
                 ),
                 stacklevel=2,
             )
     return combined
+
+
+def pool_replicas(estimates: Sequence[Estimate]) -> Estimate:
+    """Return the mean of independent replicas of equal length with the error that their own errors give.
+
+    For few replicas with good errors of their own, such as blocks of a time series: sqrt(sum of s_r^2) / R has the
+    degrees of freedom of all their blocks, where the spread of R values has only R - 1. It does not see what
+    blocks within a replica cannot see, a start that has not been forgotten; `combine_replicas` does, and warns.
+
+    Parameters
+    ----------
+    estimates : sequence of Estimate
+        One per replica.
+
+    Returns
+    -------
+    Estimate
+        Degrees of freedom by Welch and Satterthwaite's rule (Welch 1947, doi 10.1093/biomet/34.1-2.28).
+
+    Raises
+    ------
+    ValueError
+        If there are none.
+    """
+    if not estimates:
+        raise ValueError("there are no replicas to pool")
+    own = np.array([e.standard_error for e in estimates])
+    freedom = np.array([e.degrees_of_freedom for e in estimates])
+    total = float((own**2).sum())
+    behind = float((own**4 / freedom).sum()) if total > 0.0 else 0.0
+    return Estimate(
+        float(np.mean([e.value for e in estimates])),
+        math.sqrt(total) / len(own),
+        float(sum(e.n_effective for e in estimates)),
+        total**2 / behind if behind > 0.0 else math.inf,
+    )
 
 
 def estimate_from_blocks(series: ArrayLike, blocks: int = 32) -> Estimate:

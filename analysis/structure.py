@@ -63,7 +63,8 @@ class PairDistribution(Estimator):
     def __init__(self, depth: float = 1.0, bins: int = 100, window: float = 0.25, degree: int = 4) -> None:
         if not (0.0 < window <= depth and bins * window / depth > 2 * degree + 4):
             raise ValueError(
-                f"window = {window:g} of depth = {depth:g} with {bins} bins; a polynomial of degree {degree} needs "
+                f"window = {window:g} of depth = {depth:g} with {bins} bins; a polynomial of degree "
+                f"{degree} needs "
                 f"more than {2 * degree + 4} bins in the window, which ends within the depth"
             )
         self.degree = degree
@@ -222,7 +223,8 @@ class PairDistribution(Estimator):
         rows = self._rows()
         if self._at_collision > self._frames.n_samples / 2:
             warnings.warn(
-                f"a pair was in contact in {self._at_collision} of {self._frames.n_samples} frames, which were taken "
+                f"a pair was in contact in {self._at_collision} of {self._frames.n_samples} frames, which "
+                "were taken "
                 "at collisions: g at contact is too large; take frames at equal times",
                 ContactSamplingWarning,
                 stacklevel=3,

@@ -118,7 +118,8 @@ class _Replicas(Estimator):
         for index, replica in enumerate(series):
             if len(replica) != len(series[0]):
                 raise ValueError(
-                    f"replica {index} was sampled {len(replica)} times; expected {len(series[0])}, as replica 0"
+                    f"replica {index} was sampled {len(replica)} times; expected {len(series[0])}, as "
+                    "replica 0"
                 )
         return series
 
@@ -128,7 +129,8 @@ class _Replicas(Estimator):
         slack = 0.51 * float(np.diff(axis).max()) if len(axis) > 1 else 0.0
         if first >= last or max(abs(axis[first] - window[0]), abs(axis[last] - window[1])) > slack:
             raise ValueError(
-                f"window = {window}; expected two samples between {axis[0]:g} and {axis[-1]:g}, the first earlier"
+                f"window = {window}; expected two samples between {axis[0]:g} and {axis[-1]:g}, the first "
+                "earlier"
             )
         return first, last
 
@@ -138,8 +140,10 @@ class _Replicas(Estimator):
         unknown = np.where(np.isnan(error), 0.0, error)
         if np.any(np.abs(mean) < 3.0 * unknown) or mean[0] * mean[1] <= 0.0:
             raise ValueError(
-                f"the {what} is lost in the noise within the window: {mean[0]:.2g} and {mean[1]:.2g} with standard "
-                f"errors {error[0]:.2g} and {error[1]:.2g}; use more particles or replicas, or an earlier window"
+                f"the {what} is lost in the noise within the window: {mean[0]:.2g} and {mean[1]:.2g} with "
+                "standard "
+                f"errors {error[0]:.2g} and {error[1]:.2g}; use more particles or replicas, or an earlier "
+                "window"
             )
         return estimate_from_jackknife(ends, lambda pair: math.log(float(pair[0] / pair[1])) / length)
 

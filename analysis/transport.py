@@ -271,7 +271,8 @@ class Diffusion(Estimator):
             if 1 <= first < last and len(self._rows_by_level[level]) >= 2:
                 return level, first, last
         raise ValueError(
-            f"window = {window}; expected 0 < t1 < t2 <= {longest:g}, t2 at most {self.points} t1, in steps of "
+            f"window = {window}; expected 0 < t1 < t2 <= {longest:g}, t2 at most {self.points} t1, in "
+            "steps of "
             f"{self.spacing:g} or more"
         )
 

@@ -8,6 +8,7 @@ particles and not with the box.
 import itertools
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,38 +43,52 @@ class CellGrid:
         self.periodic = periodic
         cells = np.floor(np.minimum(box / cutoff, 2 ** (CELL_BITS // len(box)))).astype(np.int64)
         self.shape = np.maximum(cells, 1)
-        numbers = self._number(self._coordinates(points))
+        self._total = math.prod(self.shape.tolist())
+        coordinates = self.coordinates(points)
+        numbers = self._numbers(coordinates, (0,) * len(box))
         self.order = np.argsort(numbers, kind="stable")
-        self.cells, self._first = np.unique(numbers[self.order], return_index=True)
-        self._count = np.diff(np.append(self._first, len(points)))
+        self._coordinates = coordinates[:, self.order]
+        numbers = numbers[self.order]
+        begins = np.flatnonzero(np.diff(numbers, prepend=-1))
+        self.cells = numbers[begins]
+        # One cell more than there are, without points, stands for all that are empty.
+        self._first = np.append(begins, 0)
+        self._count = np.append(np.diff(np.append(begins, len(points))), 0)
         self.points = points
-        total = math.prod(self.shape.tolist())
-        self._table: Ints | None = None  # from the number of a cell to its place among the occupied ones
-        if total <= MOST_EMPTY * len(points) + PAIRS_AT_ONCE:
-            self._table = np.full(total, -1)
-            self._table[self.cells] = np.arange(len(self.cells))
+        self._table: NDArray[np.int32] | None = (
+            None  # from the number of a cell to its place among the occupied
+        )
+        if self._total <= MOST_EMPTY * len(points) + PAIRS_AT_ONCE:
+            self._table = np.full(self._total + 1, len(begins), dtype=np.int32)
+            self._table[self.cells] = np.arange(len(begins))
 
     @property
     def occupancy(self) -> Ints:
         """Points in each occupied cell."""
-        return self._count
+        return self._count[:-1]
 
-    def cell_of(self, points: Floats) -> Ints:
-        """Return the number of the cell of each point."""
-        return self._number(self._coordinates(points))
+    def coordinates(self, points: Floats) -> Ints:
+        """Return the cells of points, shape (d, number of points): an index for each axis."""
+        found = np.empty(points.shape[::-1], dtype=np.int64)
+        for axis, density in enumerate(self.shape / self.box):
+            np.clip((points[:, axis] * density).astype(np.int64), 0, self.shape[axis] - 1, out=found[axis])
+        return found
+
+    def by_cells(self, coordinates: Ints) -> Ints:
+        """Return the order in which neighbours in memory are neighbours in space."""
+        return np.argsort(self._numbers(coordinates, (0,) * len(self.box)))
 
     def members(self, cell: int) -> Ints:
         """Return the indices of the points in the `cell`-th occupied cell, ascending."""
         first = self._first[cell]
         return self.order[first : first + self._count[cell]]
 
-    def pairs_with(self, others: Floats, offset: tuple[int, ...]) -> Iterator[tuple[Ints, Ints]]:
-        """Yield pairs (index into `others`, index of a stored point in the cell at this offset from it), in batches.
+    def pairs_with(self, coordinates: Ints, offset: tuple[int, ...]) -> Iterator[tuple[Ints, Ints]]:
+        """Yield pairs (which of the cells given, index of a stored point in the cell at this offset from it), in batches.
 
         Over all of `offsets` every near pair comes, twice where a periodic axis has fewer than three cells.
         """
-        first, count = self._look_up(self._coordinates(others), offset)
-        for i, slot in _expand(first, count):
+        for i, slot in _expand(*self._look_up(self._numbers(coordinates, offset))):
             yield i, self.order[slot]
 
     @property
@@ -84,56 +99,43 @@ class CellGrid:
 
     def pairs(self) -> Iterator[tuple[Ints, Ints]]:
         """Yield pairs of stored points in the same or touching cells, in batches; some come twice, none with itself."""
-        coordinates = self._coordinates(self.points[self.order])
         place = np.arange(len(self.order))
-        last = np.repeat(self._first + self._count, self._count)
+        last = np.repeat((self._first + self._count)[:-1], self.occupancy)
         for i, slot in _expand(place + 1, last - place - 1):
             yield self.order[i], self.order[slot]
         dim = len(self.box)
         for offset in itertools.product((-1, 0, 1), repeat=dim):
             if offset <= (0,) * dim:  # half of the neighbours: the other half sees this cell
                 continue
-            first, count = self._look_up(coordinates, offset)
-            for i, slot in _expand(first, count):
+            for i, slot in _expand(*self._look_up(self._numbers(self._coordinates, offset))):
                 if self.shape.min() < 3:  # a cell may be its own neighbour
                     i, slot = i[i != slot], slot[i != slot]
                 yield self.order[i], self.order[slot]
 
-    def _coordinates(self, points: Floats) -> Ints:
-        cells = (points * (self.shape / self.box)).astype(np.int64)
-        inside: Ints = np.clip(cells, 0, self.shape - 1)
-        return inside
-
-    def _number(self, coordinates: Ints) -> Ints:
-        number = coordinates[:, 0].copy()
-        for axis in range(1, len(self.shape)):
-            number *= self.shape[axis]
-            number += coordinates[:, axis]
+    def _numbers(self, coordinates: Ints, offset: tuple[int, ...]) -> Ints:
+        """Return the number of the cell at `offset` from each of those given, negative beyond a wall."""
+        number = np.zeros(coordinates.shape[1], dtype=np.int64)
+        for axis, step in enumerate(offset):
+            cells = int(self.shape[axis])
+            number *= cells
+            number += coordinates[axis]
+            if step:
+                number += step
+                edge = coordinates[axis] == (cells - 1 if step > 0 else 0)
+                # What is negative once stays so: no later axis adds as much as it multiplies.
+                number[edge] = number[edge] - step * cells if self.periodic[axis] else -1
         return number
 
-    def _look_up(self, coordinates: Ints, offset: tuple[int, ...]) -> tuple[Ints, Ints]:
-        """First slot and number of points in the cell at `offset` from each of the given cells."""
-        number = np.zeros(len(coordinates), dtype=np.int64)
-        outside = np.zeros(len(coordinates), dtype=np.bool_)
-        for axis, step in enumerate(offset):
-            moved = coordinates[:, axis] + step
-            low, high = moved < 0, moved >= self.shape[axis]
-            if self.periodic[axis]:
-                moved[low] += self.shape[axis]
-                moved[high] -= self.shape[axis]
-            elif step:
-                outside |= low | high
-            number *= self.shape[axis]
-            number += moved
-        number[outside] = 0
+    def _look_up(self, number: Ints) -> tuple[Ints, Ints]:
+        """First slot and number of points in cells of these numbers."""
         if self._table is not None:
-            cell = self._table[number]
-            missing = outside | (cell < 0)
+            if not self.periodic.all():
+                number[number < 0] = self._total
+            cell: NDArray[np.integer[Any]] = self._table[number]
         else:
             cell = np.searchsorted(self.cells, number)
-            cell[cell == len(self.cells)] = 0
-            missing = outside | (self.cells[cell] != number)
-        return self._first[cell], np.where(missing, 0, self._count[cell])
+            cell[self.cells[np.minimum(cell, len(self.cells) - 1)] != number] = len(self.cells)
+        return self._first[cell], self._count[cell]
 
 
 def _expand(first: Ints, count: Ints) -> Iterator[tuple[Ints, Ints]]:
@@ -216,8 +218,9 @@ def worst_overlap(positions: Floats, radii: Floats, box: Floats, periodic: Bools
         for i, j in grid.pairs():
             worst = _deeper(worst, members[i], members[j], positions, radii, box, periodic)
     for large, small in itertools.combinations(range(len(classes)), 2):
+        places = grids[large].coordinates(positions[classes[small]])
         for offset in grids[large].offsets:
-            for i, j in grids[large].pairs_with(positions[classes[small]], offset):
+            for i, j in grids[large].pairs_with(places, offset):
                 worst = _deeper(worst, classes[small][i], classes[large][j], positions, radii, box, periodic)
     return worst
 

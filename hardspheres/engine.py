@@ -56,6 +56,7 @@ class Engine:
         sizes = bool(np.any(scene.radii != scene.radii[0]))
         masses = bool(np.any(scene.masses != scene.masses[0]))
         plan = window_plan(scene) if growth is None else None
+        self.large = np.flatnonzero(scene.radii > plan.small_radius) if plan else np.zeros(0, dtype=np.int64)
         self.kernels: Any = specialise(
             scene.dim, not bool(scene.periodic.all()), sizes, masses, plan is not None, growth is not None
         )
@@ -88,7 +89,7 @@ class Engine:
         number[at.SCALE], number[at.GROWTH] = growth or (1.0, 0.0)
         count[at.N] = n
         count[at.AGENDA_ROOM] = 1024 + n // 16
-        count[at.LARGE] = int(n > CACHED)
+        count[at.BEYOND_CACHE] = int(n > CACHED)
         if plan is None:
             self._plan_lists(scene, number, count)
         else:
@@ -118,7 +119,7 @@ class Engine:
         at, n = self.layout, scene.n
         per_bucket = EVENTS_PER_BUCKET[n > CACHED]
         shell = shell_width(scene)
-        cells = cells_per_axis(scene, 2.0 * shell * (1.0 + SLACK) + 2.0 * float(scene.radii.max()))
+        cells = cells_per_axis(scene, 2.0 * shell * (1.0 + SLACK) + 2.0 * float(scene.radii.max()), n)
         self._set_cells(scene, cells, number, count)
         one_size = bool(np.all(scene.radii == scene.radii[0]))
         number[at.SHELL] = shell
@@ -134,7 +135,7 @@ class Engine:
         count[at.CELL_ROOM] = lanes * math.ceil(min(n, 1.5 * n / self.cells + 3) / lanes)
         count[at.LIST_ROOM] = 32
         count[at.BUCKETS] = max(16, int(power_of_two_below(max(8 * n / per_bucket, 1))))
-        self.chunks = int(count[at.BUCKETS]) + n + 64
+        self.chunks = int(count[at.BUCKETS]) // 2 + n // 3 + 64
         length = number[at.EPOCH_LENGTH]
         events = 2.0 * n * collision_frequency(scene) * length / per_bucket
         count[at.EPOCH_BUCKETS] = int(power_of_two_below(min(max(events, 16.0), 2.0**40)))
@@ -161,6 +162,13 @@ class Engine:
         count[at.CANDIDATE_ROOM] = n // 2 + 1024
         self.chunks = buckets + n // 8 + 256
         count[at.MEETING_ROOM] = 1024
+        number[at.SMALL_RADIUS] = plan.small_radius
+        number[at.LARGEST] = scene.radii.max()
+        number[at.LARGE_DENSITY : at.LARGE_DENSITY + 3] = 1.0
+        number[at.LARGE_DENSITY : at.LARGE_DENSITY + scene.dim] = np.array(plan.large_cells) / scene.box
+        count[at.LARGE] = len(self.large)
+        count[at.LARGE_CELLS : at.LARGE_CELLS + 3] = 1
+        count[at.LARGE_CELLS : at.LARGE_CELLS + scene.dim] = plan.large_cells
 
     def _set_cells(self, scene: Scene, cells: list[int], number: Any, count: Any) -> None:
         at, dim = self.layout, scene.dim
@@ -179,6 +187,7 @@ class Engine:
         room, cell_room = int(count[at.LIST_ROOM]), int(count[at.CELL_ROOM])
         lines, candidates = int(count[at.LINE_ROOM]), int(count[at.CANDIDATE_ROOM])
         agenda = int(count[at.AGENDA_ROOM])
+        coarse = math.prod(count[at.LARGE_CELLS : at.LARGE_CELLS + 3].tolist())
         return {
             "neighbours": aligned(n * room + 1, np.int32),
             "images": np.zeros(n * room * dim * int(count[at.IMAGES]) + 1, dtype=np.int32),
@@ -192,14 +201,15 @@ class Engine:
             "agenda_time": np.zeros(agenda),
             "agenda_key": np.zeros(agenda, dtype=np.int64),
             "agenda_entry": np.zeros(agenda, dtype=np.int64),
-            "order": np.arange(n * windows, dtype=np.int32),
+            "order": np.setdiff1d(np.arange(n * windows, dtype=np.int32), self.large),
+            "large": np.append(self.large, 0).astype(np.int32),
             "drafts": aligned((n + 1) * 8 * windows + 1, np.float32),
             "lines": aligned(7 * lines + at.LINE_LANES, np.float32),
             "line_ids": np.zeros(lines + at.LINE_LANES, dtype=np.int32),
             "row_start": np.zeros(self.cells * windows + 1, dtype=np.int32),
             "row_own": np.zeros(self.cells * windows + 1, dtype=np.int32),
             "row_above": np.zeros(self.cells * windows + 1, dtype=np.int32),
-            "row_chain": np.zeros(self.cells * windows + 1, dtype=np.int32),
+            "row_chain": np.zeros(self.cells * windows + coarse + 1, dtype=np.int32),
             "nodes": aligned(int(count[at.NODE_ROOM]) * 8 + 1, np.float32),
             "node_ids": np.zeros(int(count[at.NODE_ROOM]) + 1, dtype=np.int32),
             "node_next": np.zeros(int(count[at.NODE_ROOM]) + 1, dtype=np.int32),
@@ -258,7 +268,7 @@ class Engine:
     def method(self) -> str:
         """How partners are searched for."""
         if self.arrays.counter[self.layout.WINDOW_BUCKETS]:
-            return "windows of time"
+            return "windows of time" + ", two grids" * bool(len(self.large))
         images = bool(self.arrays.counter[self.layout.IMAGES])
         return "neighbour lists" + (" that name the image" if images else "")
 

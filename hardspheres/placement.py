@@ -24,6 +24,7 @@ Bools = NDArray[np.bool_]
 FEWEST_TRIALS = 4096  # in one round, so that a round is worth its overhead
 RARE = 0.1  # fraction of successful trials below which the room left is mapped
 MOST_VOXELS = 8_000_000
+VOXELS_AT_ONCE = 1 << 15  # keeps the working arrays within the processor's cache
 MOST_IDLE_ROUNDS = 100  # without one success, when voxels can be divided no further
 
 
@@ -52,6 +53,7 @@ def place_at_random(radii: Floats, box: Floats, periodic: Bools, rng: np.random.
         When no room is left, with the packing fraction reached.
     """
     positions = np.empty((len(radii), len(box)))
+    is_placed = np.zeros(len(radii), dtype=np.bool_)
     placed: list[Ints] = []  # particles by octaves of their radii
     for members in size_classes(radii):
         placed.append(members[:0])
@@ -72,7 +74,8 @@ def place_at_random(radii: Floats, box: Floats, periodic: Bools, rng: np.random.
             stay = free[_first_come(places[free], radii[trials[free]], box, periodic)]
             positions[trials[stay]] = places[stay]
             placed[-1] = np.concatenate([placed[-1], trials[stay]])
-            waiting = waiting[~np.isin(waiting, trials[stay])]
+            is_placed[trials[stay]] = True
+            waiting = waiting[~is_placed[waiting]]
             idle = 0 if len(stay) else idle + 1
             if rare and len(waiting):
                 tried = 0
@@ -136,13 +139,22 @@ class _Room:
             return
         for points, radii in placed:
             grid = CellGrid(points, self.box, self.periodic, float(radii.max()) + self.radius)
-            for offset in grid.offsets:
-                covered = np.zeros(len(self.voxels), dtype=np.bool_)
-                centres = self.low + (self.voxels + 0.5) * self.edges
-                for i, j in grid.pairs_with(centres, offset):
-                    reach = _farthest_corner(centres, points, i, j, self.edges, self.box, self.periodic)
-                    covered[i[reach <= radii[j] + self.radius]] = True
-                self.voxels = self.voxels[~covered]
+            parts = range(0, len(self.voxels), VOXELS_AT_ONCE)
+            open_ = [self._uncovered(self.voxels[k : k + VOXELS_AT_ONCE], grid, radii) for k in parts]
+            self.voxels = np.concatenate([self.voxels[:0], *open_])
+
+    def _uncovered(self, voxels: Ints, grid: CellGrid, radii: Floats) -> Ints:
+        """Return those voxels in which a centre may fit beside the spheres of the grid, which have these radii."""
+        centres = self.low + (voxels + 0.5) * self.edges
+        cells = grid.coordinates(centres)
+        for offset in grid.offsets:
+            covered = np.zeros(len(voxels), dtype=np.bool_)
+            for i, j in grid.pairs_with(cells, offset):
+                reach = _farthest_corner(centres, grid.points, i, j, self.edges, self.box, self.periodic)
+                covered[i[reach <= radii[j] + self.radius]] = True
+            left = np.flatnonzero(~covered)
+            voxels, centres, cells = voxels[left], centres[left], cells[:, left]
+        return voxels
 
 
 def _farthest_corner(
@@ -169,13 +181,15 @@ def _inside(places: Floats, radii: Floats, box: Floats, periodic: Bools) -> Bool
 
 def _unhit(grid: CellGrid, old: Floats, places: Floats, radii: Floats) -> Ints:
     """Which of the spheres at these places overlap no sphere of the grid, whose radii are `old`."""
-    home = np.argsort(grid.cell_of(places), kind="stable")  # neighbours in memory are neighbours in space
+    cells = grid.coordinates(places)
+    home = grid.by_cells(cells)
+    places, radii, cells = places[home], radii[home], cells[:, home]
     for offset in grid.offsets:
-        points, sizes = places[home], radii[home]
         hit = np.zeros(len(home), dtype=np.bool_)
-        for i, j in grid.pairs_with(points, offset):
-            hit[i[distances(points, grid.points, i, j, grid.box, grid.periodic) < sizes[i] + old[j]]] = True
-        home = home[~hit]
+        for i, j in grid.pairs_with(cells, offset):
+            hit[i[distances(places, grid.points, i, j, grid.box, grid.periodic) < radii[i] + old[j]]] = True
+        free = np.flatnonzero(~hit)
+        home, places, radii, cells = home[free], places[free], radii[free], cells[:, free]
     return np.sort(home)
 
 

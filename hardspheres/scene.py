@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -119,7 +120,7 @@ class Scene:
                 value.setflags(write=False)
             object.__setattr__(self, name, value)
 
-    def __getstate__(self) -> tuple[Any, ...]:
+    def __getstate__(self) -> tuple[Any, ...]:  # without what was derived from the fields and kept
         return tuple(getattr(self, name) for name in self.__dataclass_fields__)
 
     def __setstate__(self, state: tuple[Any, ...]) -> None:
@@ -145,7 +146,7 @@ class Scene:
         """Particles per volume of the box, 1/length^d."""
         return self.n / self.volume
 
-    @property
+    @cached_property
     def packing_fraction(self) -> float:
         """Fraction of the box that the particles fill (area fraction in 2D)."""
         return float(np.sum(sphere_volume(self.radii, self.dim))) / self.volume
@@ -155,12 +156,12 @@ class Scene:
         """Total momentum, shape (d,), mass length/time."""
         return total_momentum(self.velocities, self.masses)
 
-    @property
+    @cached_property
     def kinetic_energy(self) -> float:
         """Kinetic energy, the motion of the whole included."""
         return kinetic_energy(self.velocities, self.masses)
 
-    @property
+    @cached_property
     def thermal_energy(self) -> float:
         """Kinetic energy less that of the common motion along periodic axes, sum of P_k^2 / 2M (see `thermal_energy`)."""
         return thermal_energy(self.velocities, self.masses, self.periodic)

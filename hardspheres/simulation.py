@@ -128,6 +128,8 @@ class Simulation:
         self._moment = 0.0
         self._budget = 2000 + scene.n
         self._energy = scene.kinetic_energy
+        self._rate = 0.5 * scene.n * collision_frequency(scene)
+        self._moving = False  # whether somebody is known to move relative to another
         self.reset_tallies()
 
     # Running.
@@ -207,8 +209,8 @@ class Simulation:
         if goal > self.collisions:
             self._require_something_to_come()
         at, count = self._at, self._engine.arrays.counter
-        rate = 0.5 * self.scene.n * collision_frequency(self.scene)
-        patience = int(min(PATIENCE / (rate * self._length) + 10, FOREVER)) if rate > 0 else FOREVER
+        expected = self._rate * self._length  # collisions in an epoch
+        patience = int(min(PATIENCE / expected + 10, FOREVER)) if expected > 0 else FOREVER
         start = int(count[at.EPOCH])
         try:
             while not self._slice(FOREVER, 0.0, goal):
@@ -222,15 +224,21 @@ class Simulation:
             self._keep_clock()
 
     def _require_something_to_come(self) -> None:
-        """Raise SimulationError where it is certain that no two particles will ever meet."""
-        n, periodic = self.scene.n, self.scene.periodic
-        if n == 1:
+        """Raise SimulationError where it is certain that no two particles will ever meet.
+
+        Collisions and walls keep the energy of relative motion, so who moves now will always do.
+        """
+        if self._moving:
+            return
+        periodic = self.scene.periodic
+        if self.scene.n == 1:
             raise SimulationError("no collision is to come: there is one particle only; use run(time=...)")
         v = self._rows[:, self._at.V : self._at.V + self.scene.dim]
         if not np.any(np.where(periodic, v - v[0], v)):
             raise SimulationError(
                 "no collision is to come: no particle moves relative to another; give them velocities, or use run(time=...)"
             )
+        self._moving = True
 
     def frames(
         self,

@@ -8,19 +8,28 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hardspheres.scene import Scene
 
+Floats = NDArray[np.float64]
+
 NEIGHBOURS_WANTED = {2: 11.0, 3: 14.0}  # per list: fewer means more renewals, more means dearer predictions
 SLACK = 1e-6  # by which lists and lines reach further than they must, so that rounding never matters
-THERMAL_SPEEDS = (
-    2.2,
-    2.6,
-    3.0,
-    3.5,
-)  # flights up to this many sqrt(kT/m) are registered in one piece: one is chosen
-WINDOWS_IN_AN_EPOCH = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)  # likewise
+# One of each is chosen: flights up to this many sqrt(kT/m) are registered in one piece; so many windows in an epoch.
+THERMAL_SPEEDS = (2.2, 2.6, 3.0, 3.5)
+WINDOWS_IN_AN_EPOCH = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
 SPARSE_BELOW = {2: 0.3, 3: 0.25}  # packing fraction below which windows are faster than lists
+REG, PIECE, PAIR, CELL, COLL, NEWP, NEWC = (
+    50.0,
+    300.0,
+    0.6,
+    15.0,
+    200.0,
+    1.0,
+    8.0,
+)  # costs in ns: see `_Split.cost`
+RUN, HEAD = 10.0, 3.0  # more such costs, of large particles
 
 
 def power_of_two_below(x: float) -> float:
@@ -40,10 +49,26 @@ def epoch_length(scene: Scene) -> float:
     multiplies it by a power of two.
     """
     spacing = root_of_power_below(scene.volume / scene.n, scene.dim)
-    v2 = math.fsum((scene.velocities * scene.velocities).ravel().tolist()) / scene.n
+    v2 = mean_square(scene.velocities)
     if v2 == 0.0:
         return 1.0
     return 2.0 * spacing / root_of_power_below(v2, 2)
+
+
+def mean_square(velocities: NDArray[np.float64]) -> float:
+    """Mean square speed, with the power of two below it that the exactly rounded sum of squares gives.
+
+    A sum in whatever order is off by less than one rounding for each term, as no term is negative. Only where a power of
+    two is that near is the exactly rounded sum computed; otherwise both have the same.
+    """
+    squares = (velocities * velocities).ravel()
+    n = len(velocities)
+    total = float(np.sum(squares))
+    off = 2.0 * len(squares) * float(np.finfo(np.float64).eps)
+    low, high = total * (1.0 - off) / n, total * (1.0 + off) / n
+    if off < 0.5 and 0.0 < low and high < math.inf and math.frexp(low)[1] == math.frexp(high)[1]:
+        return total / n
+    return math.fsum(squares.data) / n
 
 
 def typical_speed(scene: Scene, energy: float) -> float:
@@ -51,12 +76,19 @@ def typical_speed(scene: Scene, energy: float) -> float:
     return math.sqrt(2.0 * energy / scene.n * float(np.mean(1.0 / scene.masses)))
 
 
+def mean_cross_section(one: Floats, other: Floats, dim: int) -> float:
+    """Mean cross section of pairs of one particle of each kind, pi (r1 + r2)^2 in 3D, given the radii of both kinds."""
+    r1, r2 = float(one.mean()), float(other.mean())
+    if dim == 2:
+        return 2.0 * (r1 + r2)
+    return math.pi * (float(np.mean(one * one)) + 2.0 * r1 * r2 + float(np.mean(other * other)))
+
+
 def collision_frequency(scene: Scene) -> float:
     """Rough number of collisions per particle and time (Enskog with a crude contact value), for tuning only."""
-    sigma = 2.0 * float(scene.radii.mean())
     room = max(1.0 - scene.packing_fraction, 0.05)
     chi = (1.0 - 0.5 * scene.packing_fraction) / room**scene.dim
-    cross_section = math.pi * sigma * sigma if scene.dim == 3 else 2.0 * sigma
+    cross_section = mean_cross_section(scene.radii, scene.radii, scene.dim)
     speed = typical_speed(scene, scene.thermal_energy)
     return math.sqrt(2.0) * scene.number_density * cross_section * chi * speed
 
@@ -65,8 +97,11 @@ def shell_width(scene: Scene) -> float:
     """How far a particle may go before its neighbour list is renewed: as far as leaves lists of about the wanted length."""
     ball = 4.0 * math.pi / 3.0 if scene.dim == 3 else math.pi
 
+    a1, a2, a3 = (float(np.mean(scene.radii**k)) for k in (1, 2, 3))
+
     def neighbours(shell: float) -> float:
-        r1, r2, r3 = (float(np.mean((scene.radii + shell) ** k)) for k in (1, 2, 3))
+        r1, r2 = a1 + shell, a2 + shell * (2.0 * a1 + shell)  # moments of the radii and the shell together
+        r3 = a3 + shell * (3.0 * a2 + shell * (3.0 * a1 + shell))
         pairs = 2.0 * r3 + 6.0 * r1 * r2 if scene.dim == 3 else 2.0 * r2 + 2.0 * r1 * r1
         return ball * scene.number_density * pairs
 
@@ -83,10 +118,10 @@ def shell_width(scene: Scene) -> float:
     return min(limit, max(high, 0.05 * float(scene.radii.mean())))
 
 
-def cells_per_axis(scene: Scene, width: float) -> list[int]:
-    """Cells along each axis, each at least `width` wide, and not many more than particles in all."""
+def cells_per_axis(scene: Scene, width: float, particles: int) -> list[int]:
+    """Cells along each axis for some particles, each at least `width` wide, and not many more than particles in all."""
     cells = [max(1, int(edge / (width * (1.0 + SLACK)))) for edge in scene.box.tolist()]
-    most = max(2 * scene.n, 8)
+    most = max(2 * particles, 8)
     while math.prod(cells) > most:
         longest = cells.index(max(cells))
         excess = (math.prod(cells) / most) ** (1.0 / scene.dim)
@@ -106,11 +141,97 @@ class WindowPlan:
         How far a registered piece of a flight reaches from its middle.
     cells : list of int
         Cells along each axis.
+    small_radius : float
+        Largest radius of the particles that these cells are made for.
+    large_cells : list of int
+        Cells along each axis for the particles that are larger.
     """
 
     length: float
     stretch: float
     cells: list[int]
+    small_radius: float
+    large_cells: list[int]
+
+
+class _Split:
+    """Small and large particles, divided at one radius, and what a window costs with them.
+
+    Parameters
+    ----------
+    scene : Scene
+        The gas.
+    small_radius : float
+        Largest radius of the small ones.
+    """
+
+    def __init__(self, scene: Scene, small_radius: float) -> None:
+        self.scene = scene
+        self.small_radius = small_radius
+        small, large = scene.radii[scene.radii <= small_radius], scene.radii[scene.radii > small_radius]
+        self.small, self.large = len(small), len(large)
+        self.large_radius = float(large.mean()) if len(large) else 0.0
+        self.largest = float(scene.radii.max())
+        self.share_of_large = self._share_of_large(small, large)
+
+    def _share_of_large(self, small: Floats, large: Floats) -> float:
+        """Return the share of large ones among all that collide."""
+        if not len(large):
+            return 0.0
+        dim = self.scene.dim
+        both = len(small) * len(large) * mean_cross_section(small, large, dim)
+        alike = len(large) ** 2 * mean_cross_section(large, large, dim)
+        share: float = (alike + both) / (
+            alike + 2.0 * both + len(small) ** 2 * mean_cross_section(small, small, dim)
+        )
+        return share
+
+    def plan(self, length: float, stretch: float) -> WindowPlan | None:
+        """Return the cells for windows of this length, or None where the box is too small for them."""
+        scene = self.scene
+        cells = self._cells(2.0 * self.small_radius + 2.0 * stretch)
+        coarse = self._cells(2.0 * self.largest + 2.0 * stretch)
+        if any(c < (3 if periodic else 1) for c, periodic in zip(coarse, scene.periodic, strict=True)):
+            return None
+        reach = self.largest + self.small_radius + 2.0 * stretch
+        return WindowPlan(length, stretch, cells, self.small_radius, cells_per_axis(scene, reach, self.large))
+
+    def _cells(self, width: float) -> list[int]:
+        return [int(edge / (width * (1.0 + 1e-3))) for edge in self.scene.box.tolist()]
+
+    def cost(self, plan: WindowPlan, collisions: float, in_pieces: float) -> float:
+        """Rough cost of a window per particle, in ns, given how often each collides and how many flights are in pieces."""
+        dim, n = self.scene.dim, self.scene.n
+        occupancy = self.small / math.prod(plan.cells)
+        around: float = occupancy * 3**dim
+        # Measured: registering a line (and more of them for a flight in pieces) and comparing it with half the lines around,
+        # passing by a cell, and for each collision comparing the new lines with all around, those of this window too.
+        opening: float = REG + PIECE * in_pieces + PAIR * around + CELL / occupancy
+        collision: float = COLL + around * (NEWP + NEWC * collisions)
+        if not self.large:
+            return opening + collisions * collision
+        # A large one is compared with the lines in a box of rows, which stand in few runs, and with the chains of each row.
+        reach = self.large_radius + self.small_radius + 2.0 * plan.stretch
+        wide = [
+            2.0 * reach * c / edge + 1.0 for c, edge in zip(plan.cells, self.scene.box.tolist(), strict=True)
+        ]
+        met: float = occupancy * math.prod(wide)
+        columns: float = math.prod(wide) / (wide[1] * (3.0 if dim == 3 else 1.0))
+        search: float = COLL + columns * (RUN + HEAD * wide[1]) + met * (NEWP + NEWC * collisions)
+        opening = (self.small * opening + self.large * search) / n
+        collision += 3**dim * (HEAD + NEWC * self.large / math.prod(plan.large_cells))
+        share: float = self.share_of_large
+        return opening + collisions * ((1.0 - share) * collision + share * search)
+
+
+def splits(scene: Scene) -> list[_Split]:
+    """Return ways to divide the particles into small and large ones: none is large, or few enough to be worth it."""
+    radii = np.unique(scene.radii)
+    if len(radii) > 8:
+        radii = np.unique(
+            np.quantile(scene.radii, (0.5, 0.8, 0.9, 0.96, 0.98, 0.99, 0.996, 1.0), method="lower")
+        )
+    return [_Split(scene, float(r)) for r in radii if np.mean(scene.radii > r) <= 0.5]
 
 
 def share_faster(speed: float, dim: int) -> float:
@@ -121,27 +242,17 @@ def share_faster(speed: float, dim: int) -> float:
 
 def window_plan(scene: Scene) -> WindowPlan | None:
     """Return the windows that cost least, or None where lists serve better or the box is too small for them."""
-    largest = 2.0 * float(scene.radii.max())
     now = np.sum(scene.velocities * scene.velocities, axis=1)
     rms = max(math.sqrt(float(np.mean(now))), typical_speed(scene, scene.kinetic_energy))
-    if scene.packing_fraction > SPARSE_BELOW[scene.dim] or rms == 0.0 or math.sqrt(np.max(now)) > 50.0 * rms:
+    # Lists pay for cells made for the largest: where sizes differ they take over at a higher density.
+    crowding = scene.packing_fraction * float(scene.radii.mean() / scene.radii.max())
+    if crowding > SPARSE_BELOW[scene.dim] or rms == 0.0 or math.sqrt(np.max(now)) > 50.0 * rms:
         return None
-    frequency = collision_frequency(scene)
+    frequency, epoch = collision_frequency(scene), epoch_length(scene)
     plans = {}
-    for parts, speeds in itertools.product(WINDOWS_IN_AN_EPOCH, THERMAL_SPEEDS):
-        length = epoch_length(scene) / parts
-        stretch = 0.5 * speeds * rms / math.sqrt(scene.dim) * length
-        cells = [int(edge / ((largest + 2.0 * stretch) * (1.0 + 1e-3))) for edge in scene.box.tolist()]
-        if any(c < (3 if periodic else 1) for c, periodic in zip(cells, scene.periodic, strict=True)):
-            continue
-        occupancy = scene.n / math.prod(cells)
-        around = occupancy * 3**scene.dim
-        collisions = frequency * length
-        in_pieces = share_faster(speeds, scene.dim)
-        # Measured, in ns: registering a line (and more of them for a flight in pieces) and comparing it with half the lines
-        # around, passing by a cell, and for each collision comparing the new lines with all around, those of this window too.
-        cost = 50.0 + 300.0 * in_pieces + 0.6 * around + 15.0 / occupancy
-        cost += collisions * (200.0 + around * (1.0 + 8.0 * collisions))
-        cost /= length
-        plans[cost] = WindowPlan(length, stretch, cells)
+    for split, parts, speeds in itertools.product(splits(scene), WINDOWS_IN_AN_EPOCH, THERMAL_SPEEDS):
+        length = epoch / parts
+        plan = split.plan(length, 0.5 * speeds * rms / math.sqrt(scene.dim) * length)
+        if plan is not None:
+            plans[split.cost(plan, frequency * length, share_faster(speeds, scene.dim)) / length] = plan
     return plans[min(plans)] if plans else None

@@ -302,13 +302,16 @@ def _print(screen: Screen, summary: Mapping[str, Any]) -> None:
     box = words[0] if len(set(words)) == 1 else ", ".join(words)
     mixture = f", diameters 1:{summary['diameter_ratio']:g}" if summary["diameter_ratio"] != 1.0 else ""
     screen.say(
-        f"{summary['n']} hard {kind}{mixture}, packing fraction {summary['packing_fraction']:.4g}, {box} box, "
+        f"{summary['n']} hard {kind}{mixture}, packing fraction {summary['packing_fraction']:.4g}, {box} "
+        "box, "
         f"start: {summary['start']}"
     )
     screen.say(
         f"method: {summary['method']}; discarded {summary['discarded_collisions']} collisions "
-        f"({summary['discarded_collisions_per_particle']:.3g} per particle), then timed {summary['collisions']} in "
-        f"{summary['windows']} windows: {summary['cpu_seconds']:.2f} s of the processor, {summary['seconds']:.2f} s on the wall"
+        f"({summary['discarded_collisions_per_particle']:.3g} per particle), then timed "
+        f"{summary['collisions']} in "
+        f"{summary['windows']} windows: {summary['cpu_seconds']:.2f} s of the processor, "
+        f"{summary['seconds']:.2f} s on the wall"
     )
     screen.say()
     rows = [_row("hardspheres, processor", summary["cpu"]), _row("hardspheres, wall", summary["wall"])]
@@ -350,15 +353,18 @@ def _print_ratio(screen: Screen, against: Mapping[str, Any]) -> None:
     if against["cpu"] is not None:
         low, high = against["ratio_quartiles"]
         screen.say(
-            f"{against['ratio_of_medians']:.2f} times {against['name']} by medians, {against['ratio_of_bests']:.2f} by "
-            f"best windows; quartiles of neighbouring windows {low:.2f} to {high:.2f} (processor time, in turn)"
+            f"{against['ratio_of_medians']:.2f} times {against['name']} by medians, "
+            f"{against['ratio_of_bests']:.2f} by "
+            f"best windows; quartiles of neighbouring windows {low:.2f} to {high:.2f} (processor time, in "
+            "turn)"
         )
     best = against["fastest_published"]
     if best is None and against["name"] != PLAIN:
         screen.say("no estimate for the fastest published C code: it was not measured at this state")
     elif best is not None:
         screen.say(
-            f"estimate: {best['ratio_of_medians']:.2f} times the fastest published C code (doi {best['doi']}), taken as "
+            f"estimate: {best['ratio_of_medians']:.2f} times the fastest published C code (doi "
+            f"{best['doi']}), taken as "
             f"{best['factor']:.3g} times spheropack at N = 4000 and packing fraction "
             f"{best['yardstick_packing_fraction']:g}; good to 15-20 %"
         )

@@ -46,7 +46,8 @@ def rates(states: Sequence[Mapping[str, Any]]) -> Figure:
         axes.set_xlabel("number of particles $N$")
         axes.set_ylabel("collisions per second of processor time")
         axes.set_title(
-            "Speed of the event loop on one core, gas in equilibrium:\nmedians of windows, bars between quartiles"
+            "Speed of the event loop on one core, gas in equilibrium:\nmedians of windows, bars between "
+            "quartiles"
         )
         axes.grid(which="major", color="#e3e7ec", lw=0.7)
         axes.set_axisbelow(True)

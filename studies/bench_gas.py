@@ -16,24 +16,16 @@ from numpy.typing import NDArray
 
 import hardspheres as hs
 from analysis import theory
+from studies.fluid import FREEZING, RELAXED, THEORY_UP_TO, is_dense, maker, two_species
 
-__all__ = ["FREEZING", "STARTS", "Gas"]
+__all__ = ["STARTS", "Gas"]
 
 FloatArray = NDArray[np.float64]
 
 STARTS = ("auto", "lattice", "fluid")
-FREEZING = {2: 0.70, 3: 0.494}
-"""Packing fractions up to which the fluid counts as the state in equilibrium. Spheres freeze at 0.492 (Fernandez et
-al. 2012, doi 10.1103/PhysRevLett.108.165701; older work has 0.494), discs at 0.70 (Engel et al. 2013, doi
-10.1103/PhysRevE.87.042134)."""
-THEORY_UP_TO = {2: 0.66, 3: 0.494}
-RANDOM_UP_TO = {2: 0.45, 3: 0.30}  # random placement nears its limit above
 REPEATED_FROM = 20_000  # particles; a smaller fluid is made in one piece
 REPEATED_ABOVE = 0.05  # packing fraction; a thinner gas is placed at random quickly at any size
 PIECE = 4_000  # particles in the box that is repeated
-RELAXED = (
-    100.0  # collisions per particle after the growth, in which a dense fluid moves by half a diameter or more
-)
 MELTED = 50.0  # collisions per particle
 AT_LEAST = 10.0  # collisions per particle, until neighbour lists begin to expire
 
@@ -85,7 +77,7 @@ class Gas:
     @property
     def dense(self) -> bool:
         """Whether random placement would take too long."""
-        return self.packing_fraction > RANDOM_UP_TO.get(self.dim, 0.0)
+        return is_dense(self.dim, self.packing_fraction)
 
     @property
     def repeated(self) -> bool:
@@ -109,10 +101,7 @@ class Gas:
 
     def radii(self, n: int) -> Any:
         """Return the radii of n particles."""
-        if self.diameter_ratio == 1.0:
-            return 0.5
-        second = np.arange(n) >= n - round(self.fraction * n)
-        return np.where(second, 0.5 * self.diameter_ratio, 0.5)
+        return two_species(n, self.diameter_ratio, fraction=self.fraction)[0]
 
     def scene(self, seed: int) -> hs.Scene:
         """Return the start that belongs to a seed.
@@ -125,12 +114,8 @@ class Gas:
         return self._repeated(seed) if self.repeated else self._piece(self.n, self.packing_fraction, seed)
 
     def _piece(self, n: int, packing_fraction: float, seed: int) -> hs.Scene:
-        make: Any = hs.random_gas
-        if self.on_lattice:
-            make = hs.lattice_gas
-        elif self.dense:
-            make = hs.compressed_gas
-        scene: hs.Scene = make(
+        make = hs.lattice_gas if self.on_lattice else maker(self.dim, self.packing_fraction)
+        return make(
             n=n,
             packing_fraction=packing_fraction,
             dim=self.dim,
@@ -138,7 +123,6 @@ class Gas:
             radii=self.radii(n),
             seed=seed,
         )
-        return scene
 
     def _repeated(self, seed: int) -> hs.Scene:
         """Return periodic copies of a relaxed box, in random order as any large random start, with new velocities.

@@ -32,7 +32,8 @@ def require_peer(name: str, gas: Gas) -> None:
         require_spheropack()
         if gas.dim != 3 or not gas.periodic or gas.diameter_ratio != 1.0:
             raise hs.HardSpheresError(
-                "--against spheropack compares periodic gases of one kind of sphere in 3D; others run --against plain"
+                "--against spheropack compares periodic gases of one kind of sphere in 3D; others run "
+                "--against plain"
             )
 
 

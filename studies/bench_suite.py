@@ -218,13 +218,15 @@ def _cells(state: Mapping[str, Any]) -> tuple[str, ...]:
 def _print_end(screen: Screen, summary: Mapping[str, Any], states: Sequence[Mapping[str, Any]]) -> None:
     screen.say()
     screen.say(
-        "collisions per second of processor time, medians of 20 windows, event loop alone, in equilibrium, one core"
+        "collisions per second of processor time, medians of 20 windows, event loop alone, in equilibrium, "
+        "one core"
     )
     peer = next((state["against"] for state in states if state["against"]), None)
     if peer is not None:
         screen.say(
             f"peer: {peer['name']}, in turn; ratio: ours over the peer's; C est.: ours over the fastest "
-            "published C code (doi 10.1140/epje/s10189-022-00180-8), estimated from the peer's rate at N = 4000 to 15-20 %"
+            "published C code (doi 10.1140/epje/s10189-022-00180-8), estimated from the peer's rate at N = "
+            "4000 to 15-20 %"
         )
     if any(state["is_fluid"] is False for state in states):
         screen.say("!: the compressibility factor is not that of the equilibrium fluid")

@@ -246,6 +246,139 @@ def bench(
         raise typer.Exit(1)
 
 
+Densities = Annotated[
+    str,
+    typer.Option(
+        help="first:last:count, or numbers with commas between them.", metavar="FIRST:LAST:COUNT|LIST"
+    ),
+]
+Ratio = Annotated[float, typer.Option(help="Of a second species over the first's; 1: the same.")]
+Fraction = Annotated[
+    float | None,
+    typer.Option(min=0, max=1, help="Number fraction of the second species.", show_default="0.5"),
+]
+
+
+@app.command()
+def pressure(
+    packing_fractions: Densities = "0.01:0.49:9",
+    n: Annotated[int, typer.Option(min=2, help="Particles in each replica.")] = 4000,
+    dim: Annotated[int, typer.Option(min=2, max=3, help="Dimension.")] = 3,
+    boundary: Annotated[
+        str, typer.Option(help="periodic, wall, or one word per axis, as in periodic,periodic,wall.")
+    ] = "periodic",
+    diameter_ratio: Ratio = 1.0,
+    mass_ratio: Ratio = 1.0,
+    fraction: Fraction = None,
+    collisions_per_particle: Annotated[
+        float, typer.Option(help="How long to measure in each replica, s = 2 collisions / n.")
+    ] = 300.0,
+    replicas: Annotated[int, typer.Option(min=1, help="Independent gases at each packing fraction.")] = 2,
+    seed: Seed = 1,
+    workers: Workers = None,
+    out: Out = None,
+    json: Json = False,
+) -> None:
+    """Measure the equation of state of the fluid, beside theory.
+
+    Pressure from the virial, from the collision rate (one species) and from the walls (where there are some),
+    with error bars, at several packing fractions. Writes a summary, a table and a picture with residuals.
+    """
+    from studies.fluid import Fluid
+    from studies.pressure import EquationOfState, equation_of_state
+    from studies.pressure import packing_fractions as parsed
+    from studies.report import OutputFolder, Screen
+
+    _require_two(diameter_ratio, mass_ratio, fraction)
+    walls = _boundary(boundary) or "periodic"
+    fluid = Fluid(n, dim, 0.3, walls, diameter_ratio, mass_ratio, 0.5 if fraction is None else fraction)
+    study = EquationOfState(
+        parsed(packing_fractions), fluid, collisions_per_particle, replicas, seed, workers
+    )
+    screen = Screen(json)
+    _finish(screen, equation_of_state(study, OutputFolder(out or Path("runs") / f"pressure-{seed}"), screen))
+
+
+@app.command()
+def diffusion(
+    packing_fractions: Densities = "0.1,0.3",
+    n: Annotated[int, typer.Option(min=2, help="Particles in each replica.")] = 1000,
+    dim: Annotated[int, typer.Option(min=2, max=3, help="Dimension.")] = 3,
+    collisions_per_particle: Annotated[
+        float, typer.Option(help="How long to measure in each replica, s = 2 collisions / n.")
+    ] = 200.0,
+    replicas: Annotated[int, typer.Option(min=1, help="Independent gases at each packing fraction.")] = 12,
+    seed: Seed = 1,
+    workers: Workers = None,
+    out: Out = None,
+    json: Json = False,
+) -> None:
+    """Measure self-diffusion in a periodic box, beside Enskog's theory.
+
+    Mean square displacement and velocity autocorrelation against time, and D from the slope of the first with
+    the correction for the periodic box. Writes a summary, two tables and a picture.
+    """
+    from studies.diffusion import SelfDiffusion, self_diffusion
+    from studies.fluid import Fluid
+    from studies.pressure import packing_fractions as parsed
+    from studies.report import OutputFolder, Screen
+
+    fluid = Fluid(n=n, dim=dim)
+    study = SelfDiffusion(parsed(packing_fractions), fluid, collisions_per_particle, replicas, seed, workers)
+    screen = Screen(json)
+    _finish(screen, self_diffusion(study, OutputFolder(out or Path("runs") / f"diffusion-{seed}"), screen))
+
+
+@app.command()
+def mixture(
+    packing_fraction: Annotated[float, typer.Option(help="Share of the box that the spheres fill.")] = 0.01,
+    n: Annotated[int, typer.Option(min=2, help="Particles in each replica.")] = 2000,
+    dim: Annotated[int, typer.Option(min=2, max=3, help="Dimension.")] = 3,
+    diameter_ratio: Ratio = 2.0,
+    mass_ratio: Ratio = 10.0,
+    fraction: Fraction = None,
+    temperature_ratio: Annotated[
+        float, typer.Option(help="kT of the first species over the second's at the start.")
+    ] = 3.0,
+    relaxation_times: Annotated[
+        float, typer.Option(help="How long to run, in initial decay times of the difference.")
+    ] = 4.0,
+    replicas: Annotated[int, typer.Option(min=1, help="Independent gases to average over.")] = 100,
+    seed: Seed = 1,
+    workers: Workers = None,
+    out: Out = None,
+    json: Json = False,
+) -> None:
+    """Watch two species of different temperatures come to one, beside kinetic theory.
+
+    Temperatures of both against time, averaged over replicas, beside the two-Maxwellian equations with their
+    known deviation, and the collision rate. Writes a summary, a table and a picture.
+    """
+    from studies.fluid import Fluid
+    from studies.mixture import Mixture
+    from studies.mixture import mixture as run
+    from studies.report import OutputFolder, Screen
+
+    share = 0.5 if fraction is None else fraction
+    fluid = Fluid(n, dim, packing_fraction, "periodic", diameter_ratio, mass_ratio, share)
+    study = Mixture(fluid, temperature_ratio, relaxation_times, replicas, seed, workers)
+    screen = Screen(json)
+    _finish(screen, run(study, OutputFolder(out or Path("runs") / f"mixture-{seed}"), screen))
+
+
+def _finish(screen: Any, result: tuple[dict[str, Any], bool]) -> None:
+    """Print the JSON that was asked for, and exit with 1 if a check failed."""
+    summary, sound = result
+    screen.finish(summary)
+    if not sound:
+        raise typer.Exit(1)
+
+
+def _require_two(diameter_ratio: float, mass_ratio: float, fraction: float | None) -> None:
+    two = (diameter_ratio, mass_ratio) != (1.0, 1.0)
+    _require(two or fraction is None, "--fraction needs --mass-ratio or --diameter-ratio")
+
+
 def _boundary(words: str | None) -> str | tuple[str, ...] | None:
     """Return the boundary as Scene takes it: one word, or one per axis."""
     if words is None or "," not in words:

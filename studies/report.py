@@ -25,7 +25,21 @@ from hardspheres.errors import HardSpheresError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["COLOURS", "OutputError", "OutputFolder", "Screen", "figure_style", "jsonable"]
+    from analysis.statistics import Estimate
+
+__all__ = [
+    "ALARM",
+    "COLOURS",
+    "OutputError",
+    "OutputFolder",
+    "Screen",
+    "alarming",
+    "checks_of",
+    "estimate_json",
+    "figure_style",
+    "jsonable",
+    "say_checks",
+]
 
 COLOURS = {
     "theory": "#1d2733",
@@ -35,6 +49,10 @@ COLOURS = {
     "other": "#e0a030",
 }
 """Colours of all figures: theory is a dark line, simulation is blue points, a second species is red."""
+
+ALARM = 5.0
+"""Deviation from theory, in standard errors, at which a study's check has failed."""
+_ALARM_P = 5.7e-7  # of as large a deviation by chance, when the error is known
 
 _STYLE: Any = {
     "figure.dpi": 100,
@@ -237,3 +255,54 @@ class Screen:
         if self.json_output:
             sys.stdout.write(json.dumps(jsonable(summary), indent=2) + "\n")
             sys.stdout.flush()
+
+
+def estimate_json(estimate: Estimate) -> dict[str, float]:
+    """Return what a summary tells of an estimate."""
+    return {
+        "value": estimate.value,
+        "standard_error": estimate.standard_error,
+        "n_effective": estimate.n_effective,
+        "degrees_of_freedom": estimate.degrees_of_freedom,
+    }
+
+
+def alarming(measured: Estimate, expected: float, uncertainty: float) -> bool:
+    """Return whether a measurement is beyond 5 standard errors from what was expected.
+
+    An error that is itself estimated from few values allows more than 5: the probability is that of 5 known
+    standard errors, 6e-7, by Student's t. A theory that is not known (NaN) raises no alarm.
+    """
+    return measured.p_value(expected, uncertainty) < _ALARM_P
+
+
+def checks_of(statuses: Sequence[Mapping[str, Any]], failures: Sequence[str]) -> dict[str, Any]:
+    """Return the "checks" of a summary.
+
+    Parameters
+    ----------
+    statuses : sequence of dict
+        `Simulation.status` of every run at its end.
+    failures : sequence of str
+        One sentence for everything that is wrong.
+    """
+    return {
+        "passed": not failures,
+        "failures": list(failures),
+        "worst_energy_drift": max(abs(status["energy_drift"]) for status in statuses),
+        "worst_momentum_drift": max(abs(status["momentum_drift"]) for status in statuses),
+        "late_events": sum(status["late_events"] for status in statuses),
+    }
+
+
+def say_checks(screen: Screen, summary: Mapping[str, Any], out: OutputFolder) -> None:
+    """Print how much was done, what failed, and where the files are."""
+    checks = summary["checks"]
+    screen.say(
+        f"{summary['collisions']} collisions in {summary['seconds']['total']:.0f} s "
+        f"({summary['collisions_per_second_and_core']:.2g} per second and core); "
+        f"worst energy drift {checks['worst_energy_drift']:.1e}, late events {checks['late_events']}"
+    )
+    for failure in checks["failures"]:
+        screen.say(f"CHECK FAILED, {failure}")
+    screen.say(f"written to {out.path}: {', '.join(summary['files'])}")

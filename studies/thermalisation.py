@@ -20,7 +20,8 @@ from analysis.relaxation import Comparison, RelaxationCurve
 from analysis.statistics import Estimate
 from hardspheres.trajectory import has_velocities, read_structure
 from studies.ensemble import available_cores, replica_seeds, run_replicas
-from studies.report import OutputFolder, Screen
+from studies.fluid import is_dense, two_species
+from studies.report import OutputFolder, Screen, say_checks
 
 __all__ = ["Recipe", "ReplicaResult", "Replicas", "Thermalisation", "sampling_points", "thermalise"]
 
@@ -29,10 +30,6 @@ FloatArray = NDArray[np.float64]
 RATE_WINDOW = (2.0, 5.0)
 MOVIE_FRAMES = 96
 MOVIE_END = 6.0  # in collisions per particle
-RANDOM_UP_TO = {
-    2: 0.45,
-    3: 0.30,
-}  # packing fractions above start from a lattice: random placement nears its limit
 
 
 @dataclass(frozen=True)
@@ -69,7 +66,7 @@ class Recipe:
         """Where the particles start: "file", "random" or "lattice"."""
         if self.base is not None:
             return "file"
-        return "random" if self.packing_fraction <= RANDOM_UP_TO.get(self.dim, 0.0) else "lattice"
+        return "lattice" if is_dense(self.dim, self.packing_fraction) else "random"
 
     def scene(self, seed: np.random.SeedSequence) -> hs.Scene:
         """Return the scene that belongs to a seed.
@@ -85,12 +82,7 @@ class Recipe:
             drawn = hs.draw_velocities(self.base, self.velocities, temperature=self.temperature, seed=seed)
             return self.base.replace(velocities=drawn)
         make = hs.random_gas if self.placement == "random" else hs.lattice_gas
-        radii: Any = 0.5
-        masses: Any = 1.0
-        if (self.mass_ratio, self.diameter_ratio) != (1.0, 1.0):
-            second = np.arange(self.n) >= self.n - round(self.fraction * self.n)
-            radii = np.where(second, 0.5 * self.diameter_ratio, 0.5)
-            masses = np.where(second, self.mass_ratio, 1.0)
+        radii, masses = two_species(self.n, self.diameter_ratio, self.mass_ratio, self.fraction)
         return make(
             n=self.n,
             packing_fraction=self.packing_fraction,
@@ -527,7 +519,8 @@ def _print(
     screen.say("a2: mean over replicas; KS, H - Heq: all replicas together; z: deviation in standard errors")
     screen.say(
         f"H on {curve.h_bins} bins of {summary['h_bin_width']:.4g} thermal speeds; noise at equilibrium: "
-        f"a2 {theory.cumulant_noise(summary['particles_in_all'], curve.dim):.1e}, KS {summary['ks_floor']:.1e}"
+        f"a2 {theory.cumulant_noise(summary['particles_in_all'], curve.dim):.1e}, KS "
+        f"{summary['ks_floor']:.1e}"
     )
     chi_square = reference.chi_square if reference is not None else None
     if chi_square is not None:
@@ -543,15 +536,7 @@ def _print(
         screen.say(text)
     elif recipe.velocities != "maxwell":
         screen.say(f"no decay rate: {rate['reason']}")
-    checks, seconds = summary["checks"], summary["seconds"]
-    screen.say(
-        f"{summary['collisions']} collisions in {seconds['total']:.0f} s "
-        f"({summary['collisions_per_second_and_core']:.2g} per second and core); "
-        f"worst energy drift {checks['worst_energy_drift']:.1e}, late events {checks['late_events']}"
-    )
-    for failure in checks["failures"]:
-        screen.say(f"CHECK FAILED, {failure}")
-    screen.say(f"written to {out.path}: {', '.join(summary['files'])}")
+    say_checks(screen, summary, out)
 
 
 def _table(curve: RelaxationCurve, reference: Comparison | None) -> tuple[list[str], list[list[str]]]:

@@ -20,3 +20,24 @@ def gas(kind, n, packing_fraction, seed=1, **more):
         odd = np.arange(n) % 2
         options |= {"radii": np.where(odd, 0.3, 0.5), "masses": np.where(odd, 1.0, 7.0)}
     return hs.random_gas(n=n, packing_fraction=packing_fraction, seed=seed, **(options | more))
+
+
+def one_to_ten(kind, n=1500, large=15, **more):
+    """Diameters 1:10, one particle in a hundred large, masses 1:5."""
+    is_large = np.arange(n) % (n // large) == 0
+    kind = {key: value for key, value in KINDS[kind].items() if key != "mixture"}
+    sizes = {"radii": np.where(is_large, 5.0, 0.5), "masses": np.where(is_large, 5.0, 1.0)}
+    return hs.random_gas(n=n, seed=11, **(kind | sizes | more))
+
+
+def state(sim):
+    """Every bit of the canonical state and of the counters that physics sees."""
+    at, a = sim._at, sim._engine.arrays
+    return (
+        a.row.tobytes(),
+        a.total.tobytes(),
+        a.turns.tobytes(),
+        sim.collisions,
+        sim.wall_collisions,
+        int(a.counter[at.EPOCH]),
+    )

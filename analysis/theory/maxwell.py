@@ -158,7 +158,8 @@ def finite_energy_law(
     check_dim(dim)
     if free_momenta <= dim or not 0.0 <= momentum_share < 1.0:
         raise ValueError(
-            f"free_momenta = {free_momenta}, momentum_share = {momentum_share:g}; expected more than {dim} free "
+            f"free_momenta = {free_momenta}, momentum_share = {momentum_share:g}; expected more than {dim} "
+            "free "
             "momenta, and a share from 0 to below 1"
         )
     most = (1.0 - momentum_share) * free_momenta * temperature / 2

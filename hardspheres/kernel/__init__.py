@@ -32,6 +32,7 @@ lines are laid out so that those around a cell stand in a few contiguous runs (`
 in single precision (`lines`); what passes it is computed exactly. Contacts within the window are kept in buckets by their time
 (`candidates`); a particle that has collided gets a new line and is compared again. Between collisions nothing happens at all,
 where lists would have to be renewed many times for each collision of a dilute gas.
+A few large particles among small ones have a coarser grid of their own (`large`).
 
 Either way buckets are chains of whole cache lines (`chunks`), and the events of the current one lie in a small heap
 (`agenda`), so that the next event is found in a time that does not depend on their number. Equal times are ordered by the

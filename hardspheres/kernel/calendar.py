@@ -10,6 +10,7 @@ from .chunks import clear_buckets, push_bucket, release
 from .compiler import jit, prefetch
 from .layout import (
     AGENDA_LENGTH,
+    BEYOND_CACHE,
     BUCKET,
     BUCKETS,
     CHUNK,
@@ -17,7 +18,6 @@ from .layout import (
     EVENT,
     INVERSE_WIDTH,
     LANES,
-    LARGE,
     LIST_ROOM,
     PARTNER,
     ROW,
@@ -104,7 +104,7 @@ def open_bucket(s, slot):
     """Enter the live events of a bucket anew: those of the current bucket reach the agenda."""
     chunk = s.buckets[slot]
     s.buckets[slot] = -1
-    if s.counter[LARGE]:
+    if s.counter[BEYOND_CACHE]:
         fetch_events(s, chunk)
     while chunk >= 0:
         header = s.chunks[chunk * CHUNK]

@@ -4,6 +4,7 @@ from .agenda import push_agenda
 from .chunks import push_bucket, release
 from .compiler import bits, from_bits, jit, prefetch
 from .layout import (
+    BEYOND_CACHE,
     BUCKET,
     CANDIDATE,
     CANDIDATE_ROOM,
@@ -11,7 +12,6 @@ from .layout import (
     CHUNK,
     HALF_WINDOW,
     INVERSE_WIDTH,
-    LARGE,
     MIDDLE,
     ROW,
     SHORT_QUEUE,
@@ -78,7 +78,7 @@ def open_candidates(s):
     slot = s.counter[BUCKET] & (s.counter[WINDOW_BUCKETS] - 1)
     chunk = s.buckets[slot]
     s.buckets[slot] = -1
-    if s.counter[LARGE]:
+    if s.counter[BEYOND_CACHE]:
         fetch_candidates(s, chunk)
     while chunk >= 0:
         for k in range(1, (s.chunks[chunk * CHUNK] & 7) + 1):

@@ -3,7 +3,7 @@
 An insertion touches one line; what a bucket holds is found without waiting for one entry after the other.
 """
 
-from .compiler import jit
+from .compiler import jit, part
 from .layout import CHUNK, FREE_CHUNK, SHORT_QUEUE
 
 
@@ -34,7 +34,7 @@ def release(s, chunk):
     return header >> 3
 
 
-@jit
+@part
 def clear_buckets(s, buckets, chunks):
     """Empty all buckets."""
     for slot in range(buckets):

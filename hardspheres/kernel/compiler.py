@@ -1,4 +1,9 @@
-"""How kernels are compiled: strict arithmetic, raw pointers, and a disk cache that never serves a stale kernel."""
+"""How kernels are compiled: strict arithmetic, raw pointers, and a disk cache that never serves a stale kernel.
+
+Two variables of the environment, Numba's own, give kernels for examination. ``NUMBA_DISABLE_JIT=1`` runs the same source as plain
+Python, on arrays in place of pointers. ``NUMBA_BOUNDSCHECK=1`` also has arrays in place of pointers, and every access checked: in
+plain Python negative indices are refused too; compiled (which then takes minutes and is never cached) only those beyond an end.
+"""
 
 import contextlib
 import getpass
@@ -18,12 +23,34 @@ from numba.extending import intrinsic
 
 config: Any = numba.config
 PURE_PYTHON = bool(config.DISABLE_JIT)
+CHECKED = bool(config.BOUNDSCHECK)
+
+
+class Guarded:
+    """An array that refuses every index outside of it, where NumPy would count negative ones from its end."""
+
+    __slots__ = ("array",)
+
+    def __init__(self, array):
+        self.array = array
+
+    def _inside(self, k):
+        if not 0 <= k < len(self.array):
+            raise IndexError(f"index {k} is outside of an array of {len(self.array)}")
+        return k
+
+    def __getitem__(self, k):
+        return self.array[self._inside(k)]
+
+    def __setitem__(self, k, value):
+        self.array[self._inside(k)] = value
+
 
 if PURE_PYTHON:
 
     def pointer(array):
         """In plain Python an array is its own pointer."""
-        return array
+        return Guarded(array) if CHECKED else array
 
     def prefetch(array, k):
         """In plain Python: nothing."""
@@ -66,6 +93,17 @@ else:
 
         return types.none(pointer, types.int64), codegen
 
+    if CHECKED:
+
+        @numba.njit
+        def pointer(array):
+            """With checks an array is its own pointer."""
+            return array
+
+        @numba.njit
+        def prefetch(array, k):
+            """With checks: nothing."""
+
     @intrinsic
     def bits(typingctx, x):
         """Return the bits of a float64 as int64."""
@@ -86,11 +124,13 @@ else:
 
 
 def cache_folder(tag: str) -> Path | None:
-    """Folder for the compiled kernels of one specialisation, or None where no folder can be written.
+    """Folder for the compiled kernels of one specialisation, or None where no folder can be written, or none shall.
 
     Named by a digest of all sources that the kernels are compiled from: Numba looks only at the file of the outermost
     function, and would serve an old kernel after an edit of a function in another file.
     """
+    if CHECKED:
+        return None
     here = Path(__file__).parent
     digest = hashlib.sha256(numba.__version__.encode())
     for source in [here.parent / "collision.py", here.parent / "growth.py", *sorted(here.glob("*.py"))]:
@@ -128,6 +168,11 @@ def jit(function):
     return numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, forceinline=True)(
         function
     )
+
+
+def part(function):
+    """Compile a large part that is called rarely as a function of its own: it saves compilation time."""
+    return numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
 
 
 def entry(function):

@@ -4,7 +4,7 @@ import math
 
 from hardspheres import collision, growth
 
-from .compiler import jit
+from .compiler import jit, part
 from .flags import DIM, GROWS, MASSES, SIZES, SPARSE
 from .layout import (
     BOX,
@@ -125,7 +125,7 @@ def hit_wall(s, i, wall, t):
     s.counter[WALL_HITS] += 1
 
 
-@jit
+@part
 def begin_epoch(s):
     """At the end of an epoch every row flies there and back into the box, and its clock goes back to zero.
 

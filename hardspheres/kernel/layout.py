@@ -1,6 +1,6 @@
-"""The engine's memory: flat arrays, and the names of their slots."""
+"""The slots of the engine's flat arrays, by name."""
 
-from typing import NamedTuple
+from hardspheres.kernel.arrays import Arrays
 
 from .compiler import jit, pointer
 from .flags import DIM, SIZES, SPARSE
@@ -46,7 +46,10 @@ CELL_EDGE = 24  # edges of a cell, 3 slots
 MIDDLE = 27  # time at the middle of the window
 SCALE = 28  # growth: at the epoch's start all radii are this many times those given
 GROWTH = 29  # how much that grows in a unit of time
-NUMBERS = 30
+SMALL_RADIUS = 30  # windows: particles with a larger radius are in the coarse grid
+LARGEST = 31  # largest radius
+LARGE_DENSITY = 32  # coarse cells per length, 3 slots
+NUMBERS = 35
 
 # Sums since the tallies were reset, float64.
 VIRIAL = 0  # sum of r_a dp_b over pair collisions: xx, yy, zz, xy, xz, yz
@@ -92,8 +95,10 @@ NODE_ROOM = 30
 MEETINGS = 31  # pairs whose lines may meet
 MEETING_ROOM = 32
 EPOCH_BUCKETS = 33  # buckets in an epoch
-LARGE = 34  # 1: the gas is larger than the caches, so what is needed soon is fetched ahead
-COUNTERS = 35
+LARGE = 34  # windows: how many particles are in the coarse grid
+LARGE_CELLS = 35  # coarse cells per axis, 3 slots
+BEYOND_CACHE = 38  # 1: the gas is larger than the caches, so what is needed soon is fetched ahead
+COUNTERS = 39
 
 # Calendar: chunks of 8 int64: the next chunk (-1: none) and how many entries, then 7 entries id << 32 | stamp.
 CHUNK = 8
@@ -105,52 +110,6 @@ LINE_LANES = 16  # lines that one pass of the filter handles
 LANES = 16  # neighbours that one pass of the prediction handles
 CELL_LANES = 16  # centres that one pass through a cell handles
 CELL_COLUMNS = DIM + 1 if SIZES else DIM  # of a cell: place as seen from its corner, radius
-
-
-class Arrays(NamedTuple):
-    """The arrays of a simulation, owned by `Engine`; kernels turn them into pointers on entry."""
-
-    row: object  # float64 ((n + 1) * ROW)
-    event: object  # int64 (n * EVENT)
-    event_float: object  # the same memory as float64
-    version: object  # int32 (n): how often a particle's row has changed through events
-    mass: object  # float64 (n), or one element where all are equal
-    turns: object  # int32 (n * DIM): how often the row was wrapped back into the box
-    neighbours: object  # int32 (n * LIST_ROOM): ids, then n in all slots that are left
-    images: object  # int32 (n * LIST_ROOM * DIM): image of each neighbour, where IMAGES
-    where: object  # int32 (n): slot in the cells
-    cell_count: object  # int32 (cells)
-    cell_ids: object  # int32 (cells * CELL_ROOM)
-    cell_places: object  # float32 (cells * CELL_COLUMNS * CELL_ROOM): centres as seen from the cell's corner, then radii
-    near_excess: object  # float32 (27 * CELL_ROOM + CELL_LANES): see `neighbours.measure_cell`
-    near_ids: object  # int32, the same
-    buckets: object  # int64 (BUCKETS + 1): first chunk of each bucket; the last is for later years
-    chunks: object  # int64 (chunks * CHUNK)
-    agenda_time: object  # float64: binary heap of the current bucket's events
-    agenda_key: object  # int64: lower id << 32 | higher id
-    agenda_entry: object  # int64: id << 32 | stamp
-    scratch: object  # float64 (LANES * 16)
-    scratch_int: object  # the same memory as int64
-    order: object  # windows: int32 (n): the particles in the order in which they are gone through
-    drafts: object  # float32 ((n + 1) * LINE): lines before they are sorted, and the latest new one
-    lines: object  # float32 (7 * LINE_ROOM + LINE_LANES): sorted into rows, column by column
-    line_ids: object  # int32 (LINE_ROOM + LINE_LANES)
-    row_start: object  # int32 (cells + 1): first line of each row
-    row_own: object  # int32 (cells): first line of the cell in the middle
-    row_above: object  # int32 (cells): first line of the cell above
-    row_chain: object  # int32 (cells): first node of the row's chain of new lines
-    nodes: object  # float32 (NODE_ROOM * LINE): new lines
-    node_ids: object  # int32 (NODE_ROOM)
-    node_next: object  # int32 (NODE_ROOM)
-    met: object  # int32 (LINE_LANES): 1 where the filter let a line pass
-    met_when: object  # float32 (LINE_LANES): when the two lines are nearest
-    meeting_i: object  # int32 (MEETING_ROOM): pairs whose lines may meet
-    meeting_j: object  # int32 (MEETING_ROOM)
-    meeting_when: object  # float32 (MEETING_ROOM)
-    candidates: object  # int64 (CANDIDATE_ROOM * CANDIDATE), see `candidates`
-    number: object  # float64: the numbers above
-    counter: object  # int64: the counters above
-    total: object  # float64: the sums above
 
 
 @jit
@@ -179,6 +138,7 @@ def pointers(a):
         pointer(a.scratch),
         pointer(a.scratch_int),
         pointer(a.order),
+        pointer(a.large),
         pointer(a.drafts),
         pointer(a.lines),
         pointer(a.line_ids),

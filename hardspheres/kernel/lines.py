@@ -8,7 +8,7 @@ whatever does, and a little more. It compares one line with a run of others in w
 import numpy as np
 
 from .candidates import note_candidate
-from .compiler import jit
+from .compiler import jit, part
 from .flags import DIM
 from .layout import HALF_WINDOW, LINE_LANES, MEETING_ROOM, MEETINGS, MIDDLE, SHORT_QUEUE
 from .prediction import pair_contact
@@ -116,7 +116,7 @@ def meet_line(s, p, ids, k, i, line, since):
     s.counter[MEETINGS] = m + (1 if may_meet(b, vv, c, since) else 0)
 
 
-@jit
+@part
 def solve_meetings(s):
     """Compute the contacts of those whose lines may meet: in the image in which they are nearest when the lines are."""
     for m in range(s.counter[MEETINGS]):

@@ -4,18 +4,18 @@ from . import layout
 from .agenda import pop_agenda
 from .calendar import clear_calendar, fetch_neighbours, schedule, turn_page
 from .candidates import candidate_holds, open_candidates, partners
-from .compiler import entry, jit
+from .compiler import entry, jit, part
 from .events import begin_epoch, collide_pair, hit_wall
 from .flags import SPARSE, WALLS
 from .layout import (
     AGENDA_LENGTH,
+    BEYOND_CACHE,
     BUCKET,
     EPOCH,
     EPOCH_BUCKETS,
     EVENT,
     IMAGES,
     INVERSE_WIDTH,
-    LARGE,
     LATE,
     LATE_BY,
     LONE,
@@ -123,7 +123,7 @@ def run(arrays, cells, chunks, afresh, stop_epoch, stop_time, stop_pairs, budget
             if SPARSE:
                 execute_candidate(s, first, time)
             else:
-                if s.counter[LARGE] and s.counter[AGENDA_LENGTH] > 0:
+                if s.counter[BEYOND_CACHE] and s.counter[AGENDA_LENGTH] > 0:
                     fetch_neighbours(s)
                 execute_and_predict(s, first, time)
             if s.counter[LONE] > 1000 * n:
@@ -137,7 +137,7 @@ def run(arrays, cells, chunks, afresh, stop_epoch, stop_time, stop_pairs, budget
     return PAUSED
 
 
-@jit
+@part
 def search_lists(s, lists, cells, chunks):
     """Predict all events from the rows, with new lists if asked for."""
     now = max(s.number[NOW], 0.0)

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from .compiler import jit
+from .compiler import jit, part
 from .flags import DIM, SIZES
 from .layout import (
     BOX,
@@ -232,7 +232,7 @@ def keep_near(s, m):
     return kept
 
 
-@jit
+@part
 def look_around(s, i):
     """Ids of all centres within reach of i's, in the first lines of the table; where lists name images, link them at once."""
     cx, cy, cz, x, y, z = locate(s, i)
@@ -309,7 +309,7 @@ def renew_list(s, i, now):
     s.counter[RENEWALS] += 1
 
 
-@jit
+@part
 def make_all_lists(s, now, cells):
     """Centres, cells and lists of all particles from their rows: each looks for those that came before."""
     n = s.counter[N]

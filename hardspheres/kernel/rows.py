@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from .compiler import jit, prefetch
+from .compiler import jit, part, prefetch
 from .flags import DIM, SIZES
 from .layout import (
     BOX,
@@ -20,6 +20,7 @@ from .layout import (
     CORE,
     HALF_WINDOW,
     INVERSE,
+    LARGE,
     LINE_MARGIN,
     LINE_ROOM,
     LINE_UNIT,
@@ -91,9 +92,15 @@ def draft_line(s, k, i, t, pieces):
 
 
 @jit
+def in_rows(s):
+    """How many particles stand in the rows: all but the large ones (`large`)."""
+    return s.counter[N] - s.counter[LARGE] if SIZES else s.counter[N]
+
+
+@jit
 def count_lines(s, begin, duration):
     """Draft the lines of all particles and count those of each cell; a flight in several pieces is drafted later."""
-    n = s.counter[N]
+    n = in_rows(s)
     total = n
     for m in range(n):
         i = int(s.order[m])
@@ -152,7 +159,7 @@ def row_beside(s, cell, step):
     """Row of the cell above or below a cell, -1 where there is none, and how far it is shifted."""
     ny = s.counter[CELLS + 1]
     z = cell // ny % s.counter[CELLS + 2]
-    other, shift = around(s, z + step, 2)
+    other, shift = around(s, z + step, 2, CELLS)
     return (cell + (other - z) * ny if other >= 0 else -1), shift
 
 
@@ -171,10 +178,10 @@ def insert_draft(s, k, i, cell):
             write_line(s, s.row_above[down] + rank, k, i, -shift_down)
 
 
-@jit
+@part
 def register_all(s, cells, begin):
     """Lay all lines out in rows; SHORT_LISTS tells if there was no room."""
-    n = s.counter[N]
+    n = in_rows(s)
     duration = 2.0 * s.number[HALF_WINDOW]
     for cell in range(cells):
         s.cell_count[cell] = 0
@@ -198,7 +205,7 @@ def register_all(s, cells, begin):
         keep_order(s, cells)
 
 
-@jit
+@part
 def keep_order(s, cells):
     """Go through the particles in the order of their cells from now on: it saves waiting for memory, and changes nothing else."""
     n = s.counter[N]
@@ -215,9 +222,9 @@ def keep_order(s, cells):
 
 
 @jit
-def around(s, cell, d):
-    """Index of a cell that may lie beyond the box's edge, -1 where there is none, and how far it is shifted."""
-    cells = s.counter[CELLS + d]
+def around(s, cell, d, grid):
+    """Index of a cell of a grid that may lie beyond the box's edge, -1 where there is none, and how far it is shifted."""
+    cells = s.counter[grid + d]
     if 0 <= cell < cells:
         return cell, ZERO
     if s.number[INVERSE + d] == 0.0:
@@ -240,10 +247,10 @@ def meet_rows(s, row, y, i, line, since):
         meet_beyond(s, row, y, 1, i, line, since)
 
 
-@jit
+@part
 def meet_beyond(s, row, y, step, i, line, since):
     """Compare i's line with the row at y + step, if that lies on the other side of the box."""
-    other, shift = around(s, y + step, 1)
+    other, shift = around(s, y + step, 1, CELLS)
     if other >= 0 and shift != ZERO:
         first, last = s.row_start[row + other], s.row_start[row + other + 1]
         meet_run(
@@ -251,13 +258,13 @@ def meet_beyond(s, row, y, step, i, line, since):
         )
 
 
-@jit
+@part
 def meet_all(s):
     """Compare all lines with those of the same and the neighbouring cells, each pair once."""
     nx, ny, nz = s.counter[CELLS], s.counter[CELLS + 1], s.counter[CELLS + 2]
     room = s.counter[LINE_ROOM]
     for x in range(nx):
-        right, shift = around(s, x + 1, 0)
+        right, shift = around(s, x + 1, 0, CELLS)
         for z in range(nz):
             row = (x * nz + z) * ny
             beside = (right * nz + z) * ny

@@ -13,11 +13,14 @@ There are no events but collisions: nothing is done for particles that nobody me
 import numpy as np
 
 from .candidates import note_candidate
+from .chains import chain_draft, meet_chain
 from .chunks import clear_buckets
-from .compiler import jit, prefetch
-from .flags import DIM, WALLS
+from .compiler import jit, part, prefetch
+from .flags import DIM, SIZES, WALLS
+from .large import chain_large, clear_large, is_large, meet_large, meet_small
 from .layout import (
     AGENDA_LENGTH,
+    BEYOND_CACHE,
     BUCKET,
     CANDIDATES,
     CELLS,
@@ -26,16 +29,15 @@ from .layout import (
     LINE_LANES,
     LINE_ROOM,
     MIDDLE,
-    NODE_ROOM,
     NODES,
     SHORT_LISTS,
     SHORT_QUEUE,
     WINDOW_BUCKETS,
     N,
 )
-from .lines import LINE, PLACE, ZERO, line_at, meet_line, shifted, solve_meetings
+from .lines import LINE, ZERO, line_at, shifted, solve_meetings
 from .prediction import wall_contact
-from .rows import around, draft_line, meet_all, meet_rows, pieces_of, register_all, row_beside
+from .rows import ALWAYS, around, draft_line, meet_all, meet_rows, pieces_of, register_all, row_beside
 
 
 @jit
@@ -52,10 +54,34 @@ def open_window(s, cells, chunks):
     register_all(s, cells, begin)
     if s.counter[SHORT_LISTS]:
         return
+    if SIZES:
+        register_large(s, begin)
+        if s.counter[SHORT_LISTS]:
+            return
     meet_all(s)
     if WALLS:
         for i in range(s.counter[N]):
             note_wall(s, i)
+
+
+@part
+def register_large(s, begin):
+    """Hang the lines of all large particles in the coarse grid, compared with all small ones and with each other."""
+    clear_large(s)
+    duration = 2.0 * s.number[HALF_WINDOW]
+    draft = s.counter[N]
+    for k in range(s.counter[LARGE]):
+        i = int(s.large[k])
+        pieces = pieces_of(s, i, duration)
+        for p in range(pieces):
+            time = begin + duration * (p + 0.5) / pieces
+            draft_line(s, draft, i, time, pieces)
+            line = line_at(s.drafts, 1, draft * LINE)
+            meet_small(s, i, line, time, ALWAYS)
+            meet_large(s, i, line, time, ALWAYS)
+            chain_large(s, i, time, p == 0)
+    if s.counter[SHORT_LISTS]:
+        s.counter[NODES] = 0  # more lines than there is room for, and none that was replaced
 
 
 @jit
@@ -79,9 +105,20 @@ def follow(s, i, now):
     pieces = pieces_of(s, i, duration)
     draft = s.counter[N]
     for p in range(pieces):
-        cell = draft_line(s, draft, i, now + duration * (p + 0.5) / pieces, pieces)
-        meet_around(s, i, line_at(s.drafts, 1, draft * LINE), cell, since)
+        time = now + duration * (p + 0.5) / pieces
+        cell = draft_line(s, draft, i, time, pieces)
+        line = line_at(s.drafts, 1, draft * LINE)
+        large = is_large(s, i)
+        if large:
+            meet_small(s, i, line, time, since)
+        else:
+            meet_around(s, i, line, cell, since)
+        if SIZES:
+            meet_large(s, i, line, time, since)
         solve_meetings(s)
+        if large:
+            chain_large(s, i, time, p == 0)
+            continue
         chain_draft(s, i, cell, ZERO)
         if DIM == 3:
             for step in range(-1, 2, 2):
@@ -91,37 +128,19 @@ def follow(s, i, now):
 
 
 @jit
-def chain_draft(s, i, row, shift):
-    """Add the new line, shifted along z, to the chain of a row."""
-    node = s.counter[NODES]
-    if node == s.counter[NODE_ROOM]:
-        s.counter[SHORT_LISTS] = 1
-        return
-    s.counter[NODES] = node + 1
-    draft = s.counter[N] * LINE
-    for k in range(LINE):
-        s.nodes[node * LINE + k] = s.drafts[draft + k]
-    if DIM == 3:
-        s.nodes[node * LINE + PLACE + 2] += shift
-    s.node_ids[node] = i
-    s.node_next[node] = s.row_chain[row]
-    s.row_chain[row] = node
-
-
-@jit
 def meet_around(s, i, line, cell, since):
     """Compare a new line with all lines of its cell and the cells around."""
     ny, nz = s.counter[CELLS + 1], s.counter[CELLS + 2]
     cx, cz, cy = cell // ny // nz, cell // ny % nz, cell % ny
-    if s.counter[LARGE]:
+    if s.counter[BEYOND_CACHE]:
         fetch_around(s, cx, cz, cy)
     for kx in range(cx - 1, cx + 2):
-        x, sx = around(s, kx, 0)
+        x, sx = around(s, kx, 0, CELLS)
         if x >= 0:
             row = (x * nz + cz) * ny
             meet_rows(s, row, cy, i, shifted(line, -sx, ZERO), since)
             for ky in range(cy - 1, cy + 2):
-                y, sy = around(s, ky, 1)
+                y, sy = around(s, ky, 1, CELLS)
                 if y >= 0:
                     meet_chain(s, row + y, i, shifted(line, -sx, -sy), since)
 
@@ -141,20 +160,11 @@ def fetch_around(s, cx, cz, cy):
     """Have in the cache the lines around a cell, and the first of those chained to its rows."""
     ny, nz = s.counter[CELLS + 1], s.counter[CELLS + 2]
     for kx in range(cx - 1, cx + 2):
-        x, _ = around(s, kx, 0)
+        x, _ = around(s, kx, 0, CELLS)
         if x >= 0:
             row = (x * nz + cz) * ny
             fetch_lines(s, row + max(cy - 1, 0))
             for ky in range(cy - 1, cy + 2):
-                y, _ = around(s, ky, 1)
+                y, _ = around(s, ky, 1, CELLS)
                 if y >= 0:
                     prefetch(s.nodes, s.row_chain[row + y] * LINE)
-
-
-@jit
-def meet_chain(s, row, i, line, since):
-    """Compare i's line with those chained to a row."""
-    node = int(s.row_chain[row])
-    while node >= 0:
-        meet_line(s, s.nodes, s.node_ids, node, i, line, since)
-        node = int(s.node_next[node])

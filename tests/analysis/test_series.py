@@ -16,7 +16,7 @@ from analysis.series import (
     equilibration,
     estimate_from_series,
 )
-from analysis.statistics import Estimate, ReplicaWarning, combine_replicas
+from analysis.statistics import Estimate, ReplicaWarning, combine_replicas, pool_replicas
 
 
 def ar1(rng, phi, n, runs):
@@ -155,6 +155,24 @@ def test_replicas_are_combined_by_their_spread_and_checked_by_their_errors():
     with pytest.warns(ReplicaWarning, match="12 replicas spread") as caught:
         estimate = combine_replicas(replicas(0.5))
     assert caught[0].message.estimate == estimate
+
+
+def test_pooled_replicas_follow_their_own_students_t():
+    """800 pools of 2 replicas with 8 values each: KS p < 0.001 once in 1000 seeds."""
+    rng = np.random.default_rng(5)
+
+    def replica():
+        values = rng.standard_normal(8)
+        return Estimate(values.mean(), values.std(ddof=1) / math.sqrt(8), 8, 7)
+
+    pools = [pool_replicas([replica(), replica()]) for _ in range(800)]
+    assert stats.kstest(pulls(pools), "uniform").pvalue > 1e-3
+    assert all(7 <= pool.degrees_of_freedom <= 14 and pool.n_effective == 16 for pool in pools)
+    # sibling: the errors of single replicas, not divided by their number
+    wrong = [Estimate(p.value, p.standard_error * math.sqrt(2), 16, p.degrees_of_freedom) for p in pools]
+    assert stats.kstest(pulls(wrong), "uniform").pvalue < 1e-3
+    with pytest.raises(ValueError, match="no replicas to pool"):
+        pool_replicas([])
 
 
 def test_p_values_and_intervals_are_students():

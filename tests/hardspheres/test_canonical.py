@@ -9,25 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import KINDS, gas
+from scenes import KINDS, gas, state
 
 import hardspheres as hs
 from hardspheres import tuning
 
 COLLISIONS = 3000
-
-
-def state(sim):
-    """Every bit of the canonical state and of the counters that physics sees."""
-    at, a = sim._at, sim._engine.arrays
-    return (
-        a.row.tobytes(),
-        a.total.tobytes(),
-        a.turns.tobytes(),
-        sim.collisions,
-        sim.wall_collisions,
-        int(a.counter[at.EPOCH]),
-    )
 
 
 def run(scene, collisions=COLLISIONS):
@@ -193,7 +180,7 @@ PLAIN_PYTHON = """
 import sys
 import hashlib
 sys.path.insert(0, {tests!r})
-from scenes import KINDS, gas
+from scenes import KINDS, gas, state
 import hardspheres as hs
 digest = hashlib.sha256()
 for kind in KINDS:

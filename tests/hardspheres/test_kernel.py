@@ -1,5 +1,6 @@
 """What the compiled kernels must be: free of reference counts, vectorised, strict, cached, and never stale."""
 
+import itertools
 import json
 import os
 import shutil
@@ -66,6 +67,58 @@ def test_the_next_process_finds_the_kernel(cache, compiled):
     again = child(PROGRAM, cache)
     assert (again["hits"], again["misses"]) == (1, 0)
     assert len(list(Path(cache).rglob("*.nbc"))) == 1
+
+
+def uses(combinations):
+    """Program that runs these specialisations and tells which kernels were compiled and which were found."""
+    return f"""
+import json, sys
+import numpy as np
+import hardspheres as hs
+from hardspheres import tuning
+from hardspheres.engine import Engine
+hits = misses = 0
+for dim, walls, sizes, masses, sparse, grows in {combinations!r}:
+    odd = np.arange(64) % 2
+    tuning.SPARSE_BELOW = {{2: float(sparse), 3: float(sparse)}}
+    scene = hs.random_gas(
+        n=64, packing_fraction=0.05, dim=dim, boundary="wall" if walls else "periodic", seed=1,
+        radii=np.where(odd, 0.4, 0.5) if sizes else 0.5, masses=np.where(odd, 1.0, 2.0) if masses else 1.0,
+    )
+    engine = Engine(scene, growth=(0.9, 0.001) if grows else None)
+    assert bool(engine.arrays.counter[engine.layout.WINDOW_BUCKETS]) == sparse
+    engine.run(2**62, 0.0, 1, 10**6)
+    stats = engine.kernels.run.stats
+    hits += sum(stats.cache_hits.values())
+    misses += sum(stats.cache_misses.values())
+print(json.dumps([hits, misses]))
+"""
+
+
+def test_the_next_process_finds_every_kernel_of_this_suite():
+    """The kinds that the default tests compile, in the usual cache: a second process compiles none of them."""
+    kinds = [
+        (3, False, False, False),
+        (2, False, False, False),
+        (3, True, False, False),
+        (2, True, True, True),
+        (3, False, True, True),
+    ]
+    program = uses([(*kind, sparse, False) for kind in kinds for sparse in (False, True)])
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    child(program, base, Path(hs.__file__).parent.parent)
+    assert child(program, base, Path(hs.__file__).parent.parent) == [10, 0]
+
+
+@pytest.mark.long
+def test_the_next_process_finds_every_kernel_there_is(tmp_path):
+    """All specialisations: ten minutes of compilation."""
+    flags = list(itertools.product((2, 3), *[(False, True)] * 4))
+    program = uses(
+        [(*flag, False) for flag in flags] + [(*flag[:4], False, True) for flag in flags if not flag[4]]
+    )
+    assert child(program, tmp_path, Path(hs.__file__).parent.parent) == [0, 48]
+    assert child(program, tmp_path, Path(hs.__file__).parent.parent) == [48, 0]
 
 
 def test_an_edit_anywhere_in_the_kernels_makes_a_new_cache(tmp_path):

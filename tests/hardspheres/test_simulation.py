@@ -103,6 +103,16 @@ def test_a_gas_without_relative_motion(velocity):
         sim.run(collisions=1)
 
 
+def test_a_call_looks_at_the_velocities_once(sim, monkeypatch):
+    """Whether anybody moves is asked before the first collision only: later calls cost the same at any size."""
+    looks = []
+    whole = type(sim)._rows.fget
+    monkeypatch.setattr(type(sim), "_rows", property(lambda self: looks.append(1) or whole(self)))
+    for _ in range(5):
+        sim.run(collisions=3)
+    assert len(looks) == 1
+
+
 def test_particles_that_pass_each_other_for_ever():
     scene = hs.Scene([[1.0, 1.0, 1.0], [2.2, 3.0, 1.0]], [[1.0, 0, 0], [-1.0, 0, 0]], box=(4, 4, 4))
     with pytest.raises(hs.SimulationError, match="may never meet"):

@@ -1,0 +1,204 @@
+"""Where studies of fluids start: one or two species, placed at random or, where they are dense, grown.
+
+A fluid that is not dense is placed one particle after another. A dense one is grown from small spheres,
+because a lattice near freezing does not melt in any affordable run (fcc at packing fraction 0.49, for one).
+How much is thrown away before anything is measured is the same rule for all, `Fluid.discarded`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+import hardspheres as hs
+from hardspheres.compression import order_of_crystal
+
+__all__ = [
+    "FREEZING",
+    "RANDOM_UP_TO",
+    "RELAXED",
+    "THEORY_UP_TO",
+    "Boundary",
+    "Fluid",
+    "broken",
+    "is_dense",
+    "load_kernels",
+    "maker",
+    "ordered",
+    "two_species",
+]
+
+FloatArray = NDArray[np.float64]
+Boundary = str | tuple[str, ...]
+
+FREEZING = {2: 0.70, 3: 0.494}
+"""Packing fractions up to which the fluid counts as the state in equilibrium. Spheres freeze at 0.492
+(Fernandez et al. 2012, doi 10.1103/PhysRevLett.108.165701; older work has 0.494), discs at 0.70 (Engel et al.
+2013, doi 10.1103/PhysRevE.87.042134)."""
+THEORY_UP_TO = {2: 0.66, 3: 0.494}
+RANDOM_UP_TO = {2: 0.45, 3: 0.30}  # packing fractions: random placement nears its limit above
+RELAXED = (
+    100.0  # collisions per particle after growth, in which a dense fluid moves by half a diameter or more
+)
+ENOUGH_TO_COMPILE = 2000  # particles that are searched in the same way as more
+SETTLED = 20.0  # collisions per particle after random placement
+
+
+def is_dense(dim: int, packing_fraction: float) -> bool:
+    """Return whether random placement would take too long."""
+    return packing_fraction > RANDOM_UP_TO.get(dim, 0.0)
+
+
+def maker(dim: int, packing_fraction: float) -> Callable[..., hs.Scene]:
+    """Return what makes a fluid of this density: `random_gas`, or `compressed_gas` where it is dense."""
+    return hs.compressed_gas if is_dense(dim, packing_fraction) else hs.random_gas
+
+
+def two_species(
+    n: int, diameter_ratio: float = 1.0, mass_ratio: float = 1.0, fraction: float = 0.5
+) -> tuple[FloatArray | float, FloatArray | float]:
+    """Return radii and masses of n particles, the last of which are a second species.
+
+    Parameters
+    ----------
+    n : int
+        Number of particles.
+    diameter_ratio, mass_ratio : float
+        Of the second species over the first's, which has diameter 1 and mass 1.
+    fraction : float
+        Number fraction of the second species.
+
+    Returns
+    -------
+    radii, masses : (n,) arrays
+        Single numbers where both ratios are 1.
+    """
+    if diameter_ratio == mass_ratio == 1.0:
+        return 0.5, 1.0
+    second = np.arange(n) >= n - round(fraction * n)
+    return np.where(second, 0.5 * diameter_ratio, 0.5), np.where(second, mass_ratio, 1.0)
+
+
+@dataclass(frozen=True)
+class Fluid:
+    """A fluid to measure, in reduced units: the first species has diameter 1 and mass 1.
+
+    Attributes
+    ----------
+    n, dim, packing_fraction, boundary
+        As in `hardspheres.random_gas`.
+    diameter_ratio, mass_ratio : float
+        Diameter and mass of the second species over the first's.
+    fraction : float
+        Number fraction of the second species; without effect when both ratios are 1.
+    """
+
+    n: int = 4000
+    dim: int = 3
+    packing_fraction: float = 0.3
+    boundary: Boundary = "periodic"
+    diameter_ratio: float = 1.0
+    mass_ratio: float = 1.0
+    fraction: float = 0.5
+
+    @property
+    def mixed(self) -> bool:
+        """Whether there are two species."""
+        return (self.diameter_ratio, self.mass_ratio) != (1.0, 1.0)
+
+    @property
+    def dense(self) -> bool:
+        """Whether it starts by growth."""
+        return is_dense(self.dim, self.packing_fraction)
+
+    @property
+    def periodic(self) -> bool:
+        """Whether all axes are periodic."""
+        return self.boundary == "periodic" or set(self.boundary) == {"periodic"}
+
+    @property
+    def discarded(self) -> float:
+        """Collisions per particle to throw away before anything is measured."""
+        return RELAXED if self.dense else SETTLED
+
+    def check(self) -> None:
+        """Raise SceneError where this is no fluid."""
+        limit = FREEZING.get(self.dim, 1.0)
+        kind = "spheres" if self.dim == 3 else "discs"
+        if self.packing_fraction > limit:
+            raise hs.SceneError(
+                f"packing fraction {self.packing_fraction:g} is above {limit:g}, where hard {kind} freeze; "
+                "this study is of fluids, ask for less"
+            )
+
+    def scene(self, seed: np.random.SeedSequence, velocities: str = "maxwell") -> hs.Scene:
+        """Return the start that belongs to a seed, kT = 1.
+
+        Raises
+        ------
+        SceneError
+            If there is none.
+        """
+        radii, masses = two_species(self.n, self.diameter_ratio, self.mass_ratio, self.fraction)
+        return maker(self.dim, self.packing_fraction)(
+            n=self.n,
+            packing_fraction=self.packing_fraction,
+            dim=self.dim,
+            boundary=self.boundary,
+            velocities=velocities,
+            radii=radii,
+            masses=masses,
+            seed=seed,
+        )
+
+    def settle(self, simulation: hs.Simulation) -> int:
+        """Run for `discarded` and return how many pair collisions that were."""
+        simulation.run(collisions=math.ceil(self.discarded * self.n / 2))
+        return simulation.collisions
+
+    def __str__(self) -> str:
+        """Return the fluid in words."""
+        text = f"{self.n} hard {'spheres' if self.dim == 3 else 'discs'}"
+        if self.mixed:
+            text += f", diameters 1:{self.diameter_ratio:g}, masses 1:{self.mass_ratio:g}"
+            text += f", {self.fraction:g} of them of the second species"
+        words = self.boundary if isinstance(self.boundary, str) else ", ".join(self.boundary)
+        return f"{text}, {words} box"
+
+
+def ordered(simulation: hs.Simulation) -> bool:
+    """Return whether equal particles show the bond order of a crystal, see `hardspheres.compressed_gas`."""
+    return order_of_crystal(simulation.to_scene()) is not None
+
+
+def broken(simulation: hs.Simulation) -> str | None:
+    """Return what `Simulation.check` finds broken, None where all is well."""
+    try:
+        simulation.check()
+    except hs.InvariantError as error:
+        return str(error)
+    return None
+
+
+def load_kernels(fluids: Sequence[Fluid]) -> None:
+    """Compile or load all that fluids of one kind need: thin ones, dense ones, and growth.
+
+    Parameters
+    ----------
+    fluids : sequence of Fluid
+        By ascending packing fraction.
+
+    Raises
+    ------
+    HardSpheresError
+        If there is no such gas, or it never collides.
+    """
+    (seed,) = np.random.SeedSequence(0).spawn(1)
+    easy = [fluid for fluid in fluids if not fluid.dense]
+    dense = [replace(fluid, n=min(fluid.n, ENOUGH_TO_COMPILE)) for fluid in fluids if fluid.dense]
+    for fluid in dict.fromkeys([*easy[:1], *easy[-1:], *dense[:1]]):
+        hs.Simulation(fluid.scene(seed)).run(collisions=1)

@@ -1,0 +1,461 @@
+"""The equation of state: pressure at several packing fractions, in up to three ways, beside theory."""
+
+from __future__ import annotations
+
+import math
+import time
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+import hardspheres as hs
+from analysis.pressure import Pressure
+from analysis.statistics import Estimate, ReplicaWarning, combine_replicas, pool_replicas
+from analysis.theory import Prediction
+from studies.ensemble import available_cores, replica_seeds, run_replicas
+from studies.fluid import THEORY_UP_TO, Fluid, broken, load_kernels, ordered
+from studies.report import ALARM, OutputFolder, Screen, alarming, checks_of, estimate_json, say_checks
+
+__all__ = ["EquationOfState", "State", "States", "equation_of_state", "packing_fractions"]
+
+BLOCKS = 128  # of each run; they are joined as their correlation demands
+FEWEST_COLLISIONS = 16 * 8  # of a run: 16 blocks of 8
+
+
+@dataclass(frozen=True)
+class EquationOfState:
+    """Options of the study, as on the command line (`hardspheres pressure --help`).
+
+    Attributes
+    ----------
+    packing_fractions : tuple of float
+        Where to measure, ascending.
+    fluid : Fluid
+        The gas, but for its packing fraction.
+    collisions_per_particle : float
+        How long to measure in each replica.
+    replicas, seed, workers
+        As in `studies.ensemble`.
+    """
+
+    packing_fractions: tuple[float, ...] = tuple(np.linspace(0.01, 0.49, 9).tolist())
+    fluid: Fluid = field(default_factory=Fluid)
+    collisions_per_particle: float = 300.0
+    replicas: int = 2
+    seed: int = 1
+    workers: int | None = None
+
+    @property
+    def fluids(self) -> list[Fluid]:
+        """The gases to measure, by ascending packing fraction."""
+        return [replace(self.fluid, packing_fraction=eta) for eta in self.packing_fractions]
+
+    def check(self) -> None:
+        """Raise SceneError for options that make no sense."""
+        for fluid in self.fluids:
+            fluid.check()
+        fewest = 2 * FEWEST_COLLISIONS / self.fluid.n
+        if not fewest <= self.collisions_per_particle < math.inf:
+            raise hs.SceneError(
+                f"--collisions-per-particle {self.collisions_per_particle:g} gives no error bar for "
+                f"{self.fluid.n} particles; ask for at least {fewest:.3g}"
+            )
+
+
+def packing_fractions(text: str) -> tuple[float, ...]:
+    """Return the packing fractions that a text names.
+
+    Parameters
+    ----------
+    text : str
+        Numbers with commas between them, or first:last:count for evenly spaced ones.
+
+    Returns
+    -------
+    tuple of float
+        Ascending, each once.
+
+    Raises
+    ------
+    SceneError
+        If the text is neither, or a number is not between 0 and 1.
+    """
+    try:
+        if ":" in text:
+            first, last, count = text.split(":")
+            values = [float(f"{value:.12g}") for value in np.linspace(float(first), float(last), int(count))]
+        else:
+            values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if not values:
+        raise hs.SceneError(
+            f"--packing-fractions {text} is not understood; give first:last:count, as in 0.01:0.49:9, or "
+            "numbers with commas between them"
+        )
+    for value in values:
+        if not 0.0 < value < 1.0:
+            raise hs.SceneError(f"--packing-fractions {text} has {value:g}; expected numbers between 0 and 1")
+    return tuple(sorted(set(values)))
+
+
+@dataclass(frozen=True)
+class _Run:
+    """What one replica of one state hands back."""
+
+    measured: dict[str, Estimate]
+    theories: dict[str, Prediction]
+    discarded: float
+    order: float
+    ordered: bool
+    notes: tuple[str, ...]
+    failure: str | None
+    status: dict[str, Any]
+    seconds: float
+
+
+@dataclass(frozen=True)
+class States:
+    """The task that turns a fluid and a seed into one measured replica.
+
+    Attributes
+    ----------
+    collisions_per_particle : float
+        How long to measure.
+    """
+
+    collisions_per_particle: float
+
+    def __call__(self, item: tuple[Fluid, np.random.SeedSequence]) -> _Run:
+        """Run one replica."""
+        fluid, seed = item
+        began = time.perf_counter()
+        simulation = hs.Simulation(fluid.scene(seed))
+        fluid.settle(simulation)
+        settled, total = simulation.collisions, round(self.collisions_per_particle * fluid.n / 2)
+        pressure = Pressure(simulation.scene, discard=True)
+        blocks = min(BLOCKS, total // 8)
+        for size in np.diff(np.linspace(0, total, blocks + 1).round().astype(int)):
+            simulation.reset_tallies()
+            simulation.run(collisions=int(size))
+            pressure.add(simulation.tallies)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            measured = {"virial": pressure.virial}
+            if not fluid.mixed:
+                measured["rate"] = pressure.rate
+            if not fluid.periodic:
+                measured["walls"] = pressure.walls
+        known = fluid.packing_fraction <= THEORY_UP_TO[fluid.dim]
+        dropped = pressure.discarded_rows * total / blocks
+        return _Run(
+            measured,
+            pressure.predictions if known else {},
+            2.0 * (settled + dropped) / fluid.n,
+            hs.bond_order(simulation.to_scene()).value,
+            ordered(simulation),
+            tuple(dict.fromkeys(str(warning.message) for warning in caught)),
+            broken(simulation),
+            simulation.status(),
+            time.perf_counter() - began,
+        )
+
+
+@dataclass(frozen=True)
+class State:
+    """One packing fraction, all replicas together.
+
+    Attributes
+    ----------
+    fluid : Fluid
+        The gas.
+    measured : dict of Estimate
+        Z from the "virial", the "rate" of collisions (one species) and the "walls" (where there are some).
+    theories : dict of Prediction
+        Z by name, the best one first; empty where none holds.
+    discarded : float
+        Collisions per particle thrown away, mean over replicas.
+    order : float
+        Largest bond order at the end, Q6 or psi6.
+    notes : tuple of str
+        What the estimators had to say.
+    failures : tuple of str
+        What is wrong with the state: broken conservation, order, deviations beyond 5 standard errors.
+    """
+
+    fluid: Fluid
+    measured: dict[str, Estimate]
+    theories: dict[str, Prediction]
+    discarded: float
+    order: float
+    notes: tuple[str, ...]
+    failures: tuple[str, ...]
+
+    @property
+    def best(self) -> Prediction:
+        """The best theory, NaN where there is none."""
+        return next(iter(self.theories.values()), Prediction(math.nan, math.nan))
+
+    def deviation(self, name: str) -> float:
+        """Return how far a measurement is from the best theory, in combined standard errors."""
+        return self.measured[name].deviation(float(self.best.value), float(self.best.uncertainty))
+
+    @property
+    def better_than_theory(self) -> bool:
+        """Whether the theory's uncertainty is more than two standard errors of the virial's Z."""
+        return bool(self.best.uncertainty > 2.0 * self.measured["virial"].standard_error)
+
+
+def combine(fluid: Fluid, runs: Sequence[_Run]) -> State:
+    """Return the replicas of one packing fraction as one state, with everything that is wrong with it."""
+    notes = list(dict.fromkeys(note for run in runs for note in run.notes))
+    measured = {}
+    for name in runs[0].measured:
+        replicas = [run.measured[name] for run in runs]
+        measured[name] = pool_replicas(replicas)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", ReplicaWarning)
+            combine_replicas(replicas)
+        notes += [f"{name}: {warning.message}" for warning in caught]
+    state = State(
+        fluid,
+        measured,
+        runs[0].theories,
+        float(np.mean([run.discarded for run in runs])),
+        max(run.order for run in runs),
+        tuple(notes),
+        (),
+    )
+    failures = [run.failure for run in runs if run.failure]
+    if any(run.ordered for run in runs):
+        failures.append(f"the particles have ordered, bond order {state.order:.2f}: this is no fluid")
+    failures += _deviations(state)
+    return replace(state, failures=tuple(failures))
+
+
+def _deviations(state: State) -> list[str]:
+    """Return one sentence for each pair of numbers that do not agree."""
+    best, virial, sentences = state.best, state.measured["virial"], []
+    for name, z in state.measured.items():
+        if alarming(z, float(best.value), float(best.uncertainty)):
+            theory = next(iter(state.theories))
+            sentences.append(
+                f"Z from the {name} is {state.deviation(name):+.1f} standard errors from {theory}"
+            )
+        if name != "virial" and alarming(z, virial.value, virial.standard_error):
+            deviation = z.deviation(virial.value, virial.standard_error)
+            sentences.append(f"Z from the {name} is {deviation:+.1f} standard errors from that of the virial")
+    return sentences
+
+
+def equation_of_state(
+    study: EquationOfState, out: OutputFolder, screen: Screen
+) -> tuple[dict[str, Any], bool]:
+    """Run the study, print its results and write its files.
+
+    Parameters
+    ----------
+    study : EquationOfState
+        What to do.
+    out : OutputFolder
+        Where the files go; made only after everything has been checked.
+    screen : Screen
+        Where results and progress are shown.
+
+    Returns
+    -------
+    summary : dict
+        The content of summary.json.
+    sound : bool
+        Whether every state is a fluid that agrees with theory to 5 standard errors, and conserves energy and
+        momentum.
+
+    Raises
+    ------
+    HardSpheresError
+        If a gas cannot be made or never collides, or the folder cannot be written.
+    """
+    began = time.perf_counter()
+    study.check()
+    out.check()
+    fluids, seeds = study.fluids, replica_seeds(study.seed, len(study.fluids) * study.replicas)
+    with screen.working("compiling the engine (once for each kind of gas on this machine)"):
+        load_kernels(fluids)
+    ready = time.perf_counter()
+    out.create()
+    items = [
+        (fluid, seeds[k * study.replicas + r])
+        for k, fluid in enumerate(fluids)
+        for r in range(study.replicas)
+    ]
+    task = States(study.collisions_per_particle)
+    with screen.progress("runs", len(items)) as advance:
+        # dense ones take longest and come first, so that no worker waits for another at the end
+        runs = run_replicas(task, items[::-1], workers=study.workers, done=advance)[::-1]
+    ran = time.perf_counter()
+    states = [
+        combine(fluid, runs[k * study.replicas : (k + 1) * study.replicas]) for k, fluid in enumerate(fluids)
+    ]
+
+    out.write_csv("equation_of_state.csv", _columns(states, study))
+    from studies.pressure_figure import figure
+
+    with screen.working("drawing"):
+        out.save_figure("equation_of_state.png", figure(states))
+    summary = _summary(study, states, runs, out)
+    summary["seconds"] = {
+        "setup_and_compilation": ready - began,
+        "runs": ran - ready,
+        "analysis_and_figures": time.perf_counter() - ran,
+        "total": time.perf_counter() - began,
+    }
+    out.write_json("summary.json", summary)
+    _print(screen, study, states, summary, out)
+    return summary, bool(summary["checks"]["passed"])
+
+
+def _columns(states: Sequence[State], study: EquationOfState) -> dict[str, Any]:
+    """Return the columns of equation_of_state.csv; empty where a theory does not hold."""
+    columns: dict[str, Any] = {
+        "packing_fraction": [state.fluid.packing_fraction for state in states],
+        "particles": [study.fluid.n] * len(states),
+        "collisions": [_collisions(study)] * len(states),
+        "discarded_collisions_per_particle": [state.discarded for state in states],
+        "bond_order": [state.order for state in states],
+    }
+    for name in states[0].measured:
+        estimates = [state.measured[name] for state in states]
+        columns[f"z_{name}"] = [z.value for z in estimates]
+        columns[f"z_{name}_error"] = [z.standard_error for z in estimates]
+        columns[f"z_{name}_degrees_of_freedom"] = [z.degrees_of_freedom for z in estimates]
+        columns[f"z_{name}_deviation"] = [state.deviation(name) for state in states]
+    columns["theory"] = [next(iter(state.theories), "") for state in states]
+    columns["z_theory"] = [float(state.best.value) for state in states]
+    columns["z_theory_error"] = [float(state.best.uncertainty) for state in states]
+    others = dict.fromkeys(name for state in states for name in list(state.theories)[1:])
+    for name in others:
+        predictions = [state.theories.get(name) for state in states]
+        columns[f"{_slug(name)}"] = [math.nan if p is None else float(p.value) for p in predictions]
+        columns[f"{_slug(name)}_error"] = [
+            math.nan if p is None else float(p.uncertainty) for p in predictions
+        ]
+    return columns
+
+
+def _slug(name: str) -> str:
+    return name.lower().replace(" ", "_").replace("-", "_")
+
+
+def _collisions(study: EquationOfState) -> int:
+    return study.replicas * round(study.collisions_per_particle * study.fluid.n / 2)
+
+
+def _summary(
+    study: EquationOfState, states: Sequence[State], runs: Sequence[_Run], out: OutputFolder
+) -> dict[str, Any]:
+    fluid, statuses = study.fluid, [run.status for run in runs]
+    failures = [
+        f"packing fraction {state.fluid.packing_fraction:g}: {failure}"
+        for state in states
+        for failure in state.failures
+    ]
+    collisions = sum(status["collisions"] for status in statuses)
+    return {
+        "study": "pressure",
+        "version": hs.__version__,
+        "seed": study.seed,
+        "options": {
+            "packing_fractions": study.packing_fractions,
+            "n": fluid.n,
+            "dim": fluid.dim,
+            "boundary": fluid.boundary,
+            "diameter_ratio": fluid.diameter_ratio,
+            "mass_ratio": fluid.mass_ratio,
+            "fraction": fluid.fraction if fluid.mixed else None,
+            "collisions_per_particle": study.collisions_per_particle,
+            "replicas": study.replicas,
+        },
+        "workers": available_cores() if study.workers is None else study.workers,
+        "n": fluid.n,
+        "dim": fluid.dim,
+        "states": [_state_summary(state) for state in states],
+        "collisions": collisions,
+        "collisions_per_second_and_core": collisions / sum(run.seconds for run in runs),
+        "checks": checks_of(statuses, failures) | {"alarm_in_standard_errors": ALARM},
+        "engine": statuses[0],
+        "files": sorted({*out.files, "summary.json"}),
+        "seconds": {},
+    }
+
+
+def _state_summary(state: State) -> dict[str, Any]:
+    return {
+        "packing_fraction": state.fluid.packing_fraction,
+        "start": "compressed" if state.fluid.dense else "random",
+        "discarded_collisions_per_particle": state.discarded,
+        "bond_order": state.order,
+        "measured": {
+            name: estimate_json(z) | {"deviation": state.deviation(name)}
+            for name, z in state.measured.items()
+        },
+        "theories": {
+            name: {"value": float(p.value), "uncertainty": float(p.uncertainty)}
+            for name, p in state.theories.items()
+        },
+        "better_than_theory": state.better_than_theory,
+        "notes": list(state.notes),
+        "failures": list(state.failures),
+    }
+
+
+def _print(
+    screen: Screen,
+    study: EquationOfState,
+    states: Sequence[State],
+    summary: dict[str, Any],
+    out: OutputFolder,
+) -> None:
+    screen.say(f"{study.replicas} x {study.fluid}, {len(states)} packing fractions")
+    screen.say()
+    names = list(states[0].measured)
+    order = "Q6" if study.fluid.dim == 3 else "psi6"
+    header = ["packing fraction", "discarded", order]
+    for name in names:
+        header += [f"Z, {name}", "z"]
+    header += ["theory", ""]
+    rows = []
+    for state in states:
+        row = [f"{state.fluid.packing_fraction:.4g}", f"{state.discarded:.0f}", f"{state.order:.3f}"]
+        for name in names:
+            deviation = state.deviation(name)
+            row += [str(state.measured[name]), f"{deviation:+.1f}" if math.isfinite(deviation) else ""]
+        best = state.best
+        row.append(str(Estimate(float(best.value), float(best.uncertainty))) if state.theories else "")
+        rows.append([*row, "u" if state.better_than_theory else ""])
+    screen.table("", header, rows)
+    screen.say()
+    named = dict.fromkeys(next(iter(state.theories)) for state in states if state.theories)
+    if named:
+        finite = (
+            f" with the finite-size correction for {study.fluid.n} particles" if study.fluid.periodic else ""
+        )
+        screen.say(f"theory: {', '.join(named)}{finite}; its uncertainty in parentheses")
+    screen.say("z: deviation from theory in standard errors, the theory's own uncertainty in it")
+    if any(state.better_than_theory for state in states):
+        screen.say(
+            "u: the measurement is better than the theory, whose uncertainty exceeds two standard errors"
+        )
+    placed = ["placed at random"] * any(not state.fluid.dense for state in states)
+    grown = ["grown to their size"] * any(state.fluid.dense for state in states)
+    screen.say(
+        f"start: {' or '.join([*placed, *grown])}; discarded: collisions per particle before the "
+        "measurement, "
+        "with what the rule of Chodera 2016 drops from its start"
+    )
+    for state in states:
+        for note in state.notes:
+            screen.say(f"packing fraction {state.fluid.packing_fraction:g}: {note}")
+    say_checks(screen, summary, out)

@@ -1,0 +1,137 @@
+"""The kernels never leave their arrays: run as plain Python on arrays that refuse every index outside, negative ones too."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+PRELUDE = """
+import json, sys
+sys.path.insert(0, {tests!r})
+from scenes import KINDS, gas
+import numpy as np
+import hardspheres as hs
+from hardspheres import tuning
+
+LISTS, WINDOWS = {{2: 0.0, 3: 0.0}}, {{2: 1.0, 3: 1.0}}
+
+def simulation(scene, method):
+    tuning.SPARSE_BELOW = method
+    return hs.Simulation(scene)
+"""
+
+EVERY_KIND = """
+seen = {{}}
+for kind in KINDS:
+    for n, eta, method, wanted in ((10, 0.2, LISTS, 12), (30, 0.02, LISTS, 1), (10, 0.02, WINDOWS, 0)):
+        tuning.NEIGHBOURS_WANTED = {{2: wanted, 3: wanted}}
+        sim = simulation(gas(kind, n, eta, seed=3), method)
+        sim.run(collisions={collisions})
+        seen[kind, n, eta, sim.status()["method"]] = [sim.collisions, float(abs(sim.energy_drift))]
+print(json.dumps(list(seen.items())))
+"""
+
+LITTLE_ROOM = """
+grown = []
+for method in (LISTS, WINDOWS):
+    sim = simulation(gas("3d_mixture", 20, 0.1, seed=3), method)
+    at, e = sim._at, sim._engine
+    small = {at.AGENDA_ROOM: 2, at.LIST_ROOM: at.LANES, at.CELL_ROOM: at.CELL_LANES}
+    if method is WINDOWS:
+        small = {at.AGENDA_ROOM: 2, at.LINE_ROOM: 10, at.CANDIDATE_ROOM: 2, at.NODE_ROOM: 7, at.MEETING_ROOM: 16}
+    for slot, room in small.items():
+        e.arrays.counter[slot] = room
+    e.chunks = min(e.chunks, 4)
+    e.arrays = e.arrays._replace(**e._searching_arrays(e.arrays.counter, e.chunks))
+    sim.run(collisions=20)
+    grown.append(sum(int(e.arrays.counter[slot]) > room for slot, room in small.items()))
+print(json.dumps(grown))
+"""
+
+GROWTH = """
+from hardspheres.engine import Engine
+pairs = []
+for kind in ("3d", "2d_mixture_walls"):
+    engine = Engine(gas(kind, 10, 0.2, seed=3), growth=(0.9, 0.01))
+    engine.run(2**62, 0.0, 20, 10**6)
+    pairs.append(int(engine.arrays.counter[engine.layout.PAIRS]))
+print(json.dumps(pairs))
+"""
+
+ONE_TOO_SHORT = """
+short = []
+for method, names in (
+    (LISTS, ("event", "neighbours", "images", "cell_ids", "cell_places", "near_excess", "chunks", "scratch")),
+    (WINDOWS, ("order", "drafts", "lines", "line_ids", "row_start", "row_own", "met", "version")),
+):
+    for name in names:
+        sim = simulation(gas("3d", 10, 0.02, seed=3), method)
+        e = sim._engine
+        whole = getattr(e.arrays, name)
+        e.arrays = e.arrays._replace(**{name: whole[:1]})
+        try:
+            sim.run(collisions=20)
+        except IndexError:
+            short.append(name)
+print(json.dumps(short))
+"""
+
+
+def checked(program, jit=False):
+    """Run a program with bounds checks in a fresh interpreter; returns the JSON that it prints."""
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", program],
+        env=os.environ | {"NUMBA_DISABLE_JIT": str(int(not jit)), "NUMBA_BOUNDSCHECK": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    return json.loads(done.stdout)
+
+
+def with_prelude(program):
+    return PRELUDE.format(tests=str(Path(__file__).parent.parent)) + program
+
+
+def test_no_kernel_leaves_its_arrays():
+    seen = checked(with_prelude(EVERY_KIND.format(collisions=20)))
+    assert len(seen) == 15
+    names = {"windows of time", "neighbour lists", "neighbour lists that name the image"}
+    assert {method for (*_, method), _ in seen} == names
+    assert all(collisions == 20 and drift < 1e-13 for _, (collisions, drift) in seen)
+
+
+def test_nor_while_room_is_short():
+    grown = checked(with_prelude(LITTLE_ROOM))
+    assert min(grown) >= 1
+
+
+def test_nor_while_spheres_grow():
+    assert checked(with_prelude(GROWTH)) == [20, 20]
+
+
+def test_an_array_too_short_is_seen():
+    """Sibling: where only its first element is left of an array the checks speak up, whichever array it is."""
+    seen = checked(with_prelude(ONE_TOO_SHORT))
+    lists = "event neighbours images cell_ids cell_places near_excess chunks scratch"
+    windows = "order drafts lines line_ids row_start row_own met version"
+    assert seen == lists.split() + windows.split()
+
+
+@pytest.mark.parametrize("k", [-1, 3, np.int32(-3), np.int64(3)])
+def test_negative_indices_are_refused_too(k):
+    """Sibling: NumPy itself takes an index of -1 for the last."""
+    from hardspheres.kernel.compiler import Guarded
+
+    guarded = Guarded(np.zeros(3))
+    guarded[2] += 1.0
+    assert guarded[2] == 1.0
+    with pytest.raises(IndexError, match="outside"):
+        guarded[k]
+    with pytest.raises(IndexError, match="outside"):
+        guarded[k] = 1.0
