@@ -59,9 +59,11 @@ def spawned_processes(workers: int) -> Iterator[Executor]:
     except BaseException:
         for child in set(multiprocessing.active_children()) - before:
             child.terminate()
+        pool.shutdown(
+            cancel_futures=True
+        )  # a worker just being started is no child yet: it shall find nothing to do
         raise
-    finally:
-        pool.shutdown()
+    pool.shutdown()
 
 
 def _ignore_interrupts() -> None:

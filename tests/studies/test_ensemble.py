@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from hardspheres import SimulationError
-from studies.ensemble import available_cores, replica_seeds, run_replicas
+from studies.ensemble import available_cores, replica_seeds, run_replicas, spawned_processes
 
 
 def draw(seed):
@@ -58,6 +58,21 @@ def test_a_worker_that_is_killed_is_reported():
     with pytest.raises(SimulationError, match="a worker process was killed"):
         run_replicas(die, [1, 2, 3], workers=2)
     assert not multiprocessing.active_children()
+
+
+def leave_a_file(path):
+    time.sleep(0.02)
+    path.touch()
+
+
+def test_an_interrupt_leaves_no_work_to_a_worker_that_is_just_starting(tmp_path, monkeypatch):
+    """Such a worker is not yet among the children that can be ended."""
+    monkeypatch.setattr(multiprocessing, "active_children", list)
+    with pytest.raises(KeyboardInterrupt), spawned_processes(2) as pool:
+        for k in range(500):
+            pool.submit(leave_a_file, tmp_path / str(k))
+        raise KeyboardInterrupt
+    assert len(list(tmp_path.iterdir())) < 100
 
 
 def test_workers_are_counted():
