@@ -22,7 +22,8 @@ with open("/proc/self/statm") as file:
     before = int(file.read().split()[1]) * resource.getpagesize()
 sim = hs.Simulation(scene)
 sim.run(collisions=int(sys.argv[2]))
-after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+with open("/proc/self/status") as file:  # ru_maxrss would remember the peak of the process that started this one
+    after = 1024 * int(next(line for line in file if line.startswith("VmHWM")).split()[1])
 arrays = sim._engine.arrays._asdict()
 own = {name: a.nbytes / scene.n for name, a in arrays.items() if name not in ("event_float", "scratch_int")}
 print(json.dumps({
