@@ -26,7 +26,7 @@ from hardspheres.errors import SceneError, SimulationError
 from hardspheres.initial import checked_arguments, cubic_box, with_velocities
 from hardspheres.order import BondOrder, bond_order
 from hardspheres.placement import place_at_random
-from hardspheres.scene import Scene, boundary_words, drift, kinetic_energy
+from hardspheres.scene import Scene, boundary_words, drift, kinetic_energy, returned_to_box
 from hardspheres.tuning import collision_frequency
 from hardspheres.velocities import POSITIONS, Seed, stream
 
@@ -286,9 +286,7 @@ class Compression:
         rows = engine.rows
         velocities = rows[:, at.V : at.V + scene.dim].copy()
         flown = rows[:, at.X : at.X + scene.dim] + velocities * (moment - rows[:, at.T])[:, None]
-        wrapped = flown - scene.box * np.floor(flown / scene.box)
-        wrapped = np.where(wrapped >= scene.box, 0.0, wrapped)
-        positions = np.where(scene.periodic, wrapped, flown)
+        positions = returned_to_box(flown, scene.box, scene.periodic)
         energy = kinetic_energy(velocities, scene.masses)
         if passed > 0.0 and energy > 0.0:
             virial = float(np.sum(engine.arrays.total[at.VIRIAL : at.VIRIAL + scene.dim]))

@@ -301,6 +301,13 @@ def contact_tolerance(box: Floats) -> float:
     return 4 * float(np.finfo(np.float64).eps) * float(box.max())
 
 
+def returned_to_box(flown: Floats, box: Floats, periodic: Bools) -> Floats:
+    """Return positions after a flight with periodic coordinates in [0, L); a copy."""
+    inside = flown - box * np.floor(flown / box)
+    positions: Floats = np.where(periodic, np.where(inside >= box, 0.0, inside), flown)
+    return positions
+
+
 def boundary_words(boundary: str | Sequence[str], dim: int) -> tuple[str, ...]:
     """Return one word for each axis, or raise SceneError."""
     words = (boundary,) * dim if isinstance(boundary, str) else boundary

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hardspheres.engine import Engine
 from hardspheres.errors import InvariantError, SimulationError
-from hardspheres.scene import Scene, kinetic_energy, thermal_energy, total_momentum
+from hardspheres.scene import Scene, kinetic_energy, returned_to_box, thermal_energy, total_momentum
 from hardspheres.tuning import collision_frequency
 
 Floats = NDArray[np.float64]
@@ -369,11 +369,7 @@ class Simulation:
     @property
     def positions(self) -> Floats:
         """Positions now, shape (N, d), on periodic axes within [0, L). A copy."""
-        flown, box = self._flown(), self.scene.box
-        wrapped = flown - box * np.floor(flown / box)
-        wrapped = np.where(wrapped >= box, 0.0, wrapped)
-        positions: Floats = np.where(self.scene.periodic, wrapped, flown)
-        return positions
+        return returned_to_box(self._flown(), self.scene.box, self.scene.periodic)
 
     @property
     def unwrapped_positions(self) -> Floats:

@@ -18,9 +18,18 @@ from analysis.series import SeriesWarning
 from analysis.statistics import Estimate, TheoryCheck, estimate_from_replicas, replica_mean
 from analysis.theory import Prediction
 from analysis.transport import Diffusion
-from studies.ensemble import available_cores, replica_seeds, run_replicas
-from studies.fluid import THEORY_UP_TO, Fluid, broken, load_kernels, ordered
-from studies.report import ALARM, OutputFolder, Screen, alarming, checks_of, estimate_json, say_checks
+from studies.ensemble import available_cores
+from studies.fluid import THEORY_UP_TO, Fluid, broken, load_kernels, ordered, run_fluids
+from studies.report import (
+    ALARM,
+    OutputFolder,
+    Screen,
+    alarming,
+    checks_of,
+    estimate_json,
+    say_checks,
+    seconds_taken,
+)
 
 __all__ = ["DiffusionState", "SelfDiffusion", "Walks", "self_diffusion"]
 
@@ -249,17 +258,21 @@ def self_diffusion(study: SelfDiffusion, out: OutputFolder, screen: Screen) -> t
     began = time.perf_counter()
     study.check()
     out.check()
-    fluids, count = study.fluids, study.replicas
-    seeds = replica_seeds(study.seed, len(fluids) * count)
+    fluids = study.fluids
     with screen.working("compiling the engine (once for each kind of gas on this machine)"):
         load_kernels(fluids)
     ready = time.perf_counter()
     out.create()
-    items = [(fluid, seeds[k * count + r]) for k, fluid in enumerate(fluids) for r in range(count)]
-    with screen.progress("runs", len(items)) as advance:
-        walks = run_replicas(Walks(study.collisions_per_particle), items, workers=study.workers, done=advance)
+    walks = run_fluids(
+        Walks(study.collisions_per_particle),
+        fluids,
+        seed=study.seed,
+        replicas=study.replicas,
+        workers=study.workers,
+        screen=screen,
+    )
     ran = time.perf_counter()
-    states = [combine(fluid, walks[k * count : (k + 1) * count]) for k, fluid in enumerate(fluids)]
+    states = [combine(fluid, own) for fluid, own in zip(fluids, walks, strict=True)]
 
     out.write_csv("diffusion.csv", _columns(states))
     out.write_csv("correlations.csv", _correlations(states))
@@ -267,13 +280,8 @@ def self_diffusion(study: SelfDiffusion, out: OutputFolder, screen: Screen) -> t
 
     with screen.working("drawing"):
         out.save_figure("diffusion.png", figure(states))
-    summary = _summary(study, states, walks, out)
-    summary["seconds"] = {
-        "setup_and_compilation": ready - began,
-        "runs": ran - ready,
-        "analysis_and_figures": time.perf_counter() - ran,
-        "total": time.perf_counter() - began,
-    }
+    summary = _summary(study, states, [walk for own in walks for walk in own], out)
+    summary["seconds"] = seconds_taken(began, ready, ran, work="runs")
     out.write_json("summary.json", summary)
     _print(screen, study, states, summary, out)
     return summary, bool(summary["checks"]["passed"])

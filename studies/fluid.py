@@ -10,12 +10,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 import hardspheres as hs
 from hardspheres.compression import order_of_crystal
+from studies.ensemble import replica_seeds, run_replicas
+from studies.report import Screen
 
 __all__ = [
     "FREEZING",
@@ -29,10 +32,12 @@ __all__ = [
     "load_kernels",
     "maker",
     "ordered",
+    "run_fluids",
     "two_species",
 ]
 
 FloatArray = NDArray[np.float64]
+Result = TypeVar("Result")
 Boundary = str | tuple[str, ...]
 
 FREEZING = {2: 0.70, 3: 0.494}
@@ -202,3 +207,39 @@ def load_kernels(fluids: Sequence[Fluid]) -> None:
     dense = [replace(fluid, n=min(fluid.n, ENOUGH_TO_COMPILE)) for fluid in fluids if fluid.dense]
     for fluid in dict.fromkeys([*easy[:1], *easy[-1:], *dense[:1]]):
         hs.Simulation(fluid.scene(seed)).run(collisions=1)
+
+
+def run_fluids(
+    task: Callable[[tuple[Fluid, np.random.SeedSequence]], Result],
+    fluids: Sequence[Fluid],
+    *,
+    seed: int,
+    replicas: int,
+    workers: int | None,
+    screen: Screen,
+) -> list[list[Result]]:
+    """Apply a task to every fluid and a seed for each of its replicas.
+
+    Parameters
+    ----------
+    task : callable
+        Depends on nothing but its item and can be pickled, see `run_replicas`.
+    fluids : sequence of Fluid
+        In ascending order of density: dense ones take longest and are run first, so that no worker waits for another.
+    seed, replicas : int
+        Source of every random choice; replicas of each fluid.
+    workers : int or None
+        Processes, all cores by default; the results do not depend on it.
+    screen : Screen
+        Where progress is shown.
+
+    Returns
+    -------
+    list of list
+        The results of each fluid's replicas.
+    """
+    seeds = replica_seeds(seed, len(fluids) * replicas)
+    items = [(fluid, seeds[k * replicas + r]) for k, fluid in enumerate(fluids) for r in range(replicas)]
+    with screen.progress("runs", len(items)) as advance:
+        results = run_replicas(task, items[::-1], workers=workers, done=advance)[::-1]
+    return [results[k * replicas : (k + 1) * replicas] for k in range(len(fluids))]

@@ -20,7 +20,16 @@ from analysis.temperatures import TemperatureEquilibration
 from analysis.theory import Prediction
 from studies.ensemble import available_cores, replica_seeds, run_replicas
 from studies.fluid import THEORY_UP_TO, Fluid, broken
-from studies.report import ALARM, OutputFolder, Screen, alarming, checks_of, estimate_json, say_checks
+from studies.report import (
+    ALARM,
+    OutputFolder,
+    Screen,
+    alarming,
+    checks_of,
+    estimate_json,
+    say_checks,
+    seconds_taken,
+)
 
 __all__ = ["Equilibrations", "Mixture", "Result", "mixture"]
 
@@ -317,12 +326,7 @@ def mixture(study: Mixture, out: OutputFolder, screen: Screen) -> tuple[dict[str
     with screen.working("drawing"):
         out.save_figure("mixture.png", figure(result))
     summary = _summary(study, result, runs, out)
-    summary["seconds"] = {
-        "setup_and_compilation": ready - began,
-        "replicas": ran - ready,
-        "analysis_and_figures": time.perf_counter() - ran,
-        "total": time.perf_counter() - began,
-    }
+    summary["seconds"] = seconds_taken(began, ready, ran)
     out.write_json("summary.json", summary)
     _print(screen, study, result, summary, out)
     return summary, bool(summary["checks"]["passed"])

@@ -15,9 +15,18 @@ import hardspheres as hs
 from analysis.pressure import Pressure
 from analysis.statistics import Estimate, ReplicaWarning, combine_replicas, pool_replicas
 from analysis.theory import Prediction
-from studies.ensemble import available_cores, replica_seeds, run_replicas
-from studies.fluid import THEORY_UP_TO, Fluid, broken, load_kernels, ordered
-from studies.report import ALARM, OutputFolder, Screen, alarming, checks_of, estimate_json, say_checks
+from studies.ensemble import available_cores
+from studies.fluid import THEORY_UP_TO, Fluid, broken, load_kernels, ordered, run_fluids
+from studies.report import (
+    ALARM,
+    OutputFolder,
+    Screen,
+    alarming,
+    checks_of,
+    estimate_json,
+    say_checks,
+    seconds_taken,
+)
 
 __all__ = ["EquationOfState", "State", "States", "equation_of_state", "packing_fractions"]
 
@@ -281,37 +290,29 @@ def equation_of_state(
     began = time.perf_counter()
     study.check()
     out.check()
-    fluids, seeds = study.fluids, replica_seeds(study.seed, len(study.fluids) * study.replicas)
+    fluids = study.fluids
     with screen.working("compiling the engine (once for each kind of gas on this machine)"):
         load_kernels(fluids)
     ready = time.perf_counter()
     out.create()
-    items = [
-        (fluid, seeds[k * study.replicas + r])
-        for k, fluid in enumerate(fluids)
-        for r in range(study.replicas)
-    ]
-    task = States(study.collisions_per_particle)
-    with screen.progress("runs", len(items)) as advance:
-        # dense ones take longest and come first, so that no worker waits for another at the end
-        runs = run_replicas(task, items[::-1], workers=study.workers, done=advance)[::-1]
+    runs = run_fluids(
+        States(study.collisions_per_particle),
+        fluids,
+        seed=study.seed,
+        replicas=study.replicas,
+        workers=study.workers,
+        screen=screen,
+    )
     ran = time.perf_counter()
-    states = [
-        combine(fluid, runs[k * study.replicas : (k + 1) * study.replicas]) for k, fluid in enumerate(fluids)
-    ]
+    states = [combine(fluid, own) for fluid, own in zip(fluids, runs, strict=True)]
 
     out.write_csv("equation_of_state.csv", _columns(states, study))
     from studies.pressure_figure import figure
 
     with screen.working("drawing"):
         out.save_figure("equation_of_state.png", figure(states))
-    summary = _summary(study, states, runs, out)
-    summary["seconds"] = {
-        "setup_and_compilation": ready - began,
-        "runs": ran - ready,
-        "analysis_and_figures": time.perf_counter() - ran,
-        "total": time.perf_counter() - began,
-    }
+    summary = _summary(study, states, [run for own in runs for run in own], out)
+    summary["seconds"] = seconds_taken(began, ready, ran, work="runs")
     out.write_json("summary.json", summary)
     _print(screen, study, states, summary, out)
     return summary, bool(summary["checks"]["passed"])

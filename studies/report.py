@@ -11,6 +11,7 @@ import json
 import math
 import os
 import sys
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -39,6 +40,7 @@ __all__ = [
     "figure_style",
     "jsonable",
     "say_checks",
+    "seconds_taken",
 ]
 
 COLOURS = {
@@ -306,3 +308,22 @@ def say_checks(screen: Screen, summary: Mapping[str, Any], out: OutputFolder) ->
     for failure in checks["failures"]:
         screen.say(f"CHECK FAILED, {failure}")
     screen.say(f"written to {out.path}: {', '.join(summary['files'])}")
+
+
+def seconds_taken(began: float, ready: float, ran: float, work: str = "replicas") -> dict[str, float]:
+    """Return how long the parts of a study took, up to now, for its summary.
+
+    Parameters
+    ----------
+    began, ready, ran : float
+        `time.perf_counter()` at the start, when all was compiled, and when the work was done.
+    work : str
+        What the work is called.
+    """
+    now = time.perf_counter()
+    return {
+        "setup_and_compilation": ready - began,
+        work: ran - ready,
+        "analysis_and_figures": now - ran,
+        "total": now - began,
+    }

@@ -21,7 +21,7 @@ from analysis.statistics import Estimate
 from hardspheres.trajectory import has_velocities, read_structure
 from studies.ensemble import available_cores, replica_seeds, run_replicas
 from studies.fluid import is_dense, two_species
-from studies.report import OutputFolder, Screen, say_checks
+from studies.report import OutputFolder, Screen, say_checks, seconds_taken
 
 __all__ = ["Recipe", "ReplicaResult", "Replicas", "Thermalisation", "sampling_points", "thermalise"]
 
@@ -353,12 +353,7 @@ def thermalise(study: Thermalisation, out: OutputFolder, screen: Screen) -> tupl
             with out.partial("gas.gif") as path:
                 figures.animation(results[0].movie, first, curve, path)
     summary = _summary(study, first, curve, reference, results, out)
-    summary["seconds"] = {
-        "setup_and_compilation": ready - began,
-        "replicas": ran - ready,
-        "analysis_and_figures": time.perf_counter() - ran,
-        "total": time.perf_counter() - began,
-    }
+    summary["seconds"] = seconds_taken(began, ready, ran)
     out.write_json("summary.json", summary)
     _print(screen, study, curve, reference, summary, out)
     return summary, bool(summary["checks"]["passed"])

@@ -17,9 +17,7 @@ ZERO = np.float32(0.0)
 ONE = np.float32(1.0)
 TWO = np.float32(2.0)
 TINY = np.float32(1e-30)
-SLACK = np.float32(
-    1e-5
-)  # for the rounding of squared distances, of b, and of the moment from which a line counts
+SLACK = np.float32(1e-5)  # for rounding: of squared distances, of b, of the moment from which a line counts
 
 # Columns of the lines.
 PLACE = 0
