@@ -187,6 +187,11 @@ class Engine:
         room, cell_room = int(count[at.LIST_ROOM]), int(count[at.CELL_ROOM])
         lines, candidates = int(count[at.LINE_ROOM]), int(count[at.CANDIDATE_ROOM])
         agenda = int(count[at.AGENDA_ROOM])
+        in_cells = lines // (3 if dim == 3 else 1)
+        columns, ids = (
+            aligned(7 * lines + at.LINE_LANES, np.float32),
+            np.zeros(lines + at.LINE_LANES, dtype=np.int32),
+        )
         coarse = math.prod(count[at.LARGE_CELLS : at.LARGE_CELLS + 3].tolist())
         return {
             "neighbours": aligned(n * room + 1, np.int32),
@@ -204,8 +209,10 @@ class Engine:
             "order": np.setdiff1d(np.arange(n * windows, dtype=np.int32), self.large),
             "large": np.append(self.large, 0).astype(np.int32),
             "drafts": aligned((n + 1) * 8 * windows + 1, np.float32),
-            "lines": aligned(7 * lines + at.LINE_LANES, np.float32),
-            "line_ids": np.zeros(lines + at.LINE_LANES, dtype=np.int32),
+            "cell_lines": aligned(7 * in_cells + at.LINE_LANES, np.float32) if dim == 3 else columns,
+            "cell_line_ids": np.zeros(in_cells + at.LINE_LANES, dtype=np.int32) if dim == 3 else ids,
+            "lines": columns,
+            "line_ids": ids,
             "row_start": np.zeros(self.cells * windows + 1, dtype=np.int32),
             "row_own": np.zeros(self.cells * windows + 1, dtype=np.int32),
             "row_above": np.zeros(self.cells * windows + 1, dtype=np.int32),
@@ -275,5 +282,5 @@ class Engine:
     @property
     def bytes(self) -> int:
         """Memory of the kernels' arrays."""
-        shared = {"event_float", "scratch_int"}
-        return sum(a.nbytes for name, a in self.arrays._asdict().items() if name not in shared)
+        places = {a.ctypes.data: a.nbytes for a in self.arrays}  # some share their memory
+        return sum(places.values())

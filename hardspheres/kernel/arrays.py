@@ -19,7 +19,7 @@ class Arrays(NamedTuple):
     neighbours: object  # int32 (n * LIST_ROOM): ids, then n in all slots that are left
     images: object  # int32 (n * LIST_ROOM * DIM): image of each neighbour, where IMAGES
     where: object  # int32 (n): slot in the cells
-    cell_count: object  # int32 (cells)
+    cell_count: object  # int32 (cells + 1): particles in each cell; windows: the first line of each cell
     cell_ids: object  # int32 (cells * CELL_ROOM)
     cell_places: object  # float32 (cells * CELL_COLUMNS * CELL_ROOM): centres as seen from the cell's corner, then radii
     near_excess: object  # float32 (27 * CELL_ROOM + CELL_LANES): see `neighbours.measure_cell`
@@ -34,6 +34,8 @@ class Arrays(NamedTuple):
     order: object  # windows: int32 (n): the particles of the rows in the order in which they are gone through
     large: object  # int32: those that are in the coarse grid
     drafts: object  # float32 ((n + 1) * LINE): lines before they are sorted, and the latest new one
+    cell_lines: object  # float32 (7 * LINE_ROOM / copies + LINE_LANES): sorted by cells, column by column; in 2D the same as lines
+    cell_line_ids: object  # int32, the same
     lines: object  # float32 (7 * LINE_ROOM + LINE_LANES): sorted into rows, column by column
     line_ids: object  # int32 (LINE_ROOM + LINE_LANES)
     row_start: object  # int32 (cells + 1): first line of each row

@@ -21,6 +21,8 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+LANES = 16  # elements that `copy_lanes` copies
+
 config: Any = numba.config
 PURE_PYTHON = bool(config.DISABLE_JIT)
 CHECKED = bool(config.BOUNDSCHECK)
@@ -54,6 +56,11 @@ if PURE_PYTHON:
 
     def prefetch(array, k):
         """In plain Python: nothing."""
+
+    def copy_lanes(target, k, source, m):
+        """Copy LANES elements, one by one."""
+        for lane in range(LANES):
+            target[k + lane] = source[m + lane]
 
     def bits(x):
         """Return the bits of a float64 as int64."""
@@ -93,7 +100,27 @@ else:
 
         return types.none(pointer, types.int64), codegen
 
+    @intrinsic
+    def copy_lanes(typingctx, target, k, source, m):
+        """Copy LANES elements as one vector; arrays may begin anywhere, but must not overlap."""
+
+        def codegen(context, builder, signature, args):
+            element = context.get_data_type(source.dtype)
+            vector = ir.VectorType(element, LANES).as_pointer()
+            size = context.get_abi_sizeof(element)
+            whole = builder.load(builder.bitcast(builder.gep(args[2], [args[3]]), vector), align=size)
+            builder.store(whole, builder.bitcast(builder.gep(args[0], [args[1]]), vector), align=size)
+            return context.get_dummy_value()
+
+        return types.none(target, types.int64, source, types.int64), codegen
+
     if CHECKED:
+
+        @numba.njit
+        def copy_lanes(target, k, source, m):
+            """With checks: one by one."""
+            for lane in range(LANES):
+                target[k + lane] = source[m + lane]
 
         @numba.njit
         def pointer(array):

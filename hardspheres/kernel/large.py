@@ -34,7 +34,7 @@ from .layout import (
     X,
 )
 from .lines import ZERO, meet_run, shifted
-from .rows import around
+from .rows import around, row_at
 
 ROUNDED_UP = 1.001  # spans are this much wider than they must be
 
@@ -82,7 +82,7 @@ def meet_small(s, i, line, t, since):
             if kz < nz or s.number[INVERSE + 2] > 0.0:
                 z, sz = around(s, kz, 2, CELLS)
             seen = shifted_along_z(shifted(line, -sx, ZERO), -sz)
-            meet_along_y(s, (x * nz + z) * s.counter[CELLS + 1], first_y, last_y, i, seen, since)
+            meet_along_y(s, row_at(s, x, 0, z), first_y, last_y, i, seen, since)
 
 
 @jit

@@ -140,6 +140,8 @@ def pointers(a):
         pointer(a.order),
         pointer(a.large),
         pointer(a.drafts),
+        pointer(a.cell_lines),
+        pointer(a.cell_line_ids),
         pointer(a.lines),
         pointer(a.line_ids),
         pointer(a.row_start),

@@ -3,14 +3,15 @@
 Row (x, z, y) holds the lines of the cells (x, y, z - 1), (x, y, z) and (x, y, z + 1), in this order, shifted where a cell is on
 the other side of the box; so each line stands in three rows (in 2D in one). Rows follow each other in y. The lines around a
 cell are then three runs, of the rows y - 1 to y + 1 at x - 1, x and x + 1. To meet each pair once, a line meets all that stand
-behind it in its own and the following row, and the three rows at x + 1.
+behind it in its own and the following row, and the three rows at x + 1. The lines are first sorted by cells, with z running
+fastest, so that nearly every row is a copy of one contiguous run of them.
 """
 
 import math
 
 import numpy as np
 
-from .compiler import jit, part, prefetch
+from .compiler import copy_lanes, jit, part, prefetch
 from .flags import DIM, SIZES
 from .layout import (
     BOX,
@@ -21,6 +22,7 @@ from .layout import (
     HALF_WINDOW,
     INVERSE,
     LARGE,
+    LINE_LANES,
     LINE_MARGIN,
     LINE_ROOM,
     LINE_UNIT,
@@ -70,7 +72,7 @@ def cell_of(s, i, d, t):
 
 @jit
 def draft_line(s, k, i, t, pieces):
-    """Write i's line, in the image that is in the box at time t, to the drafts; returns the cell that holds i then."""
+    """Write i's line, in the image that is in the box at time t, to the drafts; returns the cell (x, y, z) that holds i then."""
     ri = i * ROW
     dt = s.number[MIDDLE] - s.row[ri + T]
     unit = s.number[LINE_UNIT]
@@ -88,6 +90,18 @@ def draft_line(s, k, i, t, pieces):
     if pieces > 1:
         reach += 3e-3 * pieces * s.number[STRETCH] * unit
     s.drafts[k * LINE + REACH_OF_LINE] = reach
+    return x, y, z
+
+
+@jit
+def cell_at(s, x, y, z):
+    """Index of a cell."""
+    return (x * s.counter[CELLS + 1] + y) * s.counter[CELLS + 2] + z
+
+
+@jit
+def row_at(s, x, y, z):
+    """Index of the row with this cell in its middle."""
     return (x * s.counter[CELLS + 2] + z) * s.counter[CELLS + 1] + y
 
 
@@ -107,118 +121,141 @@ def count_lines(s, begin, duration):
         prefetch(s.row, s.order[min(m + AHEAD, n - 1)] * ROW)
         pieces = pieces_of(s, i, duration)
         if pieces == 1:
-            cell = draft_line(s, m, i, s.number[MIDDLE], 1)
+            x, y, z = draft_line(s, m, i, s.number[MIDDLE], 1)
+            cell = cell_at(s, x, y, z)
             s.where[m] = cell
             s.cell_count[cell] += 1
         else:
             s.where[m] = -pieces
             total += pieces - 1
             for p in range(pieces):
-                s.cell_count[draft_line(s, m, i, begin + duration * (p + 0.5) / pieces, pieces)] += 1
+                x, y, z = draft_line(s, m, i, begin + duration * (p + 0.5) / pieces, pieces)
+                s.cell_count[cell_at(s, x, y, z)] += 1
     return total
 
 
 @jit
-def lay_out_rows(s):
-    """Find where each row begins, and in it the lines of the cell in its middle and of the cell above."""
-    nx, ny, nz = s.counter[CELLS], s.counter[CELLS + 1], s.counter[CELLS + 2]
-    wraps = s.number[INVERSE + 2] > 0.0
-    place = 0
-    row = 0
-    for _ in range(nx):
-        for z in range(nz):
-            down = -ny if z > 0 else (nz - 1) * ny
-            up = ny if z < nz - 1 else (1 - nz) * ny
-            has_below, has_above = wraps or z > 0, wraps or z < nz - 1
-            for _ in range(ny):
-                s.row_start[row] = place
-                if has_below:
-                    place += s.cell_count[row + down]
-                s.row_own[row] = place
-                place += s.cell_count[row]
-                s.row_above[row] = place
-                if has_above:
-                    place += s.cell_count[row + up]
-                row += 1
-    s.row_start[row] = place
-
-
-@jit
-def write_line(s, slot, k, i, shift):
-    """Copy a draft, shifted along z, to a slot of the rows."""
-    room = s.counter[LINE_ROOM]
-    for d in range(DIM):
-        s.lines[(PLACE + d) * room + slot] = s.drafts[k * LINE + PLACE + d] + (shift if d == 2 else ZERO)
-        s.lines[(WAY + d) * room + slot] = s.drafts[k * LINE + WAY + d]
-    s.lines[REACH_OF_LINE * room + slot] = s.drafts[k * LINE + REACH_OF_LINE]
-    s.line_ids[slot] = i
-
-
-@jit
-def row_beside(s, cell, step):
-    """Row of the cell above or below a cell, -1 where there is none, and how far it is shifted."""
-    ny = s.counter[CELLS + 1]
-    z = cell // ny % s.counter[CELLS + 2]
-    other, shift = around(s, z + step, 2, CELLS)
-    return (cell + (other - z) * ny if other >= 0 else -1), shift
-
-
-@jit
 def insert_draft(s, k, i, cell):
-    """Copy a draft to the rows of the cell, of the one above and of the one below, the last free slot first."""
-    rank = s.cell_count[cell] - 1
-    s.cell_count[cell] = rank
-    write_line(s, s.row_own[cell] + rank, k, i, ZERO)
-    if DIM == 3:
-        up, shift_up = row_beside(s, cell, 1)
-        down, shift_down = row_beside(s, cell, -1)
-        if up >= 0:
-            write_line(s, s.row_start[up] + rank, k, i, -shift_up)
-        if down >= 0:
-            write_line(s, s.row_above[down] + rank, k, i, -shift_down)
+    """Copy a draft to the lines of its cell, the last free slot first."""
+    slot = s.cell_count[cell] - 1
+    s.cell_count[cell] = slot
+    room = s.counter[LINE_ROOM] // COPIES
+    for d in range(DIM):
+        s.cell_lines[(PLACE + d) * room + slot] = s.drafts[k * LINE + PLACE + d]
+        s.cell_lines[(WAY + d) * room + slot] = s.drafts[k * LINE + WAY + d]
+    s.cell_lines[REACH_OF_LINE * room + slot] = s.drafts[k * LINE + REACH_OF_LINE]
+    s.cell_line_ids[slot] = i
 
 
-@part
-def register_all(s, cells, begin):
-    """Lay all lines out in rows; SHORT_LISTS tells if there was no room."""
-    n = in_rows(s)
-    duration = 2.0 * s.number[HALF_WINDOW]
+@jit
+def sort_lines(s, cells, begin, duration):
+    """Bring the lines into the order of their cells; `cell_count` then tells where each cell begins."""
+    end = 0
     for cell in range(cells):
-        s.cell_count[cell] = 0
-        s.row_chain[cell] = -1
-    total = count_lines(s, begin, duration)
-    s.counter[REGISTERED] = total
-    if COPIES * total > s.counter[LINE_ROOM]:
-        s.counter[SHORT_LISTS] = 1
-        return
-    lay_out_rows(s)
-    for m in range(n):
+        end += s.cell_count[cell]
+        s.cell_count[cell] = end
+    s.cell_count[cells] = end
+    for m in range(in_rows(s)):
         i = int(s.order[m])
         if s.where[m] >= 0:
             insert_draft(s, m, i, int(s.where[m]))
         else:
             pieces = -int(s.where[m])
             for p in range(pieces):
-                cell = draft_line(s, m, i, begin + duration * (p + 0.5) / pieces, pieces)
-                insert_draft(s, m, i, cell)
-    if s.counter[BUCKET] == 0:
-        keep_order(s, cells)
+                x, y, z = draft_line(s, m, i, begin + duration * (p + 0.5) / pieces, pieces)
+                insert_draft(s, m, i, cell_at(s, x, y, z))
+
+
+@jit
+def copy_lines(s, place, first, last):
+    """Copy lines from the order of cells to a place in the rows, whole vectors at a time; returns the place behind them.
+
+    What a vector is too long for is overwritten by what comes next.
+    """
+    room, own_room = s.counter[LINE_ROOM], s.counter[LINE_ROOM] // COPIES
+    for block in range(first, last, LINE_LANES):
+        to = place + block - first
+        for column in range(LINE - 1):
+            copy_lanes(s.lines, column * room + to, s.cell_lines, column * own_room + block)
+        copy_lanes(s.line_ids, to, s.cell_line_ids, block)
+    return place + last - first
+
+
+@jit
+def copy_layer(s, place, x, y, z):
+    """Copy the lines of a cell, whose z may lie beyond the box, to the rows; returns the place behind them."""
+    other, shift = around(s, z, 2, CELLS)
+    if other < 0:
+        return place
+    cell = cell_at(s, x, y, other)
+    behind = copy_lines(s, place, s.cell_count[cell], s.cell_count[cell + 1])
+    if shift != ZERO:
+        for slot in range(place, behind):
+            s.lines[(PLACE + 2) * s.counter[LINE_ROOM] + slot] += shift
+    return behind
 
 
 @part
-def keep_order(s, cells):
+def lay_out_rows(s):
+    """Make all rows from the lines of the cells; in 2D these are the rows already."""
+    nx, ny, nz = s.counter[CELLS], s.counter[CELLS + 1], s.counter[CELLS + 2]
+    place = 0
+    row = 0
+    for x in range(nx):
+        for z in range(nz):
+            for y in range(ny):
+                cell = cell_at(s, x, y, z)
+                first, last = int(s.cell_count[cell]), int(s.cell_count[cell + 1])
+                s.row_start[row] = place
+                if DIM == 2:
+                    s.row_own[row] = place
+                    place = last
+                    s.row_above[row] = place
+                elif 0 < z < nz - 1:
+                    below = int(s.cell_count[cell - 1])
+                    s.row_own[row] = place + first - below
+                    s.row_above[row] = place + last - below
+                    place = copy_lines(s, place, below, int(s.cell_count[cell + 2]))
+                else:
+                    place = copy_layer(s, place, x, y, z - 1)
+                    s.row_own[row] = place
+                    place = copy_lines(s, place, first, last)
+                    s.row_above[row] = place
+                    place = copy_layer(s, place, x, y, z + 1)
+                row += 1
+    s.row_start[row] = place
+
+
+@part
+def register_all(s, cells, begin):
+    """Lay all lines out in rows; SHORT_LISTS tells if there was no room."""
+    duration = 2.0 * s.number[HALF_WINDOW]
+    for cell in range(cells):
+        s.cell_count[cell] = 0
+        s.row_chain[cell] = -1
+    total = count_lines(s, begin, duration)
+    s.counter[REGISTERED] = total
+    if COPIES * total + LINE_LANES > s.counter[LINE_ROOM]:
+        s.counter[SHORT_LISTS] = 1
+        return
+    sort_lines(s, cells, begin, duration)
+    lay_out_rows(s)
+    if s.counter[BUCKET] == 0:
+        keep_order(s)
+
+
+@part
+def keep_order(s):
     """Go through the particles in the order of their cells from now on: it saves waiting for memory, and changes nothing else."""
-    n = s.counter[N]
-    for i in range(n):
+    for i in range(s.counter[N]):
         s.where[i] = 0
     m = 0
-    for cell in range(cells):
-        for slot in range(s.row_own[cell], s.row_above[cell]):
-            i = int(s.line_ids[slot])
-            if s.where[i] == 0:
-                s.where[i] = 1
-                s.order[m] = i
-                m += 1
+    for slot in range(s.counter[REGISTERED]):
+        i = int(s.cell_line_ids[slot])
+        if s.where[i] == 0:
+            s.where[i] = 1
+            s.order[m] = i
+            m += 1
 
 
 @jit

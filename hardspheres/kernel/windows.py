@@ -37,7 +37,7 @@ from .layout import (
 )
 from .lines import LINE, ZERO, line_at, shifted, solve_meetings
 from .prediction import wall_contact
-from .rows import ALWAYS, around, draft_line, meet_all, meet_rows, pieces_of, register_all, row_beside
+from .rows import ALWAYS, around, draft_line, meet_all, meet_rows, pieces_of, register_all, row_at
 
 
 @jit
@@ -106,38 +106,36 @@ def follow(s, i, now):
     draft = s.counter[N]
     for p in range(pieces):
         time = now + duration * (p + 0.5) / pieces
-        cell = draft_line(s, draft, i, time, pieces)
+        x, y, z = draft_line(s, draft, i, time, pieces)
         line = line_at(s.drafts, 1, draft * LINE)
         large = is_large(s, i)
         if large:
             meet_small(s, i, line, time, since)
         else:
-            meet_around(s, i, line, cell, since)
+            meet_around(s, i, line, x, y, z, since)
         if SIZES:
             meet_large(s, i, line, time, since)
         solve_meetings(s)
         if large:
             chain_large(s, i, time, p == 0)
             continue
-        chain_draft(s, i, cell, ZERO)
+        chain_draft(s, i, row_at(s, x, y, z), ZERO)
         if DIM == 3:
             for step in range(-1, 2, 2):
-                beside, shift = row_beside(s, cell, step)
+                beside, shift = around(s, z + step, 2, CELLS)
                 if beside >= 0:
-                    chain_draft(s, i, beside, -shift)
+                    chain_draft(s, i, row_at(s, x, y, beside), -shift)
 
 
 @jit
-def meet_around(s, i, line, cell, since):
+def meet_around(s, i, line, cx, cy, cz, since):
     """Compare a new line with all lines of its cell and the cells around."""
-    ny, nz = s.counter[CELLS + 1], s.counter[CELLS + 2]
-    cx, cz, cy = cell // ny // nz, cell // ny % nz, cell % ny
     if s.counter[BEYOND_CACHE]:
-        fetch_around(s, cx, cz, cy)
+        fetch_around(s, cx, cy, cz)
     for kx in range(cx - 1, cx + 2):
         x, sx = around(s, kx, 0, CELLS)
         if x >= 0:
-            row = (x * nz + cz) * ny
+            row = row_at(s, x, 0, cz)
             meet_rows(s, row, cy, i, shifted(line, -sx, ZERO), since)
             for ky in range(cy - 1, cy + 2):
                 y, sy = around(s, ky, 1, CELLS)
@@ -156,13 +154,12 @@ def fetch_lines(s, row):
 
 
 @jit
-def fetch_around(s, cx, cz, cy):
+def fetch_around(s, cx, cy, cz):
     """Have in the cache the lines around a cell, and the first of those chained to its rows."""
-    ny, nz = s.counter[CELLS + 1], s.counter[CELLS + 2]
     for kx in range(cx - 1, cx + 2):
         x, _ = around(s, kx, 0, CELLS)
         if x >= 0:
-            row = (x * nz + cz) * ny
+            row = row_at(s, x, 0, cz)
             fetch_lines(s, row + max(cy - 1, 0))
             for ky in range(cy - 1, cy + 2):
                 y, _ = around(s, ky, 1, CELLS)
