@@ -19,6 +19,7 @@ from .layout import (
     WINDOW_BUCKETS,
     N,
 )
+from .prediction import wall_contact
 
 # A candidate.
 WHEN = 0  # bits of its time
@@ -56,6 +57,14 @@ def note_candidate(s, low, high, time):
     else:
         slot = bucket & (s.counter[WINDOW_BUCKETS] - 1)
         push_bucket(s, slot, c)
+
+
+@jit
+def note_wall(s, i):
+    """Keep i's next wall as a candidate."""
+    time, wall = wall_contact(s, i)
+    if wall >= 0:
+        note_candidate(s, i, wall, time)
 
 
 @jit

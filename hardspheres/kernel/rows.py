@@ -11,8 +11,9 @@ import math
 
 import numpy as np
 
+from .candidates import note_wall
 from .compiler import copy_lanes, jit, part, prefetch
-from .flags import DIM, SIZES
+from .flags import DIM, SIZES, WALLS
 from .layout import (
     BOX,
     BUCKET,
@@ -112,8 +113,21 @@ def in_rows(s):
 
 
 @jit
+def at_edge(s, x, y, z):
+    """Whether a cell lies at a wall: flights in one piece whose middle is in another cell reach none."""
+    edge = False
+    for d in range(DIM):
+        cell = x if d == 0 else (y if d == 1 else z)
+        edge |= (s.number[INVERSE + d] == 0.0) & ((cell == 0) | (cell == s.counter[CELLS + d] - 1))
+    return edge
+
+
+@jit
 def count_lines(s, begin, duration):
-    """Draft the lines of all particles and count those of each cell; a flight in several pieces is drafted later."""
+    """Draft the lines of all particles, count those of each cell, and find who meets a wall.
+
+    A flight in several pieces is drafted later.
+    """
     n = in_rows(s)
     total = n
     for m in range(n):
@@ -125,7 +139,11 @@ def count_lines(s, begin, duration):
             cell = cell_at(s, x, y, z)
             s.where[m] = cell
             s.cell_count[cell] += 1
+            if WALLS and at_edge(s, x, y, z):
+                note_wall(s, i)
         else:
+            if WALLS:
+                note_wall(s, i)
             s.where[m] = -pieces
             total += pieces - 1
             for p in range(pieces):

@@ -12,7 +12,7 @@ There are no events but collisions: nothing is done for particles that nobody me
 
 import numpy as np
 
-from .candidates import note_candidate
+from .candidates import note_wall
 from .chains import chain_draft, meet_chain
 from .chunks import clear_buckets
 from .compiler import jit, part, prefetch
@@ -36,7 +36,6 @@ from .layout import (
     N,
 )
 from .lines import LINE, ZERO, line_at, shifted, solve_meetings
-from .prediction import wall_contact
 from .rows import ALWAYS, around, draft_line, meet_all, meet_rows, pieces_of, register_all, row_at
 
 
@@ -59,9 +58,6 @@ def open_window(s, cells, chunks):
         if s.counter[SHORT_LISTS]:
             return
     meet_all(s)
-    if WALLS:
-        for i in range(s.counter[N]):
-            note_wall(s, i)
 
 
 @part
@@ -72,6 +68,8 @@ def register_large(s, begin):
     draft = s.counter[N]
     for k in range(s.counter[LARGE]):
         i = int(s.large[k])
+        if WALLS:
+            note_wall(s, i)
         pieces = pieces_of(s, i, duration)
         for p in range(pieces):
             time = begin + duration * (p + 0.5) / pieces
@@ -82,14 +80,6 @@ def register_large(s, begin):
             chain_large(s, i, time, p == 0)
     if s.counter[SHORT_LISTS]:
         s.counter[NODES] = 0  # more lines than there is room for, and none that was replaced
-
-
-@jit
-def note_wall(s, i):
-    """Keep i's next wall as a candidate."""
-    time, wall = wall_contact(s, i)
-    if wall >= 0:
-        note_candidate(s, i, wall, time)
 
 
 @jit
