@@ -66,7 +66,7 @@ ONE_TOO_SHORT = """
 short = []
 for method, names in (
     (LISTS, ("event", "neighbours", "images", "cell_ids", "cell_places", "near_excess", "chunks", "scratch")),
-    (WINDOWS, ("order", "drafts", "lines", "line_ids", "row_start", "row_own", "met", "version")),
+    (WINDOWS, ("order", "drafts", "cell_lines", "cell_line_ids", "lines", "line_ids", "row_start", "row_own", "met", "version")),
 ):
     for name in names:
         sim = simulation(gas("3d", 10, 0.02, seed=3), method)
@@ -106,6 +106,14 @@ def test_no_kernel_leaves_its_arrays():
     assert all(collisions == 20 and drift < 1e-13 for _, (collisions, drift) in seen)
 
 
+@pytest.mark.long
+def test_no_compiled_kernel_leaves_its_arrays():
+    """The same compiled with checks, which takes minutes a kind: what vectors and inlining do to the code is seen, too."""
+    seen = checked(with_prelude(EVERY_KIND.format(collisions=100_000)), jit=True)
+    assert len(seen) == 15
+    assert all(collisions == 100_000 and drift < 1e-11 for _, (collisions, drift) in seen)
+
+
 def test_nor_while_room_is_short():
     grown = checked(with_prelude(LITTLE_ROOM))
     assert min(grown) >= 1
@@ -119,7 +127,7 @@ def test_an_array_too_short_is_seen():
     """Sibling: where only its first element is left of an array the checks speak up, whichever array it is."""
     seen = checked(with_prelude(ONE_TOO_SHORT))
     lists = "event neighbours images cell_ids cell_places near_excess chunks scratch"
-    windows = "order drafts lines line_ids row_start row_own met version"
+    windows = "order drafts cell_lines cell_line_ids lines line_ids row_start row_own met version"
     assert seen == lists.split() + windows.split()
 
 
