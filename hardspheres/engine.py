@@ -189,7 +189,7 @@ class Engine:
         agenda = int(count[at.AGENDA_ROOM])
         in_cells = lines // (3 if dim == 3 else 1)
         columns, ids = (
-            aligned(7 * lines + at.LINE_LANES, np.float32),
+            aligned(max(7 * lines + at.LINE_LANES, 8 * n * windows), np.float32),
             np.zeros(lines + at.LINE_LANES, dtype=np.int32),
         )
         coarse = math.prod(count[at.LARGE_CELLS : at.LARGE_CELLS + 3].tolist())
@@ -208,7 +208,8 @@ class Engine:
             "agenda_entry": np.zeros(agenda, dtype=np.int64),
             "order": np.setdiff1d(np.arange(n * windows, dtype=np.int32), self.large),
             "large": np.append(self.large, 0).astype(np.int32),
-            "drafts": aligned((n + 1) * 8 * windows + 1, np.float32),
+            "draft": aligned(8, np.float32),
+            "drafts": columns if dim == 3 else aligned(8 * n * windows + 1, np.float32),
             "cell_lines": aligned(7 * in_cells + at.LINE_LANES, np.float32) if dim == 3 else columns,
             "cell_line_ids": np.zeros(in_cells + at.LINE_LANES, dtype=np.int32) if dim == 3 else ids,
             "lines": columns,

@@ -33,7 +33,8 @@ class Arrays(NamedTuple):
     scratch_int: object  # the same memory as int64
     order: object  # windows: int32 (n): the particles of the rows in the order in which they are gone through
     large: object  # int32: those that are in the coarse grid
-    drafts: object  # float32 ((n + 1) * LINE): lines before they are sorted, and the latest new one
+    draft: object  # float32 (LINE): the latest new line
+    drafts: object  # float32 (n * LINE): lines before they are sorted; in 3D in the memory of `lines`, which are made later
     cell_lines: object  # float32 (7 * LINE_ROOM / copies + LINE_LANES): sorted by cells, column by column; in 2D the same as lines
     cell_line_ids: object  # int32, the same
     lines: object  # float32 (7 * LINE_ROOM + LINE_LANES): sorted into rows, column by column

@@ -2,7 +2,7 @@
 
 from .compiler import jit
 from .flags import DIM
-from .layout import NODE_ROOM, NODES, SHORT_LISTS, N
+from .layout import NODE_ROOM, NODES, SHORT_LISTS
 from .lines import LINE, PLACE, meet_line
 
 
@@ -14,9 +14,8 @@ def chain_draft(s, i, row, shift):
         s.counter[SHORT_LISTS] = 1
         return
     s.counter[NODES] = node + 1
-    draft = s.counter[N] * LINE
     for k in range(LINE):
-        s.nodes[node * LINE + k] = s.drafts[draft + k]
+        s.nodes[node * LINE + k] = s.draft[k]
     if DIM == 3:
         s.nodes[node * LINE + PLACE + 2] += shift
     s.node_ids[node] = i

@@ -139,6 +139,7 @@ def pointers(a):
         pointer(a.scratch_int),
         pointer(a.order),
         pointer(a.large),
+        pointer(a.draft),
         pointer(a.drafts),
         pointer(a.cell_lines),
         pointer(a.cell_line_ids),

@@ -72,8 +72,8 @@ def cell_of(s, i, d, t):
 
 
 @jit
-def draft_line(s, k, i, t, pieces):
-    """Write i's line, in the image that is in the box at time t, to the drafts; returns the cell (x, y, z) that holds i then."""
+def draft_line(s, drafts, k, i, t, pieces):
+    """Write i's line, in the image that is in the box at time t, to draft k; returns the cell (x, y, z) that holds i then."""
     ri = i * ROW
     dt = s.number[MIDDLE] - s.row[ri + T]
     unit = s.number[LINE_UNIT]
@@ -85,12 +85,12 @@ def draft_line(s, k, i, t, pieces):
     for d in range(DIM):
         shift = shift_x if d == 0 else (shift_y if d == 1 else shift_z)
         place = s.row[ri + X + d] + s.row[ri + V + d] * dt
-        s.drafts[k * LINE + PLACE + d] = (place - shift) * unit
-        s.drafts[k * LINE + WAY + d] = s.row[ri + V + d] * s.number[HALF_WINDOW] * unit
+        drafts[k * LINE + PLACE + d] = (place - shift) * unit
+        drafts[k * LINE + WAY + d] = s.row[ri + V + d] * s.number[HALF_WINDOW] * unit
     reach = (s.row[ri + RADIUS] if SIZES else s.number[CORE]) * unit + s.number[LINE_MARGIN]
     if pieces > 1:
         reach += 3e-3 * pieces * s.number[STRETCH] * unit
-    s.drafts[k * LINE + REACH_OF_LINE] = reach
+    drafts[k * LINE + REACH_OF_LINE] = reach
     return x, y, z
 
 
@@ -135,7 +135,7 @@ def count_lines(s, begin, duration):
         prefetch(s.row, s.order[min(m + AHEAD, n - 1)] * ROW)
         pieces = pieces_of(s, i, duration)
         if pieces == 1:
-            x, y, z = draft_line(s, m, i, s.number[MIDDLE], 1)
+            x, y, z = draft_line(s, s.drafts, m, i, s.number[MIDDLE], 1)
             cell = cell_at(s, x, y, z)
             s.where[m] = cell
             s.cell_count[cell] += 1
@@ -147,7 +147,7 @@ def count_lines(s, begin, duration):
             s.where[m] = -pieces
             total += pieces - 1
             for p in range(pieces):
-                x, y, z = draft_line(s, m, i, begin + duration * (p + 0.5) / pieces, pieces)
+                x, y, z = draft_line(s, s.drafts, m, i, begin + duration * (p + 0.5) / pieces, pieces)
                 s.cell_count[cell_at(s, x, y, z)] += 1
     return total
 
@@ -180,7 +180,7 @@ def sort_lines(s, cells, begin, duration):
         else:
             pieces = -int(s.where[m])
             for p in range(pieces):
-                x, y, z = draft_line(s, m, i, begin + duration * (p + 0.5) / pieces, pieces)
+                x, y, z = draft_line(s, s.drafts, m, i, begin + duration * (p + 0.5) / pieces, pieces)
                 insert_draft(s, m, i, cell_at(s, x, y, z))
 
 

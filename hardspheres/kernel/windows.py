@@ -33,7 +33,6 @@ from .layout import (
     SHORT_LISTS,
     SHORT_QUEUE,
     WINDOW_BUCKETS,
-    N,
 )
 from .lines import LINE, ZERO, line_at, shifted, solve_meetings
 from .rows import ALWAYS, around, draft_line, meet_all, meet_rows, pieces_of, register_all, row_at
@@ -65,7 +64,6 @@ def register_large(s, begin):
     """Hang the lines of all large particles in the coarse grid, compared with all small ones and with each other."""
     clear_large(s)
     duration = 2.0 * s.number[HALF_WINDOW]
-    draft = s.counter[N]
     for k in range(s.counter[LARGE]):
         i = int(s.large[k])
         if WALLS:
@@ -73,8 +71,8 @@ def register_large(s, begin):
         pieces = pieces_of(s, i, duration)
         for p in range(pieces):
             time = begin + duration * (p + 0.5) / pieces
-            draft_line(s, draft, i, time, pieces)
-            line = line_at(s.drafts, 1, draft * LINE)
+            draft_line(s, s.draft, 0, i, time, pieces)
+            line = line_at(s.draft, 1, 0)
             meet_small(s, i, line, time, ALWAYS)
             meet_large(s, i, line, time, ALWAYS)
             chain_large(s, i, time, p == 0)
@@ -93,11 +91,10 @@ def follow(s, i, now):
         return
     since = np.float32((now - middle) / half - 1e-5)
     pieces = pieces_of(s, i, duration)
-    draft = s.counter[N]
     for p in range(pieces):
         time = now + duration * (p + 0.5) / pieces
-        x, y, z = draft_line(s, draft, i, time, pieces)
-        line = line_at(s.drafts, 1, draft * LINE)
+        x, y, z = draft_line(s, s.draft, 0, i, time, pieces)
+        line = line_at(s.draft, 1, 0)
         large = is_large(s, i)
         if large:
             meet_small(s, i, line, time, since)
