@@ -46,8 +46,8 @@ needs, and everything else is as before.
 
 **The loop** (`loop`) takes the next event, executes it, and searches for what its one or two particles do next.
 
-Arithmetic is strict everywhere: only + - x / sqrt and integers, no fused or reordered operations, so one scene gives the same bits
-on every IEEE-754 machine.
+Arithmetic is strict wherever it enters the trajectory: only + - x / sqrt and integers, no fused or reordered operations, so one
+scene gives the same bits on every IEEE-754 machine. Only the filter of `lines`, whose margins cover its rounding, may be fused.
 
 **Specialisation.** What a scene lacks is not compiled in: `specialise` loads this package's files once for each kind of scene (its
 dimension, whether it has walls, many radii, many masses, whether it is dilute, and whether its radii grow), each with its own constants in place of `flags`.

@@ -21,7 +21,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-LANES = 16  # elements that `copy_lanes` copies
+LANES = 8  # elements that `copy_lanes` copies
 
 config: Any = numba.config
 PURE_PYTHON = bool(config.DISABLE_JIT)
@@ -195,6 +195,17 @@ def jit(function):
     return numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, forceinline=True)(
         function
     )
+
+
+def rough(function):
+    """As `jit` for what never enters the trajectory: products and sums may be fused, so their rounding depends on the machine."""
+    return numba.njit(
+        error_model="numpy",
+        fastmath={"contract"},
+        no_cpython_wrapper=True,
+        no_cfunc_wrapper=True,
+        forceinline=True,
+    )(function)
 
 
 def part(function):

@@ -66,7 +66,7 @@ def shifted_along_z(line, sz):
 
 
 @jit
-def meet_small(s, i, line, t, since):
+def meet_small(s, i, other, line, t, since):
     """Compare the line of a large particle, as registered at time t, with those of all small ones within reach."""
     reach = (s.row[i * ROW + RADIUS] + s.number[SMALL_RADIUS] + 2.0 * s.number[STRETCH]) * ROUNDED_UP
     nz = s.counter[CELLS + 2]
@@ -82,11 +82,11 @@ def meet_small(s, i, line, t, since):
             if kz < nz or s.number[INVERSE + 2] > 0.0:
                 z, sz = around(s, kz, 2, CELLS)
             seen = shifted_along_z(shifted(line, -sx, ZERO), -sz)
-            meet_along_y(s, row_at(s, x, 0, z), first_y, last_y, i, seen, since)
+            meet_along_y(s, row_at(s, x, 0, z), first_y, last_y, i, other, seen, since)
 
 
 @jit
-def meet_along_y(s, row, first, last, i, line, since):
+def meet_along_y(s, row, first, last, i, other, line, since):
     """Compare i's line with the rows from `first` to `last`, which may lie beyond the box, and with their chains."""
     ny = s.counter[CELLS + 1]
     length = np.float32(s.number[BOX + 1] * s.number[LINE_UNIT])
@@ -95,7 +95,7 @@ def meet_along_y(s, row, first, last, i, line, since):
         if begin < end:
             seen = shifted(line, ZERO, -length * np.float32(turn))
             room = s.counter[LINE_ROOM]
-            meet_run(s, s.lines, s.line_ids, room, s.row_start[begin], s.row_start[end], i, seen, since)
+            meet_run(s, room, s.row_start[begin], s.row_start[end], i, other, seen, since)
             for beside in range(begin, end):
                 meet_chain(s, beside, i, seen, since)
 

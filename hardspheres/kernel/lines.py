@@ -8,7 +8,7 @@ whatever does, and a little more. It compares one line with a run of others in w
 import numpy as np
 
 from .candidates import note_candidate
-from .compiler import jit, part
+from .compiler import jit, part, rough
 from .flags import DIM
 from .layout import HALF_WINDOW, LINE_LANES, MEETING_ROOM, MEETINGS, MIDDLE, SHORT_QUEUE
 from .prediction import pair_contact
@@ -17,6 +17,7 @@ ZERO = np.float32(0.0)
 ONE = np.float32(1.0)
 TWO = np.float32(2.0)
 TINY = np.float32(1e-30)
+ALL = np.int32(-2)  # in place of a partner: the lines of all count
 SLACK = np.float32(1e-5)  # for rounding: of squared distances, of b, of the moment from which a line counts
 
 # Columns of the lines.
@@ -48,7 +49,7 @@ def shifted(line, sx, sy):
     return x + sx, y + sy, z, u, v, w, reach
 
 
-@jit
+@rough
 def compare(p, stride, k, line):
     """B = r.v, v.v, and r.r less the squared contact distance, of line k against the one given."""
     x, y, z, u, v, w, reach = line
@@ -66,7 +67,7 @@ def compare(p, stride, k, line):
     return b, vv, rr - (limit * limit + SLACK)
 
 
-@jit
+@rough
 def may_meet(b, vv, c, since):
     """Whether two lines may come within contact from `since` to 1, in half windows from the middle.
 
@@ -76,17 +77,28 @@ def may_meet(b, vv, c, since):
 
 
 @jit
-def meet_run(s, p, ids, stride, first, last, i, line, since):
-    """Compare i's line with those from `first` to `last`, and note those that it may meet."""
+def counts(j, i, other):
+    """Whether a line of j that the rows hold still counts for i, which has just met `other`."""
+    return (other == ALL) | ((j != i) & (j != other))
+
+
+@jit
+def meet_run(s, stride, first, last, i, other, line, since):
+    """Compare i's line with those of the rows from `first` to `last`, and note those that it may meet.
+
+    Unless `other` is ALL, i and `other` have just changed and what the rows have of them no longer counts.
+    """
+    p, ids = s.lines, s.line_ids
+    own, partner = np.int32(i), np.int32(other)
     for block in range(first, last, LINE_LANES):
         met = False
         for k in range(block, block + LINE_LANES):
             b, vv, c = compare(p, stride, k, line)
-            met |= may_meet(b, vv, c, since)
+            met |= may_meet(b, vv, c, since) & counts(ids[k], own, partner)
         if met:
             for k in range(LINE_LANES):
                 b, vv, c = compare(p, stride, block + k, line)
-                s.met[k] = 1 if may_meet(b, vv, c, since) else 0
+                s.met[k] = 1 if may_meet(b, vv, c, since) & counts(ids[block + k], own, partner) else 0
                 s.met_when[k] = min(max(-b / (vv + TINY), since), ONE)
             m = s.counter[MEETINGS]
             if m + LINE_LANES > s.counter[MEETING_ROOM]:
@@ -111,7 +123,7 @@ def meet_line(s, p, ids, k, i, line, since):
     s.meeting_i[m] = i
     s.meeting_j[m] = ids[k]
     s.meeting_when[m] = min(max(-b / (vv + TINY), since), ONE)
-    s.counter[MEETINGS] = m + (1 if may_meet(b, vv, c, since) else 0)
+    s.counter[MEETINGS] = m + (1 if may_meet(b, vv, c, since) & (ids[k] != i) else 0)
 
 
 @part

@@ -155,16 +155,16 @@ def execute_candidate(s, c, time):
         return
     i, partner = partners(s, c)
     keep_clock(s, time)
-    other = -1
+    changed = 2
     if partner < s.counter[N]:
         collide_pair(s, i, partner, time)
-        other = partner
     elif WALLS:
         hit_wall(s, i, partner, time)
-    while i >= 0:
-        follow(s, i, time)
-        i = other
-        other = -1
+        partner = -1
+        changed = 1
+    for _ in range(changed):
+        follow(s, i, partner, time)
+        i, partner = partner, i
 
 
 @jit

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from .candidates import note_wall
-from .compiler import copy_lanes, jit, part, prefetch
+from .compiler import LANES, copy_lanes, jit, part, prefetch
 from .flags import DIM, SIZES, WALLS
 from .layout import (
     BOX,
@@ -40,7 +40,7 @@ from .layout import (
     V,
     X,
 )
-from .lines import LINE, PLACE, REACH_OF_LINE, WAY, ZERO, line_at, meet_run, shifted, solve_meetings
+from .lines import ALL, LINE, PLACE, REACH_OF_LINE, WAY, ZERO, line_at, meet_run, shifted, solve_meetings
 
 ALWAYS = np.float32(-1.00001)  # from the beginning of the window
 AHEAD = 12  # particles from here to that whose row is fetched
@@ -191,7 +191,7 @@ def copy_lines(s, place, first, last):
     What a vector is too long for is overwritten by what comes next.
     """
     room, own_room = s.counter[LINE_ROOM], s.counter[LINE_ROOM] // COPIES
-    for block in range(first, last, LINE_LANES):
+    for block in range(first, last, LANES):
         to = place + block - first
         for column in range(LINE - 1):
             copy_lanes(s.lines, column * room + to, s.cell_lines, column * own_room + block)
@@ -291,26 +291,24 @@ def around(s, cell, d, grid):
 
 
 @jit
-def meet_rows(s, row, y, i, line, since):
+def meet_rows(s, row, y, i, other, line, since):
     """Compare i's line with the rows from y - 1 to y + 1 of those that begin with `row`."""
     ny = s.counter[CELLS + 1]
-    room = s.counter[LINE_ROOM]
     first, last = row + max(y - 1, 0), row + min(y + 1, ny - 1)
-    meet_run(s, s.lines, s.line_ids, room, s.row_start[first], s.row_start[last + 1], i, line, since)
+    room = s.counter[LINE_ROOM]
+    meet_run(s, room, s.row_start[first], s.row_start[last + 1], i, other, line, since)
     if last - first < 2:
-        meet_beyond(s, row, y, -1, i, line, since)
-        meet_beyond(s, row, y, 1, i, line, since)
+        meet_beyond(s, row, y, -1, i, other, line, since)
+        meet_beyond(s, row, y, 1, i, other, line, since)
 
 
 @part
-def meet_beyond(s, row, y, step, i, line, since):
+def meet_beyond(s, row, y, step, i, other, line, since):
     """Compare i's line with the row at y + step, if that lies on the other side of the box."""
-    other, shift = around(s, y + step, 1, CELLS)
-    if other >= 0 and shift != ZERO:
-        first, last = s.row_start[row + other], s.row_start[row + other + 1]
-        meet_run(
-            s, s.lines, s.line_ids, s.counter[LINE_ROOM], first, last, i, shifted(line, ZERO, -shift), since
-        )
+    beside, shift = around(s, y + step, 1, CELLS)
+    if beside >= 0 and shift != ZERO:
+        first, last = s.row_start[row + beside], s.row_start[row + beside + 1]
+        meet_run(s, s.counter[LINE_ROOM], first, last, i, other, shifted(line, ZERO, -shift), since)
 
 
 @part
@@ -328,11 +326,11 @@ def meet_all(s):
                 for k in range(s.row_own[row + y], s.row_above[row + y]):
                     i = int(s.line_ids[k])
                     line = line_at(s.lines, room, k)
-                    meet_run(s, s.lines, s.line_ids, room, k + 1, behind, i, line, ALWAYS)
+                    meet_run(s, room, k + 1, behind, i, ALL, line, ALWAYS)
                     if y == ny - 1:
-                        meet_beyond(s, row, y, 1, i, line, ALWAYS)
+                        meet_beyond(s, row, y, 1, i, ALL, line, ALWAYS)
                     if right >= 0:
-                        meet_rows(s, beside, y, i, shifted(line, -shift, ZERO), ALWAYS)
+                        meet_rows(s, beside, y, i, ALL, shifted(line, -shift, ZERO), ALWAYS)
                 if 2 * s.counter[MEETINGS] > s.counter[MEETING_ROOM]:
                     solve_meetings(s)
     solve_meetings(s)

@@ -34,7 +34,7 @@ from .layout import (
     SHORT_QUEUE,
     WINDOW_BUCKETS,
 )
-from .lines import LINE, ZERO, line_at, shifted, solve_meetings
+from .lines import ALL, LINE, ZERO, line_at, shifted, solve_meetings
 from .rows import ALWAYS, around, draft_line, meet_all, meet_rows, pieces_of, register_all, row_at
 
 
@@ -73,7 +73,7 @@ def register_large(s, begin):
             time = begin + duration * (p + 0.5) / pieces
             draft_line(s, s.draft, 0, i, time, pieces)
             line = line_at(s.draft, 1, 0)
-            meet_small(s, i, line, time, ALWAYS)
+            meet_small(s, i, ALL, line, time, ALWAYS)
             meet_large(s, i, line, time, ALWAYS)
             chain_large(s, i, time, p == 0)
     if s.counter[SHORT_LISTS]:
@@ -81,8 +81,8 @@ def register_large(s, begin):
 
 
 @jit
-def follow(s, i, now):
-    """Find what happens to i, which has just changed, in the rest of the window, and chain its new line to its rows."""
+def follow(s, i, other, now):
+    """Find what happens to i, which has just met another particle (or -1, a wall), in the rest of the window, and chain its new line to its rows."""
     if WALLS:
         note_wall(s, i)
     middle, half = s.number[MIDDLE], s.number[HALF_WINDOW]
@@ -97,9 +97,9 @@ def follow(s, i, now):
         line = line_at(s.draft, 1, 0)
         large = is_large(s, i)
         if large:
-            meet_small(s, i, line, time, since)
+            meet_small(s, i, other, line, time, since)
         else:
-            meet_around(s, i, line, x, y, z, since)
+            meet_around(s, i, other, line, x, y, z, since)
         if SIZES:
             meet_large(s, i, line, time, since)
         solve_meetings(s)
@@ -115,7 +115,7 @@ def follow(s, i, now):
 
 
 @jit
-def meet_around(s, i, line, cx, cy, cz, since):
+def meet_around(s, i, other, line, cx, cy, cz, since):
     """Compare a new line with all lines of its cell and the cells around."""
     if s.counter[BEYOND_CACHE]:
         fetch_around(s, cx, cy, cz)
@@ -123,7 +123,7 @@ def meet_around(s, i, line, cx, cy, cz, since):
         x, sx = around(s, kx, 0, CELLS)
         if x >= 0:
             row = row_at(s, x, 0, cz)
-            meet_rows(s, row, cy, i, shifted(line, -sx, ZERO), since)
+            meet_rows(s, row, cy, i, other, shifted(line, -sx, ZERO), since)
             for ky in range(cy - 1, cy + 2):
                 y, sy = around(s, ky, 1, CELLS)
                 if y >= 0:
