@@ -4,7 +4,7 @@ import math
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -63,6 +63,9 @@ class Frame:
         Velocities.
     scene : Scene
         Where the simulation started: radii, masses, box, boundary.
+    unwound : pair of (N, d) arrays, optional
+        What `unwrapped_positions` is made of when it is asked for: positions not returned to the box since the last epoch,
+        and how often they were before. None in a frame that no simulation made.
     """
 
     time: float
@@ -71,6 +74,22 @@ class Frame:
     positions: Floats
     velocities: Floats
     scene: Scene
+    unwound: tuple[Floats, NDArray[np.int32]] | None = field(default=None, repr=False)
+
+    @property
+    def unwrapped_positions(self) -> Floats:
+        """Positions followed through the periodic boundaries from the start, shape (N, d).
+
+        Raises
+        ------
+        SimulationError
+            In a frame that no simulation made, such as one that was read from a file.
+        """
+        if self.unwound is None:
+            raise SimulationError("no simulation made this frame, so nobody knows how often its particles went round the box")
+        flown, turns = self.unwound
+        unwrapped: Floats = flown + turns * self.scene.box
+        return unwrapped
 
 
 @dataclass(frozen=True)
@@ -351,13 +370,15 @@ class Simulation:
 
     def frame(self) -> Frame:
         """Return the gas as it is now."""
+        flown = self._flown()
         return Frame(
             self.time,
             self.collisions,
             self.collisions_per_particle,
-            self.positions,
+            returned_to_box(flown, self.scene.box, self.scene.periodic),
             self.velocities,
             self.scene,
+            (flown, self._turns.copy()),
         )
 
     # Looking.
@@ -404,9 +425,13 @@ class Simulation:
     @property
     def unwrapped_positions(self) -> Floats:
         """Positions now, followed through the periodic boundaries from the start, shape (N, d)."""
-        turns = self._engine.arrays.turns.reshape(self.scene.n, self.scene.dim)
-        unwrapped: Floats = self._flown() + turns * self.scene.box
+        unwrapped: Floats = self._flown() + self._turns * self.scene.box
         return unwrapped
+
+    @property
+    def _turns(self) -> NDArray[np.int32]:
+        turns: NDArray[np.int32] = self._engine.arrays.turns.reshape(self.scene.n, self.scene.dim)
+        return turns
 
     @property
     def velocities(self) -> Floats:
