@@ -86,7 +86,9 @@ class Frame:
             In a frame that no simulation made, such as one that was read from a file.
         """
         if self.unwound is None:
-            raise SimulationError("no simulation made this frame, so nobody knows how often its particles went round the box")
+            raise SimulationError(
+                "no simulation made this frame, so nobody knows how often its particles went round the box"
+            )
         flown, turns = self.unwound
         unwrapped: Floats = flown + turns * self.scene.box
         return unwrapped

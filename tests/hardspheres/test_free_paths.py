@@ -8,32 +8,25 @@ from itertools import takewhile
 
 import numpy as np
 import pytest
-from scenes import KINDS, gas, one_to_ten
+from scenes import (
+    KINDS,
+    LISTS,
+    WINDOWS,
+    WITH_FLIGHTS,
+    flight_bits,
+    gas,
+    method_name,
+    one_to_ten,
+    state_without_flights,
+)
 
 import hardspheres as hs
 from hardspheres import tuning
 from hardspheres.reference import ReferenceSimulation
 
-LISTS, WINDOWS = {2: 0.0, 3: 0.0}, {2: 1.0, 3: 1.0}
-# Compiled with flights by the default tests: windows of one species, lists of two.
-COMPILED = [("3d", WINDOWS), ("3d_mixture", LISTS)]
-OTHERS = [(kind, method) for kind in KINDS for method in (LISTS, WINDOWS) if (kind, method) not in COMPILED]
-
-
-def name(value):
-    return value if isinstance(value, str) else ("lists" if value is LISTS else "windows")
-
-
-def bits(sim):
-    """Every bit that the tallies of flights must not change."""
-    at, a = sim._at, sim._engine.arrays
-    sums = a.total[: at.LEDGER + 3].tobytes()
-    return a.row.tobytes(), sums, a.turns.tobytes(), sim.collisions, sim.wall_collisions, sim.time
-
-
-def flights(tallies):
-    """The counts and sums of flights as bytes."""
-    return b"".join(np.ascontiguousarray(part).tobytes() for part in vars(tallies).values())
+OTHERS = [
+    (kind, method) for kind in KINDS for method in (LISTS, WINDOWS) if (kind, method) not in WITH_FLIGHTS
+]
 
 
 def same_with_and_without(scene, collisions):
@@ -42,8 +35,8 @@ def same_with_and_without(scene, collisions):
     for sim in (plain, free, log):
         for share in (0.5, 0.2, 0.3):
             sim.run(collisions=int(share * collisions))
-    assert bits(plain) == bits(free) == bits(log)
-    assert flights(free.free_paths) == flights(log.free_paths)
+    assert state_without_flights(plain) == state_without_flights(free) == state_without_flights(log)
+    assert flight_bits(free.free_paths) == flight_bits(log.free_paths)
     tallied = free.free_paths
     assert sum(map(len, logged)) == plain.collisions + plain.wall_collisions
     assert (tallied.flights + tallied.first_flights).sum() == 2 * plain.collisions
@@ -53,7 +46,7 @@ def same_with_and_without(scene, collisions):
     return free
 
 
-@pytest.mark.parametrize(("kind", "method"), COMPILED, ids=name)
+@pytest.mark.parametrize(("kind", "method"), WITH_FLIGHTS, ids=method_name)
 def test_the_trajectory_is_the_same_with_and_without(kind, method, monkeypatch):
     monkeypatch.setattr(tuning, "SPARSE_BELOW", method)
     sim = same_with_and_without(gas(kind, 500, 0.1, seed=5), 3000)
@@ -61,7 +54,7 @@ def test_the_trajectory_is_the_same_with_and_without(kind, method, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("kind", "method"), OTHERS, ids=name)
+@pytest.mark.parametrize(("kind", "method"), OTHERS, ids=method_name)
 def test_the_trajectory_is_the_same_for_every_kind(kind, method, monkeypatch):
     monkeypatch.setattr(tuning, "SPARSE_BELOW", method)
     same_with_and_without(gas(kind, 500, 0.1, seed=5), 3000)
@@ -72,17 +65,16 @@ def test_the_trajectory_is_the_same_for_every_kind(kind, method, monkeypatch):
 PLAIN_PYTHON = """
 import sys
 sys.path[:0] = {paths!r}
+import scenes
 import test_free_paths as t
 from scenes import KINDS, gas
 from hardspheres import tuning
 for kind in KINDS:
-    for method in (t.LISTS, t.WINDOWS):
-        if {everything} or (kind, method) in t.COMPILED:
-            tuning.SPARSE_BELOW = method
-            print(kind, t.digest(gas(kind, 40, 0.05, seed=3)))
-            if {everything}:
-                t.same_with_and_without(gas(kind, 40, 0.05, seed=3), 30)
-                t.compare_with_the_reference(gas(kind, 8, 0.2, seed=4), 20)
+    for method in (scenes.LISTS, scenes.WINDOWS):
+        tuning.SPARSE_BELOW = method
+        print(kind, t.digest(gas(kind, 40, 0.05, seed=3)))
+        t.same_with_and_without(gas(kind, 40, 0.05, seed=3), 30)
+        t.compare_with_the_reference(gas(kind, 8, 0.2, seed=4), 20)
 """
 
 
@@ -91,10 +83,10 @@ def digest(scene):
     chunks = []
     sim = hs.Simulation(scene, log=chunks.append)
     sim.run(collisions=30)
-    before = flights(sim.free_paths)
+    before = flight_bits(sim.free_paths)
     sim.reset_tallies()
     sim.run(collisions=30)
-    everything = before + flights(sim.free_paths) + np.concatenate(chunks).tobytes()
+    everything = before + flight_bits(sim.free_paths) + np.concatenate(chunks).tobytes()
     return hashlib.sha256(everything).hexdigest()
 
 
@@ -128,21 +120,17 @@ def compare_with_the_reference(scene, events):
     assert np.isfinite(log["free_path"][log["j"] < scene.n]).sum() >= 10
 
 
-def plain_python(everything, disabled):
-    here = os.path.dirname(__file__)
-    program = PLAIN_PYTHON.format(paths=[here, os.path.dirname(here)], everything=everything)
-    environment = os.environ | {"NUMBA_DISABLE_JIT": disabled}
-    command = [sys.executable, "-W", "error", "-c", program]
-    return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
-
-
 def test_plain_python_gives_the_same_sums_and_agrees_with_the_reference(monkeypatch):
     """Without Numba: every kind and both methods; those that are compiled here give the same digest compiled."""
-    lines = plain_python(True, "1").split("\n")
-    assert len(lines) == 2 * len(KINDS) + 1
-    both = {lines[2 * k : 2 * k + 2][0] == lines[2 * k : 2 * k + 2][1] for k in range(len(KINDS))}
-    assert both == {True}  # lists and windows add up in the same order
-    for kind, method in COMPILED:
+    here = os.path.dirname(__file__)
+    command = [sys.executable, "-W", "error", "-c", PLAIN_PYTHON.format(paths=[here, os.path.dirname(here)])]
+    environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert len(lines) == 2 * len(KINDS)
+    assert lines[::2] == lines[1::2]  # lists and windows add up in the same order
+    for kind, method in WITH_FLIGHTS:
         monkeypatch.setattr(tuning, "SPARSE_BELOW", method)
         assert f"{kind} {digest(gas(kind, 40, 0.05, seed=3))}" in lines
 
@@ -183,7 +171,14 @@ def test_windows_add_up():
         sim.run(collisions=1000)
         parts.append(sim.free_paths)
     every = whole.free_paths
-    for field in ("flights", "first_flights", "path_counts", "time_counts", "speed_counts", "pair_collisions"):
+    for field in (
+        "flights",
+        "first_flights",
+        "path_counts",
+        "time_counts",
+        "speed_counts",
+        "pair_collisions",
+    ):
         assert np.array_equal(sum(getattr(part, field) for part in parts), getattr(every, field))
     for field in ("path_flown", "path_sums", "time_sums", "speed_paths", "speed_times"):
         total = sum(getattr(part, field) for part in parts)
