@@ -189,7 +189,7 @@ def speed_dependent_rate(
         sigma, m and kT.
     """
     c = np.asarray(speed, dtype=np.float64) / math.sqrt(2 * temperature / mass)
-    return np.asarray(_relative_rate(c, dim) * collision_rate(eta, dim, diameter, mass, temperature))
+    return np.asarray(relative_rate(c, dim) * collision_rate(eta, dim, diameter, mass, temperature))
 
 
 def speed_dependent_free_path(
@@ -203,8 +203,8 @@ def speed_dependent_free_path(
     return np.asarray(np.asarray(speed, dtype=np.float64) / rate)
 
 
-def _relative_rate(c: FloatArray, dim: int) -> FloatArray:
-    """nu(v)/nu, c = v/sqrt(2kT/m)."""
+def relative_rate(c: FloatArray, dim: int) -> FloatArray:
+    """Return nu(v)/nu of one species, c = v/sqrt(2kT/m); see `speed_dependent_rate`."""
     check_dim(dim)
     if dim == 3:
         small = c < 1e-4
@@ -222,7 +222,7 @@ def _flights(dim: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Speeds in units of the mean, their rates in units of the mean, and the weights of flights at them."""
     nodes, weights = np.polynomial.legendre.leggauss(600)
     speed = 6.0 * (nodes + 1.0)  # 0 to 12 thermal speeds
-    rate = _relative_rate(speed / math.sqrt(2), dim)
+    rate = relative_rate(speed / math.sqrt(2), dim)
     share = 6.0 * weights * speed_pdf(speed, dim) * rate
     return speed / mean_speed(dim), rate, share
 
