@@ -154,7 +154,7 @@ class FreePath(Estimator):
     @property
     def n_blocks(self) -> int:
         """How many blocks were added."""
-        return self._blocks.n_samples if len(self._blocks) else 0
+        return self._blocks.n_samples
 
     @property
     def flights(self) -> int:
@@ -318,7 +318,7 @@ class FreePath(Estimator):
         def joined(name: str) -> FloatArray:
             columns = self._rows(name)
             per_species = columns.reshape(len(columns), len(self._particles), -1)[:, kind, :wide]
-            return per_species.reshape(len(columns), SPEED_BINS, FINE).sum(axis=2)
+            return np.asarray(per_species.reshape(len(columns), SPEED_BINS, FINE).sum(axis=2))
 
         counts, sums = joined("speed_counts"), joined(f"speed_{what}")
         filled = np.flatnonzero(counts.mean(axis=0) * self.n_blocks >= 100.0)
