@@ -30,7 +30,7 @@ FloatArray = NDArray[np.float64]
 Kind = Literal["path", "time"]
 
 ROWS = 256  # of the series of blocks: each holds whole histograms
-SURVIVAL_AT = (0.25, 0.5, 1.0, 2.0, 3.0, 5.0)
+SURVIVAL_AT = (0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 5.0)
 SPEED_BINS = 20  # a quarter of a thermal speed each
 FINE = 4  # bins of the engine in one of these
 CONTACT_DOUBT = {2: 0.005, 3: 0.003}  # relative uncertainty of g_ij - 1 in mixtures

@@ -10,7 +10,6 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import ScalarFormatter
 from numpy.typing import NDArray
 
 from analysis.theory import FreeFlights
@@ -121,10 +120,11 @@ def _draw_mean_residuals(axes: Axes, states: Sequence[FreePathState]) -> None:
             shifted, residual, error, fmt=MARKS[k % 2], ms=4, lw=1.2, color=COLOURS[SPECIES[k % 2]], zorder=3
         )
         largest = max(largest, float(np.max(np.abs(residual) + error)), float(doubt.max()))
+    axes.set_xscale("log")
     axes.set_ylim(-1.3 * largest, 1.3 * largest)
     axes.set_xlabel("packing fraction")
     axes.set_ylabel("ratio to theory \u2212 1\nin parts per 1000", fontsize=8.5)
-    axes.legend(fontsize=7.5, loc="lower left")
+    axes.legend(fontsize=7.5)
 
 
 def _draw_survival(axes: Axes, below: Axes, states: Sequence[FreePathState], shades: FloatArray) -> None:
@@ -182,4 +182,3 @@ def _draw_speeds(axes: Axes, below: Axes, states: Sequence[FreePathState], shade
     below.set_ylim(-1.2 * largest, 1.2 * largest)
     below.set_xlabel(r"$v \,/\, \sqrt{kT/m}$")
     below.set_ylabel("ratio to theory \u2212 1\nin per cent", fontsize=8.5)
-    below.xaxis.set_major_formatter(ScalarFormatter())

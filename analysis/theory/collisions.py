@@ -32,6 +32,8 @@ __all__ = [
 
 FloatArray = NDArray[np.float64]
 
+NODES, PANELS = 16, 24  # of the quadrature over speeds: in each panel, and how many panels
+
 
 def collision_rate(
     eta: ArrayLike, dim: int, diameter: float = 1.0, mass: float = 1.0, temperature: float = 1.0
@@ -217,13 +219,21 @@ def relative_rate(c: FloatArray, dim: int) -> FloatArray:
     return np.asarray(((1 + c**2) * special.ive(0, x) + c**2 * special.ive(1, x)) / math.sqrt(2))
 
 
+@lru_cache(maxsize=1)
+def quadrature() -> tuple[FloatArray, FloatArray]:
+    """Nodes and weights of Gauss and Legendre on [0, 1], in panels."""
+    nodes, weights = np.polynomial.legendre.leggauss(NODES)
+    places = np.add.outer(np.arange(PANELS), (nodes + 1.0) / 2).ravel() / PANELS
+    return places, np.tile(weights / 2 / PANELS, PANELS)
+
+
 @lru_cache(maxsize=2)
 def _flights(dim: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Speeds in units of the mean, their rates in units of the mean, and the weights of flights at them."""
-    nodes, weights = np.polynomial.legendre.leggauss(600)
-    speed = 6.0 * (nodes + 1.0)  # 0 to 12 thermal speeds
+    nodes, weights = quadrature()
+    speed = 12.0 * nodes  # 0 to 12 thermal speeds
     rate = relative_rate(speed / math.sqrt(2), dim)
-    share = 6.0 * weights * speed_pdf(speed, dim) * rate
+    share = 12.0 * weights * speed_pdf(speed, dim) * rate
     return speed / mean_speed(dim), rate, share
 
 

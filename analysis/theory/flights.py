@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from analysis.theory.collisions import relative_rate
+from analysis.theory.collisions import quadrature, relative_rate
 from analysis.theory.maxwell import mean_speed, speed_pdf
 from analysis.theory.mixtures import mixture_contact_values
 from analysis.theory.prediction import Prediction, packing_fraction
@@ -18,13 +17,7 @@ __all__ = ["FreeFlights"]
 
 FloatArray = NDArray[np.float64]
 
-NODES = 300  # of Gauss and Legendre's quadrature over speeds
 FASTEST = 12.0  # thermal speeds
-
-
-@lru_cache(maxsize=1)
-def _legendre() -> tuple[FloatArray, FloatArray]:
-    return np.polynomial.legendre.leggauss(NODES)
 
 
 @dataclass(frozen=True)
@@ -86,10 +79,9 @@ class FreeFlights:
     def _nodes(self, low: float, high: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Speeds, their rates, and the share of the particles at them, between two speeds."""
         mass = float(np.asarray(self.masses, dtype=np.float64)[self.species])
-        nodes, weights = _legendre()
-        half = (high - low) / 2
-        speed = low + half * (nodes + 1.0)
-        share = half * weights * speed_pdf(speed, self.dim, mass, self.temperature)
+        nodes, weights = quadrature()
+        speed = low + (high - low) * nodes
+        share = (high - low) * weights * speed_pdf(speed, self.dim, mass, self.temperature)
         return speed, self.rates(speed).sum(axis=-1), share
 
     def _all(self) -> tuple[FloatArray, FloatArray, FloatArray]:
