@@ -251,9 +251,10 @@ class Simulation:
         except BaseException:
             self._keep_clock()
             raise
+        else:
+            self._epoch, self._moment = epoch, moment
         finally:
             self._engine.hand_over_log()
-        self._epoch, self._moment = epoch, moment
 
     def _run_collisions(self, goal: int) -> None:
         if goal > self.collisions:

@@ -121,10 +121,10 @@ def _draw_mean_residuals(axes: Axes, states: Sequence[FreePathState]) -> None:
         )
         largest = max(largest, float(np.max(np.abs(residual) + error)), float(doubt.max()))
     axes.set_xscale("log")
-    axes.set_ylim(-1.3 * largest, 1.3 * largest)
+    axes.set_ylim(-1.3 * largest, 1.8 * largest)
     axes.set_xlabel("packing fraction")
     axes.set_ylabel("ratio to theory \u2212 1\nin parts per 1000", fontsize=8.5)
-    axes.legend(fontsize=7.5)
+    axes.legend(fontsize=7.5, loc="upper left")
 
 
 def _draw_survival(axes: Axes, below: Axes, states: Sequence[FreePathState], shades: FloatArray) -> None:

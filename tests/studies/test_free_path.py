@@ -25,7 +25,7 @@ def states_of(study):
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
     out = OutputFolder(tmp_path_factory.mktemp("runs") / "free-path-5")
-    study = FreePaths((0.002, 0.05), Fluid(n=200), 100.0, replicas=2, seed=5, workers=1)
+    study = FreePaths((0.002, 0.05), Fluid(n=200), 50.0, replicas=2, seed=5, workers=1)
     summary, sound = free_path(study, out, Screen(json_output=True))
     return study, out, summary, sound
 
@@ -50,9 +50,9 @@ def test_all_files_are_there_and_agree(finished):
         assert abs(measured["deviation"]) < 5
     for eta, state in zip((0.002, 0.05), stored["states"], strict=True):
         mean, *_ = state["measured"]
-        assert mean["quantity"] == "mean free path" and mean["standard_error"] < 0.02 * mean["value"]
+        assert mean["quantity"] == "mean free path" and mean["standard_error"] < 0.03 * mean["value"]
         assert mean["expected"] == pytest.approx(float(theory.finite_size_mean_free_path(eta, 3, 200).value))
-        assert state["flights"] == 2 * 2 * 10_000
+        assert state["flights"] == 2 * 2 * 5_000
     with (out.path / "free_path_curves.csv").open() as handle:
         curves = list(csv.DictReader(handle))
     survival = [row for row in curves if row["curve"].startswith("part of free paths")]
@@ -63,7 +63,7 @@ def test_all_files_are_there_and_agree(finished):
 
 def test_workers_change_nothing(finished, tmp_path):
     study, _, summary, _ = finished
-    other = FreePaths(study.packing_fractions, study.fluid, 100.0, replicas=2, seed=5, workers=2)
+    other = FreePaths(study.packing_fractions, study.fluid, 50.0, replicas=2, seed=5, workers=2)
     again, _ = free_path(other, OutputFolder(tmp_path / "again"), Screen(json_output=True))
     assert again["states"] == summary["states"] and again["checks"] == summary["checks"]
 
