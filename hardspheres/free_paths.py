@@ -121,6 +121,17 @@ class FlightTallies:
         Where the simulation started.
     at : module
         The names in `kernel.layout`, for this kind of scene.
+
+    Attributes
+    ----------
+    kinds : (N,) int32 array
+        Species of each particle.
+    particles : (k,) int64 array
+        How many there are of each.
+    units : (k, 3) float64 array
+        `expected_flights`.
+    paths_before : (k,) float64 array
+        Paths of the flights that were under way when the tallies were reset, up to then.
     """
 
     def __init__(self, scene: Scene, at: Any) -> None:
@@ -128,7 +139,7 @@ class FlightTallies:
         self.kinds = kinds_of(scene)
         self.particles = np.bincount(self.kinds).astype(np.int64)
         self.units = expected_flights(scene)
-        self._paths_before = np.zeros(len(self.particles))
+        self.paths_before = np.zeros(len(self.particles))
 
     def prepared(self, length: float) -> tuple[Floats, Floats]:
         """Return what the kernels need for epochs of this length: each particle's flight, and the units of the bins."""
@@ -159,7 +170,7 @@ class FlightTallies:
         """Begin anew at this time."""
         arrays.total[self.at.FLIGHT_SUMS :] = 0.0
         arrays.counter[self.at.FLIGHT_COUNTS :] = 0
-        self._paths_before = self._under_way(arrays, epoch, moment)
+        self.paths_before = self._under_way(arrays, epoch, moment)
 
     def read(self, arrays: Any, epoch: int, moment: float, passed: float) -> FreePaths:
         """Return what was tallied until now, in a window of this duration."""
@@ -175,7 +186,7 @@ class FlightTallies:
             self.particles.copy(),
             counts[:, at.FLIGHTS_ENDED],
             counts[:, at.FIRST_FLIGHTS],
-            ended + self._under_way(arrays, epoch, moment) - self._paths_before,
+            ended + self._under_way(arrays, epoch, moment) - self.paths_before,
             sums[:, at.PATHS : at.PATHS + 3],
             sums[:, at.TIMES : at.TIMES + 3],
             path * octave_edges(at),

@@ -74,7 +74,7 @@ class Frame:
     positions: Floats
     velocities: Floats
     scene: Scene
-    unwound: tuple[Floats, NDArray[np.int32]] | None = field(default=None, repr=False)
+    unwound: tuple[Floats, NDArray[np.integer[Any]]] | None = field(default=None, repr=False)
 
     @property
     def unwrapped_positions(self) -> Floats:
@@ -432,8 +432,8 @@ class Simulation:
         return unwrapped
 
     @property
-    def _turns(self) -> NDArray[np.int32]:
-        turns: NDArray[np.int32] = self._engine.arrays.turns.reshape(self.scene.n, self.scene.dim)
+    def _turns(self) -> NDArray[np.integer[Any]]:
+        turns: NDArray[np.integer[Any]] = self._engine.arrays.turns.reshape(self.scene.n, self.scene.dim)
         return turns
 
     @property

@@ -190,6 +190,35 @@ def test_windows_add_up():
         assert np.all(np.diff(edges[0]) > 0)
 
 
+def test_flights_without_a_beginning_would_bias_the_sample():
+    """Sibling: from the start, where first flights are left out, the sample is too short; path over ends never is."""
+    scene = gas("3d", 500, 0.05, seed=5)
+    early, late = (hs.Simulation(scene, free_paths=True) for _ in range(2))
+    early.run(collisions=500)
+    late.run(collisions=5000)
+    late.reset_tallies()
+    late.run(collisions=20_000)
+    sample, truth = early.free_paths, late.free_paths
+    mean = truth.path_sums[0, 0] / truth.flights[0]
+    assert truth.first_flights[0] == 0
+    assert truth.path_flown[0] / truth.flights[0] == pytest.approx(mean, rel=1e-2)
+    assert sample.first_flights[0] > 300
+    assert sample.path_sums[0, 0] / sample.flights[0] < 0.75 * mean
+    ends = sample.flights[0] + sample.first_flights[0]
+    assert sample.path_flown[0] / ends == pytest.approx(mean, rel=0.1)
+
+
+def test_gases_that_hardly_move():
+    """Nobody at all, one particle, and nobody that meets: counts of nothing, paths of what moved."""
+    scene = gas("3d", 500, 0.1, seed=5)
+    still = hs.Simulation(scene.replace(velocities=np.zeros((500, 3))), free_paths=True)
+    still.run(time=1e6)
+    assert still.free_paths.path_flown[0] == 0.0 and still.free_paths.flights[0] == 0
+    together = hs.Simulation(scene.replace(velocities=np.full((500, 3), 2.0)), free_paths=True)
+    together.run(time=10.0)
+    assert together.free_paths.path_flown[0] == pytest.approx(500 * 10.0 * np.sqrt(12.0))
+
+
 def test_asked_for_without_being_tallied():
     scene = gas("3d", 40, 0.05)
     with pytest.raises(hs.SimulationError, match=r"construct with Simulation\(scene, free_paths=True\)"):
