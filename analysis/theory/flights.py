@@ -31,6 +31,8 @@ class FreeFlights:
     van Wijland and Trizac, Phys. Rev. E 77, 041117 (2008), doi 10.1103/PhysRevE.77.041117). Means are exact given
     g_ij. The laws of single flights are exact for eta -> 0; at finite density they are Enskog's approximation, which
     lacks repeated collisions with the same neighbours: a relative error of order eta, which is their uncertainty.
+    Simulated, one species: <l^2>/<l>^2 and <t^2>/<t>^2 are 2.0 and 2.8 % lower at eta = 0.1, 2.1 and 2.5 % at 0.3 in 3D;
+    0.2 and 0.6 % at 0.01, 1.2 and 2.6 % at 0.1, 1.8 and 2.7 % at 0.5 in 2D; each to 0.2 %.
 
     Parameters
     ----------
