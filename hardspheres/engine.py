@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 
 from hardspheres.errors import SimulationError
+from hardspheres.event_log import ROOM, Sink, as_events
+from hardspheres.free_paths import FlightTallies
 from hardspheres.scene import Scene
 from hardspheres.tuning import (
     SLACK,
@@ -41,6 +43,10 @@ class Engine:
     growth : (float, float), optional
         The radii are those of the scene times a scale: its value at the start, and how much it grows in a unit of time. It
         must not pass 1, which is what the lists are made for.
+    flights : bool
+        Tally free flights.
+    sink : callable, optional
+        Takes chunks of the events' log; needs `flights`.
 
     Attributes
     ----------
@@ -48,9 +54,17 @@ class Engine:
         What the kernels work on; `number`, `counter`, `total` are addressed by the names in `kernel.layout`.
     layout : module
         Those names, for this kind of scene.
+    flights : FlightTallies or None
+        What the tallies of flights mean.
     """
 
-    def __init__(self, scene: Scene, growth: tuple[float, float] | None = None) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        growth: tuple[float, float] | None = None,
+        flights: bool = False,
+        sink: Sink | None = None,
+    ) -> None:
         from hardspheres.kernel import specialise
 
         sizes = bool(np.any(scene.radii != scene.radii[0]))
@@ -58,10 +72,18 @@ class Engine:
         plan = window_plan(scene) if growth is None else None
         self.large = np.flatnonzero(scene.radii > plan.small_radius) if plan else np.zeros(0, dtype=np.int64)
         self.kernels: Any = specialise(
-            scene.dim, not bool(scene.periodic.all()), sizes, masses, plan is not None, growth is not None
+            scene.dim,
+            not bool(scene.periodic.all()),
+            sizes,
+            masses,
+            plan is not None,
+            growth is not None,
+            flights,
         )
         self.layout: Any = self.kernels.layout
         self.scene = scene
+        self.flights = FlightTallies(scene, self.layout) if flights else None
+        self._sink = sink
         at = self.layout
         n, dim = scene.n, scene.dim
 
@@ -73,10 +95,12 @@ class Engine:
         if sizes:
             table[:, at.RADIUS] = scene.radii
 
-        number = np.zeros(at.NUMBERS)
-        count = np.zeros(at.COUNTERS, dtype=np.int64)
-        sigma = 2.0 * float(scene.radii[0])
         length = epoch_length(scene)
+        flight, units = self.flights.prepared(length) if self.flights else (np.zeros(1), np.zeros(0))
+        sums, counts = self.flights.room if self.flights else (0, 0)
+        number = np.append(np.zeros(at.NUMBERS), units)
+        count = np.zeros(at.COUNTERS + counts, dtype=np.int64)
+        sigma = 2.0 * float(scene.radii[0])
         number[at.BOX : at.BOX + dim] = scene.box
         number[at.INVERSE : at.INVERSE + dim] = np.where(scene.periodic, 1.0 / scene.box, 0.0)
         number[at.EPOCH_LENGTH] = length
@@ -90,6 +114,8 @@ class Engine:
         count[at.N] = n
         count[at.AGENDA_ROOM] = 1024 + n // 16
         count[at.BEYOND_CACHE] = int(n > CACHED)
+        count[at.KINDS] = len(units) // 3
+        count[at.LOG_ROOM] = ROOM if sink else 0
         if plan is None:
             self._plan_lists(scene, number, count)
         else:
@@ -104,15 +130,18 @@ class Engine:
             version=np.zeros(n, dtype=np.int32),
             mass=np.array(scene.masses if masses else scene.masses[:1]),
             turns=np.zeros(n * dim, dtype=np.int32),
+            flight=flight,
+            log=aligned(int(count[at.LOG_ROOM]) * at.LOG_ROW + 1, np.float64),
             where=np.zeros(n, dtype=np.int32),
             scratch=scratch,
             scratch_int=scratch.view(np.int64),
             number=number,
             counter=count,
-            total=np.zeros(at.LEDGER + 3),
+            total=np.zeros(at.FLIGHT_SUMS + sums),
             **self._searching_arrays(count, self.chunks),
         )
         self._afresh = True
+        self.paused = False  # whether the last run ended because its budget of work ran out
 
     def _plan_lists(self, scene: Scene, number: Any, count: Any) -> None:
         """Choose shells, cells and calendar of the list method."""
@@ -255,10 +284,14 @@ class Engine:
         status = self.kernels.run(
             self.arrays, self.cells, self.chunks, afresh, stop_epoch, stop_time, stop_pairs, budget
         )
+        self.paused = status == self.kernels.PAUSED
         if status == self.kernels.NO_ROOM:
             self._make_room()
             return False
         self._afresh = False
+        if status == self.kernels.LOG_FULL:
+            self.hand_over_log()
+            return False
         if status == self.kernels.STANDS_STILL:
             raise SimulationError(
                 f"time stands still: {1000 * self.scene.n} events without progress at "
@@ -266,6 +299,15 @@ class Engine:
                 "so give them room"
             )
         return bool(status == self.kernels.DONE)
+
+    def hand_over_log(self) -> None:
+        """Hand the events in the buffer over, in a chunk of their own; at most once, whatever becomes of them."""
+        at, arrays = self.layout, self.arrays
+        logged = int(arrays.counter[at.LOGGED])
+        if self._sink is not None and logged:
+            events = as_events(arrays.log[: logged * at.LOG_ROW].reshape(logged, at.LOG_ROW), at)
+            arrays.counter[at.LOGGED] = 0
+            self._sink(events)
 
     @property
     def rows(self) -> Any:

@@ -1,9 +1,10 @@
 """Simulation: a scene in motion. Runs it, shows it, tallies it; looking never changes it."""
 
 import math
+import os
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,8 @@ from numpy.typing import NDArray
 
 from hardspheres.engine import Engine
 from hardspheres.errors import InvariantError, SimulationError
+from hardspheres.event_log import sink_of
+from hardspheres.free_paths import MOST_SPECIES, FreePaths
 from hardspheres.scene import Scene, kinetic_energy, returned_to_box, thermal_energy, total_momentum
 from hardspheres.tuning import collision_frequency
 
@@ -60,6 +63,9 @@ class Frame:
         Velocities.
     scene : Scene
         Where the simulation started: radii, masses, box, boundary.
+    unwound : pair of (N, d) arrays, optional
+        What `unwrapped_positions` is made of when it is asked for: positions not returned to the box since the last epoch,
+        and how often they were before. None in a frame that no simulation made.
     """
 
     time: float
@@ -68,6 +74,24 @@ class Frame:
     positions: Floats
     velocities: Floats
     scene: Scene
+    unwound: tuple[Floats, NDArray[np.integer[Any]]] | None = field(default=None, repr=False)
+
+    @property
+    def unwrapped_positions(self) -> Floats:
+        """Positions followed through the periodic boundaries from the start, shape (N, d).
+
+        Raises
+        ------
+        SimulationError
+            In a frame that no simulation made, such as one that was read from a file.
+        """
+        if self.unwound is None:
+            raise SimulationError(
+                "no simulation made this frame, so nobody knows how often its particles went round the box"
+            )
+        flown, turns = self.unwound
+        unwrapped: Floats = flown + turns * self.scene.box
+        return unwrapped
 
 
 @dataclass(frozen=True)
@@ -110,6 +134,17 @@ class Simulation:
     ----------
     scene : Scene
         Where to start. It stays as it is.
+    free_paths : bool, default False
+        Tally every free flight, see `free_paths`; costs some 10 % of speed.
+    log : callable or path, optional
+        Where every event goes, see `hardspheres.event_log.event_dtype`: a function that takes chunks (structured arrays, in
+        the order of execution), or the path of a ``.npy`` file, replaced if it is there. Events are handed over 8192 at a
+        time, and the rest when `run` returns or a frame is due; there is nothing to close. A log tallies free flights too.
+
+    Raises
+    ------
+    SimulationError
+        If free paths are asked for and there are more than 32 species, or the log cannot be written.
 
     Examples
     --------
@@ -120,9 +155,22 @@ class Simulation:
     1000
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        free_paths: bool = False,
+        log: Callable[[NDArray[np.void]], object] | str | os.PathLike[str] | None = None,
+    ) -> None:
+        kinds = int(scene.species.max()) + 1
+        if free_paths and kinds > MOST_SPECIES:
+            raise SimulationError(
+                f"free_paths=True tells up to {MOST_SPECIES} species apart, and this scene has {kinds}; leave it out, and use "
+                "log=... for the path of each flight"
+            )
         self.scene = scene
-        self._engine = Engine(scene)
+        sink = None if log is None else sink_of(log, scene.dim)
+        self._engine = Engine(scene, flights=free_paths or sink is not None, sink=sink)
         self._at = self._engine.layout
         self._epoch = 0  # sim.time is two numbers: whole epochs, and the time within this one
         self._moment = 0.0
@@ -182,7 +230,7 @@ class Simulation:
         budget = self._budget
         reached = self._engine.run(epoch, moment, pairs, budget)
         took = time.perf_counter() - began
-        if not reached:
+        if self._engine.paused:
             self._budget = int(budget * min(max(SLICE / max(took, 1e-6), 0.5), 2.0)) + 1
         return reached
 
@@ -203,7 +251,10 @@ class Simulation:
         except BaseException:
             self._keep_clock()
             raise
-        self._epoch, self._moment = epoch, moment
+        else:
+            self._epoch, self._moment = epoch, moment
+        finally:
+            self._engine.hand_over_log()
 
     def _run_collisions(self, goal: int) -> None:
         if goal > self.collisions:
@@ -222,6 +273,7 @@ class Simulation:
                     )
         finally:
             self._keep_clock()
+            self._engine.hand_over_log()
 
     def _require_something_to_come(self) -> None:
         """Raise SimulationError where it is certain that no two particles will ever meet.
@@ -321,13 +373,15 @@ class Simulation:
 
     def frame(self) -> Frame:
         """Return the gas as it is now."""
+        flown = self._flown()
         return Frame(
             self.time,
             self.collisions,
             self.collisions_per_particle,
-            self.positions,
+            returned_to_box(flown, self.scene.box, self.scene.periodic),
             self.velocities,
             self.scene,
+            (flown, self._turns.copy()),
         )
 
     # Looking.
@@ -374,9 +428,13 @@ class Simulation:
     @property
     def unwrapped_positions(self) -> Floats:
         """Positions now, followed through the periodic boundaries from the start, shape (N, d)."""
-        turns = self._engine.arrays.turns.reshape(self.scene.n, self.scene.dim)
-        unwrapped: Floats = self._flown() + turns * self.scene.box
+        unwrapped: Floats = self._flown() + self._turns * self.scene.box
         return unwrapped
+
+    @property
+    def _turns(self) -> NDArray[np.integer[Any]]:
+        turns: NDArray[np.integer[Any]] = self._engine.arrays.turns.reshape(self.scene.n, self.scene.dim)
+        return turns
 
     @property
     def velocities(self) -> Floats:
@@ -415,6 +473,8 @@ class Simulation:
         """Begin the tallies anew; time, collisions and the dynamics go on."""
         self._engine.arrays.total[: self._at.SUMS] = 0.0
         self._since = (self._epoch, self._moment, self.collisions, self.wall_collisions)
+        if self._engine.flights:
+            self._engine.flights.reset(self._engine.arrays, self._epoch, self._moment)
 
     def _sums(self, first: int) -> Floats:
         sums: Floats = self._engine.arrays.total[first : first + 2 * self.scene.dim].reshape(-1, 2).copy()
@@ -425,7 +485,7 @@ class Simulation:
         """What was counted since `reset_tallies`."""
         at, total = self._at, self._engine.arrays.total
         epoch, moment, collisions, wall_collisions = self._since
-        passed = (self._epoch - epoch) * self._length + (self._moment - moment)
+        passed = self._passed
         places = np.array(COMPONENTS[self.scene.dim])
         v, m = self.velocities, self.scene.masses
         # integral of K from t0 to t1 = K(t1) (t1 - t0) - sum over events of dK (t - t0)
@@ -441,6 +501,31 @@ class Simulation:
             self._sums(at.WALL_IMPULSE),
             self._sums(at.WALL_RADIUS_IMPULSE),
         )
+
+    @property
+    def _passed(self) -> float:
+        epoch, moment, *_ = self._since
+        return (self._epoch - epoch) * self._length + (self._moment - moment)
+
+    @property
+    def free_paths(self) -> FreePaths:
+        """What was tallied of the free flights since `reset_tallies`; needs ``Simulation(scene, free_paths=True)``.
+
+        Raises
+        ------
+        SimulationError
+            If they are not tallied.
+        """
+        flights = self._engine.flights
+        if flights is None:
+            raise SimulationError(
+                "free paths are not tallied; construct with Simulation(scene, free_paths=True)"
+            )
+        if int(self.scene.species.max()) >= MOST_SPECIES:
+            raise SimulationError(
+                f"free paths are tallied for up to {MOST_SPECIES} species only; read them from the log"
+            )
+        return flights.read(self._engine.arrays, self._epoch, self._moment, self._passed)
 
     @property
     def pressure_tensor(self) -> Floats:

@@ -189,13 +189,15 @@ def broken(simulation: hs.Simulation) -> str | None:
     return None
 
 
-def load_kernels(fluids: Sequence[Fluid]) -> None:
+def load_kernels(fluids: Sequence[Fluid], free_paths: bool = False) -> None:
     """Compile or load all that fluids of one kind need: thin ones, dense ones, and growth.
 
     Parameters
     ----------
     fluids : sequence of Fluid
         By ascending packing fraction.
+    free_paths : bool
+        Whether free flights will be tallied.
 
     Raises
     ------
@@ -206,7 +208,7 @@ def load_kernels(fluids: Sequence[Fluid]) -> None:
     easy = [fluid for fluid in fluids if not fluid.dense]
     dense = [replace(fluid, n=min(fluid.n, ENOUGH_TO_COMPILE)) for fluid in fluids if fluid.dense]
     for fluid in dict.fromkeys([*easy[:1], *easy[-1:], *dense[:1]]):
-        hs.Simulation(fluid.scene(seed)).run(collisions=1)
+        hs.Simulation(fluid.scene(seed), free_paths=free_paths).run(collisions=1)
 
 
 def run_fluids(

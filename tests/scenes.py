@@ -41,3 +41,25 @@ def state(sim):
         sim.wall_collisions,
         int(a.counter[at.EPOCH]),
     )
+
+
+LISTS, WINDOWS = {2: 0.0, 3: 0.0}, {2: 1.0, 3: 1.0}  # for `tuning.SPARSE_BELOW`
+# Kinds and methods that the default tests compile with tallies of flights.
+WITH_FLIGHTS = [("3d", WINDOWS), ("3d_mixture", LISTS)]
+
+
+def method_name(value):
+    """Name of a parameter in the tests of flights."""
+    return value if isinstance(value, str) else ("lists" if value is LISTS else "windows")
+
+
+def state_without_flights(sim):
+    """Every bit that the tallies of flights must not change."""
+    at, a = sim._at, sim._engine.arrays
+    sums = a.total[: at.LEDGER + 3].tobytes()
+    return a.row.tobytes(), sums, a.turns.tobytes(), sim.collisions, sim.wall_collisions, sim.time
+
+
+def flight_bits(tallies):
+    """Every bit of the tallies of flights."""
+    return b"".join(np.ascontiguousarray(part).tobytes() for part in vars(tallies).values())

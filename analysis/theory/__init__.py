@@ -8,8 +8,8 @@ A theory that is not exact comes as a `Prediction`, a value with a standard unce
 outside the range in which it was established gives a `TheoryRangeWarning`.
 
 One idea per file: `maxwell` velocities at equilibrium, `equilibrium` cumulants and H of N particles, `state`
-equations of state, `mixtures`, `collisions` rates and free flights, `relaxation` and `equal_speeds` the way
-to equilibrium, `transport` Enskog's coefficients, `two_spheres` exact rates of the smallest gas.
+equations of state, `mixtures`, `collisions` rates and free flights, `flights` the same in mixtures, `relaxation`
+and `equal_speeds` the way to equilibrium, `transport` Enskog's coefficients, `two_spheres` exact rates of the smallest gas.
 """
 
 from analysis.theory.collisions import (
@@ -44,6 +44,7 @@ from analysis.theory.equilibrium import (
     equilibrium_h,
     ks_floor,
 )
+from analysis.theory.flights import FreeFlights
 from analysis.theory.maxwell import (
     component_cdf,
     component_pdf,
@@ -97,6 +98,7 @@ __all__ = [
     "KS_BINS",
     "SPEED_LIMIT",
     "EqualSpeedsRelaxation",
+    "FreeFlights",
     "Prediction",
     "TheoryRangeWarning",
     "anisotropy_decay",

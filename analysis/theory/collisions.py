@@ -32,6 +32,8 @@ __all__ = [
 
 FloatArray = NDArray[np.float64]
 
+NODES, PANELS = 16, 24  # of the quadrature over speeds: in each panel, and how many panels
+
 
 def collision_rate(
     eta: ArrayLike, dim: int, diameter: float = 1.0, mass: float = 1.0, temperature: float = 1.0
@@ -189,7 +191,7 @@ def speed_dependent_rate(
         sigma, m and kT.
     """
     c = np.asarray(speed, dtype=np.float64) / math.sqrt(2 * temperature / mass)
-    return np.asarray(_relative_rate(c, dim) * collision_rate(eta, dim, diameter, mass, temperature))
+    return np.asarray(relative_rate(c, dim) * collision_rate(eta, dim, diameter, mass, temperature))
 
 
 def speed_dependent_free_path(
@@ -203,8 +205,8 @@ def speed_dependent_free_path(
     return np.asarray(np.asarray(speed, dtype=np.float64) / rate)
 
 
-def _relative_rate(c: FloatArray, dim: int) -> FloatArray:
-    """nu(v)/nu, c = v/sqrt(2kT/m)."""
+def relative_rate(c: FloatArray, dim: int) -> FloatArray:
+    """Return nu(v)/nu of one species, c = v/sqrt(2kT/m); see `speed_dependent_rate`."""
     check_dim(dim)
     if dim == 3:
         small = c < 1e-4
@@ -217,13 +219,21 @@ def _relative_rate(c: FloatArray, dim: int) -> FloatArray:
     return np.asarray(((1 + c**2) * special.ive(0, x) + c**2 * special.ive(1, x)) / math.sqrt(2))
 
 
+@lru_cache(maxsize=1)
+def quadrature() -> tuple[FloatArray, FloatArray]:
+    """Nodes and weights of Gauss and Legendre on [0, 1], in panels."""
+    nodes, weights = np.polynomial.legendre.leggauss(NODES)
+    places = np.add.outer(np.arange(PANELS), (nodes + 1.0) / 2).ravel() / PANELS
+    return places, np.tile(weights / 2 / PANELS, PANELS)
+
+
 @lru_cache(maxsize=2)
 def _flights(dim: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Speeds in units of the mean, their rates in units of the mean, and the weights of flights at them."""
-    nodes, weights = np.polynomial.legendre.leggauss(600)
-    speed = 6.0 * (nodes + 1.0)  # 0 to 12 thermal speeds
-    rate = _relative_rate(speed / math.sqrt(2), dim)
-    share = 6.0 * weights * speed_pdf(speed, dim) * rate
+    nodes, weights = quadrature()
+    speed = 12.0 * nodes  # 0 to 12 thermal speeds
+    rate = relative_rate(speed / math.sqrt(2), dim)
+    share = 12.0 * weights * speed_pdf(speed, dim) * rate
     return speed / mean_speed(dim), rate, share
 
 

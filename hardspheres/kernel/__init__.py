@@ -40,6 +40,10 @@ lower, then the higher id; a wall counts as the id n + 2 axis + side.
 
 Where a gas is larger than the processor's caches, what the coming events need is fetched ahead; that too changes no bit.
 
+**Flights** (`flights`, `log`). On request every free flight is tallied when a collision of two particles ends it, and events
+are written down. That reads the rows and writes none of them; a full buffer makes the run return, and it goes on as if it had
+not. Other kernels have nothing of it.
+
 **Growth.** To make dense random starts (`hardspheres.compression`) all radii may grow linearly in time: at time t of an epoch they
 are the rows' radii times SCALE + GROWTH t. Contacts are then those of `hardspheres.growth`, lists reach as far as the largest size
 needs, and everything else is as before.
@@ -62,7 +66,13 @@ __all__ = ["specialise"]
 
 
 def specialise(
-    dim: int, walls: bool, sizes: bool, masses: bool, sparse: bool, grows: bool = False
+    dim: int,
+    walls: bool,
+    sizes: bool,
+    masses: bool,
+    sparse: bool,
+    grows: bool = False,
+    flights: bool = False,
 ) -> types.ModuleType:
     """Load the kernels for one kind of scene.
 
@@ -76,6 +86,8 @@ def specialise(
         Windows in place of lists: the same trajectory, faster where the gas is dilute.
     grows : bool
         Radii grow linearly in time; with lists only.
+    flights : bool
+        Free flights are tallied and events can be logged; not with `grows`.
 
     Returns
     -------
@@ -89,6 +101,7 @@ def specialise(
         + "_masses" * masses
         + "_sparse" * sparse
         + "_grows" * grows
+        + "_flights" * flights
     )
     name = f"{__name__}.{tag}"
     if f"{name}.loop" not in sys.modules:
@@ -97,7 +110,8 @@ def specialise(
         package = types.ModuleType(name)
         package.__path__ = [str(Path(__file__).parent)]
         flags = types.ModuleType(f"{name}.flags")
-        vars(flags).update(DIM=dim, WALLS=walls, SIZES=sizes, MASSES=masses, SPARSE=sparse, GROWS=grows)
+        vars(flags).update(DIM=dim, WALLS=walls, SIZES=sizes, MASSES=masses, SPARSE=sparse)
+        vars(flags).update(GROWS=grows, FLIGHTS=flights)
         sys.modules[name] = package
         sys.modules[flags.__name__] = flags
         with cached_in(cache_folder(tag)):

@@ -16,6 +16,8 @@ class Arrays(NamedTuple):
     version: object  # int32 (n): how often a particle's row has changed through events
     mass: object  # float64 (n), or one element where all are equal
     turns: object  # int32 (n * DIM): how often the row was wrapped back into the box
+    flight: object  # float64 (n * FLIGHT): where FLIGHTS, when each particle's flight began
+    log: object  # float64 (LOG_ROOM * LOG_ROW): events that are still to be handed over
     neighbours: object  # int32 (n * LIST_ROOM): ids, then n in all slots that are left
     images: object  # int32 (n * LIST_ROOM * DIM): image of each neighbour, where IMAGES
     where: object  # int32 (n): slot in the cells

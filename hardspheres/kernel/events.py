@@ -5,7 +5,8 @@ import math
 from hardspheres import collision, growth
 
 from .compiler import jit, part
-from .flags import DIM, GROWS, MASSES, SIZES, SPARSE
+from .flags import DIM, FLIGHTS, GROWS, MASSES, SIZES, SPARSE
+from .flights import end_flight, tally_encounter
 from .layout import (
     BOX,
     CENTRE,
@@ -16,6 +17,7 @@ from .layout import (
     GROWTH,
     INVERSE,
     LAST_PAIR_EPOCH,
+    LOG_ROOM,
     MASS,
     NOW,
     PAIRS,
@@ -30,6 +32,7 @@ from .layout import (
     V,
     X,
 )
+from .log import log_pair, log_wall
 from .prediction import full_contact, rint
 from .tallies import tally_pair, tally_stress, tally_wall
 
@@ -58,6 +61,11 @@ def collide_pair(s, i, j, t):
     row = s.row
     fly(s, i, t)
     fly(s, j, t)
+    low, high = min(i, j), max(i, j)
+    path_low, path_high = 0.0, 0.0
+    if FLIGHTS:
+        path_low, path_high = end_flight(s, low, t), end_flight(s, high, t)
+        tally_encounter(s, low, high)
     ri, rj = i * ROW, j * ROW
     x = THREE_QUARTERS * nearest(s, 0, row[ri + X] - row[rj + X])
     y = THREE_QUARTERS * nearest(s, 1, row[ri + X + 1] - row[rj + X + 1])
@@ -79,6 +87,9 @@ def collide_pair(s, i, j, t):
         mi, mj = s.mass[i], s.mass[j]
         reduced = 1.0 / (1.0 / mi + 1.0 / mj)
     push = impulse(b, rr, reduced)
+    if FLIGHTS and s.counter[LOG_ROOM] > 0:
+        sign = 1.0 if i == low else -1.0
+        log_pair(s, low, high, t, push, rr, sign * x, sign * y, sign * z, path_low, path_high)
     pi, pj = push / mi, push / mj
     row[ri + V] += pi * x
     row[rj + V] -= pj * x
@@ -115,6 +126,8 @@ def hit_wall(s, i, wall, t):
     v = s.row[ri + V + axis]
     s.row[ri + V + axis] = -v
     tally_wall(s, axis, side, 2.0 * mass * abs(v), radius)
+    if FLIGHTS and s.counter[LOG_ROOM] > 0:
+        log_wall(s, i, wall, t, axis, side, 2.0 * mass * abs(v))
     if GROWS:  # the sums of walls are then those of the flight alone
         outward = -1.0 if side else 1.0
         s.row[ri + V + axis] = outward * rebound_from_wall(-outward * v, radius * s.number[GROWTH])

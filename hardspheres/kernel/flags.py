@@ -6,3 +6,4 @@ SIZES = False  # radii differ
 MASSES = False  # masses differ
 SPARSE = False  # dilute: common windows of time in place of neighbour lists
 GROWS = False  # all radii grow linearly in time (never with SPARSE)
+FLIGHTS = False  # free flights are tallied, and events logged if there is a log (never with GROWS)

@@ -3,7 +3,7 @@
 from hardspheres.kernel.arrays import Arrays
 
 from .compiler import jit, pointer
-from .flags import DIM, SIZES, SPARSE
+from .flags import DIM, FLIGHTS, SIZES, SPARSE
 
 # A particle's row, 8 float64 (one cache line): the canonical state. One more row, of NaN, stands for nobody.
 ROW = 8
@@ -50,6 +50,7 @@ SMALL_RADIUS = 30  # windows: particles with a larger radius are in the coarse g
 LARGEST = 31  # largest radius
 LARGE_DENSITY = 32  # coarse cells per length, 3 slots
 NUMBERS = 35
+FLIGHT_UNITS = 35  # where FLIGHTS, of each species: 1 / the units of its paths, times, and bins of speed
 
 # Sums since the tallies were reset, float64.
 VIRIAL = 0  # sum of r_a dp_b over pair collisions: xx, yy, zz, xy, xz, yz
@@ -98,7 +99,50 @@ EPOCH_BUCKETS = 33  # buckets in an epoch
 LARGE = 34  # windows: how many particles are in the coarse grid
 LARGE_CELLS = 35  # coarse cells per axis, 3 slots
 BEYOND_CACHE = 38  # 1: the gas is larger than the caches, so what is needed soon is fetched ahead
-COUNTERS = 39
+LOGGED = 39  # events in the log's buffer
+LOG_ROOM = 40  # how many it can hold; 0: there is no log
+KINDS = 41  # species that flights are told apart by
+COUNTERS = 42
+
+# Flights, where FLIGHTS. Of a particle, float64:
+FLIGHT = 4 if FLIGHTS else 0
+BEGAN = 0  # when it last met another particle, within the epoch
+BEGAN_EPOCH = 1  # that epoch; -1 and a time of a whole epoch at the start: then it has met nobody yet
+KIND = 2  # its species
+
+# Bins of paths and times: 2^OCTAVE_BITS of equal width in each octave of their unit, from 2^LEAST_OCTAVE on; the first bin
+# has all that is less, the last all that is more. Speeds: bins of equal width, the last has all that is more.
+OCTAVE_BITS = 4
+LEAST_OCTAVE, OCTAVES = -8, 16
+FLIGHT_BINS = (OCTAVES << OCTAVE_BITS) + 2
+SPEED_BINS = 129
+
+# What the flights of a species have added up, float64 after the sums.
+FLIGHT_SUMS = LEDGER + 3
+FIRST_PATH = 0  # paths from the start of the simulation to first collisions
+PATHS = 1  # sums of path, its square, its cube
+TIMES = 4  # the same of free times
+SPEED_PATHS = 7  # sums of path, by speed
+SPEED_TIMES = SPEED_PATHS + SPEED_BINS  # sums of free time, by speed
+FLIGHT_SUM = SPEED_TIMES + SPEED_BINS
+
+# How many, int64 after the counters.
+FLIGHT_COUNTS = COUNTERS
+FIRST_FLIGHTS = 0  # flights that were under way when the simulation began; they count nowhere else
+FLIGHTS_ENDED = 1
+PATH_BINS = 2
+TIME_BINS = PATH_BINS + FLIGHT_BINS
+SPEED_COUNTS = TIME_BINS + FLIGHT_BINS
+FLIGHT_COUNT = SPEED_COUNTS + SPEED_BINS
+# After the last species: KINDS * KINDS numbers of collisions between species.
+
+# An event in the log, float64.
+LOG_TIME = 0  # since the start of the simulation
+LOG_FIRST, LOG_SECOND = 1, 2  # lower and higher id
+LOG_IMPULSE = 3
+LOG_PATHS = 4  # of both
+LOG_NORMAL = 6  # DIM numbers
+LOG_ROW = LOG_NORMAL + DIM
 
 # Calendar: chunks of 8 int64: the next chunk (-1: none) and how many entries, then 7 entries id << 32 | stamp.
 CHUNK = 8
@@ -122,6 +166,8 @@ def pointers(a):
         pointer(a.version),
         pointer(a.mass),
         pointer(a.turns),
+        pointer(a.flight),
+        pointer(a.log),
         pointer(a.neighbours),
         pointer(a.images),
         pointer(a.where),

@@ -6,7 +6,7 @@ from .calendar import clear_calendar, fetch_neighbours, schedule, turn_page
 from .candidates import candidate_holds, open_candidates, partners
 from .compiler import entry, jit, part
 from .events import begin_epoch, collide_pair, hit_wall
-from .flags import SPARSE, WALLS
+from .flags import FLIGHTS, SPARSE, WALLS
 from .layout import (
     AGENDA_LENGTH,
     BEYOND_CACHE,
@@ -18,6 +18,8 @@ from .layout import (
     INVERSE_WIDTH,
     LATE,
     LATE_BY,
+    LOG_ROOM,
+    LOGGED,
     LONE,
     NODE_ROOM,
     NODES,
@@ -41,7 +43,7 @@ from .neighbours import make_all_lists, renew_list
 from .prediction import next_event
 from .windows import follow, open_window
 
-__all__ = ["DONE", "NO_ROOM", "PAUSED", "STANDS_STILL", "layout", "run"]
+__all__ = ["DONE", "LOG_FULL", "NO_ROOM", "PAUSED", "STANDS_STILL", "layout", "run"]
 
 BEFORE = (
     1.0 - 2.0**-50
@@ -52,6 +54,7 @@ DONE = 0  # reached the time or the number of collisions asked for
 PAUSED = 1  # used up its budget; call it again
 NO_ROOM = 2  # a list, a cell or the calendar is full: make room, prepare, call it again
 STANDS_STILL = 3  # 1000 events per particle without time moving
+LOG_FULL = 4  # empty the log, and call it again
 
 
 @jit
@@ -117,6 +120,8 @@ def run(arrays, cells, chunks, afresh, stop_epoch, stop_time, stop_pairs, budget
             time = s.agenda_time[0]
             if s.counter[EPOCH] == stop_epoch and time > stop_time:
                 return DONE
+            if FLIGHTS and s.counter[LOG_ROOM] > 0 and s.counter[LOGGED] == s.counter[LOG_ROOM]:
+                return LOG_FULL
             budget -= 1
             first = s.agenda_entry[0]
             pop_agenda(s)

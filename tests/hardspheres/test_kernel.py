@@ -78,14 +78,14 @@ import hardspheres as hs
 from hardspheres import tuning
 from hardspheres.engine import Engine
 hits = misses = 0
-for dim, walls, sizes, masses, sparse, grows in {combinations!r}:
+for dim, walls, sizes, masses, sparse, grows, flights in {combinations!r}:
     odd = np.arange(64) % 2
     tuning.SPARSE_BELOW = {{2: float(sparse), 3: float(sparse)}}
     scene = hs.random_gas(
         n=64, packing_fraction=0.05, dim=dim, boundary="wall" if walls else "periodic", seed=1,
         radii=np.where(odd, 0.4, 0.5) if sizes else 0.5, masses=np.where(odd, 1.0, 2.0) if masses else 1.0,
     )
-    engine = Engine(scene, growth=(0.9, 0.001) if grows else None)
+    engine = Engine(scene, growth=(0.9, 0.001) if grows else None, flights=flights)
     assert bool(engine.arrays.counter[engine.layout.WINDOW_BUCKETS]) == sparse
     engine.run(2**62, 0.0, 1, 10**6)
     stats = engine.kernels.run.stats
@@ -104,21 +104,23 @@ def test_the_next_process_finds_every_kernel_of_this_suite():
         (2, True, True, True),
         (3, False, True, True),
     ]
-    program = uses([(*kind, sparse, False) for kind in kinds for sparse in (False, True)])
+    combinations = [(*kind, sparse, False, False) for kind in kinds for sparse in (False, True)]
+    program = uses([*combinations, (*kinds[0], True, False, True), (*kinds[4], False, False, True)])
     base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     child(program, base, Path(hs.__file__).parent.parent)
-    assert child(program, base, Path(hs.__file__).parent.parent) == [10, 0]
+    assert child(program, base, Path(hs.__file__).parent.parent) == [12, 0]
 
 
 @pytest.mark.long
 def test_the_next_process_finds_every_kernel_there_is(tmp_path):
-    """All specialisations: ten minutes of compilation."""
+    """All specialisations: twenty minutes of compilation."""
     flags = list(itertools.product((2, 3), *[(False, True)] * 4))
     program = uses(
-        [(*flag, False) for flag in flags] + [(*flag[:4], False, True) for flag in flags if not flag[4]]
+        [(*flag, False, free) for flag in flags for free in (False, True)]
+        + [(*flag[:4], False, True, False) for flag in flags if not flag[4]]
     )
-    assert child(program, tmp_path, Path(hs.__file__).parent.parent) == [0, 48]
-    assert child(program, tmp_path, Path(hs.__file__).parent.parent) == [48, 0]
+    assert child(program, tmp_path, Path(hs.__file__).parent.parent) == [0, 80]
+    assert child(program, tmp_path, Path(hs.__file__).parent.parent) == [80, 0]
 
 
 def test_an_edit_anywhere_in_the_kernels_makes_a_new_cache(tmp_path):

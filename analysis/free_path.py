@@ -1,0 +1,493 @@
+"""Mean free paths and times, rates between species, the distributions of free paths and times, lambda(v)."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Literal, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from analysis import theory
+from analysis.estimator import Estimator, axes_or_new
+from analysis.pressure import Pressure
+from analysis.reduced import species_labels
+from analysis.series import BlockSeries, estimate_from_series
+from analysis.statistics import Estimate, TheoryCheck
+from analysis.theory import FreeFlights, Prediction
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from hardspheres import Scene
+    from hardspheres.free_paths import FreePaths
+
+__all__ = ["FirstFlightsWarning", "FreePath"]
+
+FloatArray = NDArray[np.float64]
+Kind = Literal["path", "time"]
+
+ROWS = 256  # of the series of blocks: each holds whole histograms
+SURVIVAL_AT = (0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 5.0)
+SPEED_BINS = 20  # a quarter of a thermal speed each
+FINE = 4  # bins of the engine in one of these
+CONTACT_DOUBT = {2: 0.005, 3: 0.003}  # relative uncertainty of g_ij - 1 in mixtures
+
+
+class FirstFlightsWarning(UserWarning):
+    """Flights that began before the simulation ended in a block: the distributions lack them, and they are long ones."""
+
+
+class FreePath(Estimator):
+    """Free paths and times from blocks of the engine's tallies of flights.
+
+    Feed it one block after another, and `analysis.pressure.Pressure` from the same blocks if wanted:
+
+    >>> import hardspheres as hs
+    >>> sim = hs.Simulation(hs.lattice_gas(n=108, packing_fraction=0.1, seed=1), free_paths=True)
+    >>> sim.run(collisions=50 * 108)  # equilibrate, and let every particle collide
+    >>> free_path = FreePath(sim.scene)
+    >>> for _ in range(100):
+    ...     sim.reset_tallies()
+    ...     sim.run(collisions=10 * 108)
+    ...     free_path.add(sim.free_paths)  # doctest: +SKIP
+    >>> print(free_path.mean_free_path[0])  # doctest: +SKIP
+    0.9093(11)
+
+    The mean free path is all path flown over all ends of flights, unbiased in a block of any length. Everything about
+    single flights is from those that ended in a block, each with its whole length: unbiased in a steady state
+    (`hardspheres.free_paths.FreePaths` says why). Paths are measured in the frame of the box, so theory holds for gases
+    at rest. All results are ratios of sums over blocks, with errors from blocks of automatic length
+    (`series.estimate_from_series`, which also warns of too few blocks and of a drift): give 100 blocks or more. Memory
+    does not grow beyond 256 rows of histograms.
+
+    Results come for each species, in the order of `Scene.species`.
+
+    Parameters
+    ----------
+    scene : Scene
+        The gas: `sim.scene`.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        if not scene.thermal_energy > 0.0:
+            raise ValueError("nothing moves in this scene; a gas without thermal motion has no free paths")
+        self.scene = scene
+        first = np.unique(scene.species, return_index=True)[1]
+        self._particles = np.bincount(scene.species)
+        self._diameters, self._masses = 2.0 * scene.radii[first], scene.masses[first]
+        self._blocks = BlockSeries(ROWS)
+        self._edges: dict[str, FloatArray] = {}
+        self._columns: dict[str, tuple[int, tuple[int, ...]]] = {}
+        self._ends, self._first = 0, 0
+
+    # Collecting ---------------------------------------------------------------------------------------------
+
+    def add(self, free_paths: FreePaths) -> Self:
+        """Take in one block: what was tallied since the last `sim.reset_tallies()`.
+
+        Parameters
+        ----------
+        free_paths : FreePaths
+            `sim.free_paths`. Do reset the tallies before the next block, or its start counts twice.
+
+        Returns
+        -------
+        FreePath
+            The estimator itself.
+
+        Warns
+        -----
+        FirstFlightsWarning
+            If more than one flight in a thousand began before the simulation, as far as blocks have come.
+
+        Raises
+        ------
+        ValueError
+            If no time has passed, or the block is of another gas.
+        """
+        if not free_paths.time > 0.0:
+            raise ValueError("the block has no duration; run the simulation before adding its free paths")
+        if not np.array_equal(free_paths.particles, self._particles):
+            raise ValueError(
+                f"the block has {free_paths.particles.tolist()} particles of each species; the scene has "
+                f"{self._particles.tolist()}"
+            )
+        edges = {
+            "path": free_paths.path_edges,
+            "time": free_paths.time_edges,
+            "speed": free_paths.speed_edges,
+        }
+        if self._edges and any(not np.array_equal(edges[name], old) for name, old in self._edges.items()):
+            raise ValueError("the block has other bins than those before; add blocks of one simulation")
+        self._edges = edges
+        ends = free_paths.flights + free_paths.first_flights
+        self._ends += int(ends.sum())
+        self._first += int(free_paths.first_flights.sum())
+        if self._first > 1e-3 * self._ends:
+            message = (
+                f"{self._first} of {self._ends} flights began before the simulation and are left out, long ones most "
+                "of all; let every particle collide before the first sim.reset_tallies()"
+            )
+            warnings.warn(FirstFlightsWarning(message), stacklevel=2)
+        parts = {
+            "time": np.array([free_paths.time]),
+            "ends": ends,
+            "flown": free_paths.path_flown,
+            "flights": free_paths.flights,
+            "path_sums": free_paths.path_sums,
+            "time_sums": free_paths.time_sums,
+            "path_counts": free_paths.path_counts,
+            "time_counts": free_paths.time_counts,
+            "speed_counts": free_paths.speed_counts,
+            "speed_paths": free_paths.speed_paths,
+            "speed_times": free_paths.speed_times,
+            "pairs": free_paths.pair_collisions,
+        }
+        starts = np.cumsum([0, *(part.size for part in parts.values())])
+        self._columns = {name: (int(k), parts[name].shape) for name, k in zip(parts, starts, strict=False)}
+        self._blocks.add(np.concatenate([np.ravel(part) for part in parts.values()]))
+        return self
+
+    @property
+    def n_blocks(self) -> int:
+        """How many blocks were added."""
+        return self._blocks.n_samples
+
+    @property
+    def flights(self) -> int:
+        """How many flights were tallied, all species together."""
+        return self._ends - self._first
+
+    def _rows(self, *names: str) -> FloatArray:
+        """Means of these columns in each row of the series, side by side: (rows, p)."""
+        self._require(len(self._blocks) >= 2, "two blocks", "add(sim.free_paths) after each of two runs")
+        rows, chosen = self._blocks.rows, []
+        for name in names:
+            start, shape = self._columns[name]
+            chosen.append(rows[:, start : start + math.prod(shape)])
+        return np.concatenate(chosen, axis=1)
+
+    def _ratio(self, above: FloatArray, below: FloatArray, factor: float = 1.0) -> Estimate:
+        """Ratio of the sums of two columns."""
+        return estimate_from_series(
+            np.stack([above, below], axis=1), lambda mean: factor * mean[..., 0] / mean[..., 1]
+        )
+
+    @property
+    def labels(self) -> list[str]:
+        """What tells the species apart; "all" where there is one."""
+        return species_labels(self)  # type: ignore[arg-type]  # it reads the scene
+
+    # Means and rates ----------------------------------------------------------------------------------------
+
+    @property
+    def mean_free_path(self) -> list[Estimate]:
+        """Mean free path of each species: path flown by all its particles over its collisions, [length].
+
+        Unbiased in a window of any length. Walls do not end a free path.
+        """
+        flown, ends = self._rows("flown"), self._rows("ends")
+        return [self._ratio(flown[:, k], ends[:, k]) for k in range(len(self._particles))]
+
+    @property
+    def mean_free_time(self) -> list[Estimate]:
+        """Mean free time of each species: particles times time over collisions, [time]."""
+        time, ends = self._rows("time")[:, 0], self._rows("ends")
+        return [self._ratio(time, ends[:, k], float(n)) for k, n in enumerate(self._particles)]
+
+    @property
+    def collision_rates(self) -> list[list[Estimate]]:
+        """nu_ij, how often a particle of species i meets one of species j, [1/time]; k lists of k.
+
+        Collisions of unlike particles are the same in nu_ij and nu_ji: rho_i nu_ij = rho_j nu_ji.
+        """
+        time, pairs = self._rows("time")[:, 0], self._rows("pairs")
+        kinds = range(len(self._particles))
+        return [
+            [self._ratio(pairs[:, i * len(kinds) + j], time, (1 + (i == j)) / n) for j in kinds]
+            for i, n in enumerate(self._particles)
+        ]
+
+    @property
+    def compressibility_factor(self) -> Estimate:
+        """Z from the same collisions, `theory.compressibility_from_rate`: exact at equilibrium, see `Pressure.rate`."""
+        rows, kinds = self._rows("time", "pairs"), len(self._particles)
+        freedom, temperature = self.scene.degrees_of_freedom, self.scene.temperature
+
+        def compressibility(means: FloatArray) -> FloatArray:
+            rates = (means[..., 1:] / means[..., :1]).reshape(*means.shape[:-1], kinds, kinds)
+            return theory.compressibility_from_rate(
+                rates, self._diameters, self._masses, temperature, freedom
+            )
+
+        return estimate_from_series(rows, compressibility)
+
+    # Distributions ------------------------------------------------------------------------------------------
+
+    def _species(self, species: int) -> int:
+        if not 0 <= species < len(self._particles):
+            raise ValueError(f"species = {species}; the gas has {len(self._particles)}, counted from 0")
+        return species
+
+    def moment(self, order: int, of: Kind = "path", species: int = 0) -> Estimate:
+        """Return <l^k> / <l>^k of free paths or times, k = 2 or 3; an exponential has k!.
+
+        Parameters
+        ----------
+        order : {2, 3}
+            k.
+        of : {"path", "time"}
+            Of which.
+        species : int, default 0
+            Whose flights.
+        """
+        if order not in (2, 3):
+            raise ValueError(f"order = {order}; the engine adds up squares and cubes, ask for 2 or 3")
+        sums = self._rows(f"{of}_sums")[:, 3 * self._species(species) :]
+        columns = np.stack([self._rows("flights")[:, species], sums[:, 0], sums[:, order - 1]], axis=1)
+        return estimate_from_series(
+            columns, lambda m: (m[..., 2] / m[..., 0]) / (m[..., 1] / m[..., 0]) ** order
+        )
+
+    def survival(self, x: ArrayLike = SURVIVAL_AT, of: Kind = "path", species: int = 0) -> list[Estimate]:
+        """Return how large a part of the flights is longer than x means of their own.
+
+        Parameters
+        ----------
+        x : (p,) array_like
+            In units of the measured mean free path or time; 1/256 to 100.
+        of : {"path", "time"}
+            Of which.
+        species : int, default 0
+            Whose flights.
+
+        Returns
+        -------
+        list of Estimate
+            One for each x. Between the edges of the engine's bins, 1/16 to 1/32 of x apart, the logarithm is taken as
+            linear: a relative bias below 1e-4. The error bars know that the mean is measured too.
+        """
+        kind = self._species(species)
+        edges = self._edges[of][kind][:-1] if self._edges else np.zeros(1)
+        bins = len(edges)
+        sums, flights = self._rows(f"{of}_sums"), self._rows("flights")
+        counts = self._rows(f"{of}_counts")[:, bins * kind : bins * (kind + 1)]
+        columns = np.concatenate(
+            [sums[:, 3 * kind : 3 * kind + 1], flights[:, kind : kind + 1], counts], axis=1
+        )
+
+        def beyond(at: float) -> Callable[[FloatArray], FloatArray]:
+            def part(means: FloatArray) -> FloatArray:
+                flat = means.reshape(-1, means.shape[-1])
+                longer = np.cumsum(flat[:, :1:-1], axis=1)[:, ::-1]  # beyond each edge
+                with np.errstate(divide="ignore"):
+                    logs = np.log(longer / flat[:, 1:2])
+                wanted = at * flat[:, 0] / flat[:, 1]
+                found = [np.interp(w, edges, log) for w, log in zip(wanted, logs, strict=True)]
+                return np.asarray(np.exp(np.array(found)).reshape(means.shape[:-1]))
+
+            return part
+
+        return [estimate_from_series(columns, beyond(float(at))) for at in np.atleast_1d(np.asarray(x))]
+
+    def path_at_speed(self, species: int = 0) -> tuple[FloatArray, list[Estimate]]:
+        """Return lambda(v), the mean free path of the flights at a speed.
+
+        Returns
+        -------
+        edges : (b + 1,) array
+            Bins of speed, a quarter of sqrt(kT/m) wide, [length/time]; from the first with 100 flights to the last.
+        paths : list of Estimate
+            One for each bin, [length].
+        """
+        edges, counts, sums = self._by_speed("paths", species)
+        return edges, [self._ratio(sums[:, k], counts[:, k]) for k in range(len(edges) - 1)]
+
+    def rate_at_speed(self, species: int = 0) -> tuple[FloatArray, list[Estimate]]:
+        """Return nu(v), the collision rate of the particles at a speed, [1/time]; as `path_at_speed`."""
+        edges, counts, sums = self._by_speed("times", species)
+        return edges, [self._ratio(counts[:, k], sums[:, k]) for k in range(len(edges) - 1)]
+
+    def _by_speed(self, what: str, species: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Edges of wide bins, and the counts and sums in them, (rows, bins)."""
+        kind, wide = self._species(species), SPEED_BINS * FINE
+
+        def joined(name: str) -> FloatArray:
+            columns = self._rows(name)
+            per_species = columns.reshape(len(columns), len(self._particles), -1)[:, kind, :wide]
+            return np.asarray(per_species.reshape(len(columns), SPEED_BINS, FINE).sum(axis=2))
+
+        counts, sums = joined("speed_counts"), joined(f"speed_{what}")
+        filled = np.flatnonzero(counts.mean(axis=0) * self.n_blocks >= 100.0)
+        self._require(len(filled) > 0, "speed with 100 flights", "add(sim.free_paths) after longer runs")
+        first, last = int(filled[0]), int(filled[-1]) + 1
+        edges = self._edges["speed"][kind][: wide + 1 : FINE]
+        return edges[first : last + 1], counts[:, first:last], sums[:, first:last]
+
+    # Theory -------------------------------------------------------------------------------------------------
+
+    def flights_in_theory(self, species: int = 0) -> FreeFlights:
+        """Return the theory of this species' flights, at the scene's temperature."""
+        return FreeFlights(
+            self._particles / self.scene.volume,
+            self._diameters,
+            self._masses,
+            self.scene.dim,
+            self._species(species),
+            self.scene.temperature,
+        )
+
+    @property
+    def _mixed(self) -> bool:
+        return bool(np.ptp(self._diameters) > 0.0)
+
+    def _doubt(self) -> float:
+        """Relative uncertainty of rates from the contact values, the finite size, and walls."""
+        scene = self.scene
+        eta, dim = scene.packing_fraction, scene.dim
+        doubt = 0.0
+        if not scene.periodic.all():
+            reach = scene.box - np.where(scene.periodic, 0.0, 2.0 * float(scene.radii.mean()))
+            denser = min(eta * scene.volume / math.prod(reach.tolist()), 0.54 if dim == 3 else 0.66)
+            doubt = float(theory.collision_rate(denser, dim) / theory.collision_rate(eta, dim)) - 1.0
+        if self._mixed:
+            densities = self._particles / scene.volume
+            g = float(theory.mixture_contact_values(densities, self._diameters, dim).max())
+            return math.hypot(doubt, CONTACT_DOUBT[dim] * (1.0 - 1.0 / g), 1.0 / scene.n)
+        return math.hypot(doubt, 1.0 / scene.n if doubt or len(self._masses) > 1 else 0.0)
+
+    @property
+    def predictions(self) -> dict[str, list[Prediction]]:
+        """Theory of "mean free path" and "mean free time" of each species, and of "nu i-j" as a list of one.
+
+        One species in a periodic box: Enskog with the best contact value and the exact factors of N particles at fixed
+        energy. Otherwise Enskog with the contact values of mixtures or of the bulk, whose uncertainty, 1/N, and the change
+        that the volume excluded by walls would make are the uncertainty.
+        """
+        scene, kinds = self.scene, range(len(self._particles))
+        eta, dim, n = scene.packing_fraction, scene.dim, scene.n
+        doubt = self._doubt()
+        if len(kinds) == 1 and scene.periodic.all() and n > 2:
+            sigma, mass = float(self._diameters[0]), float(self._masses[0])
+            path = theory.finite_size_mean_free_path(eta, dim, n, sigma)
+            rate = theory.finite_size_collision_rate(eta, dim, n, sigma, mass, scene.temperature)
+            relative = _rate_uncertainty(eta, dim, n)
+            paths, rates, relatives = [float(path.value)], np.array([[float(rate.value)]]), [relative]
+        else:
+            densities = self._particles / scene.volume
+            rates = theory.mixture_collision_rates(
+                densities, self._diameters, self._masses, dim, scene.temperature
+            )
+            if not self._mixed:  # masses alone: the better contact value of one diameter
+                g = theory.mixture_contact_values(densities, self._diameters, dim)
+                rates = rates / g * float(theory.contact_value(eta, dim))
+            speeds = [theory.mean_speed(dim, float(m), scene.temperature) for m in self._masses]
+            totals = rates.sum(axis=1)
+            paths, relatives = [speeds[k] / float(totals[k]) for k in kinds], [doubt for _ in kinds]
+        named = {
+            "mean free path": [Prediction(paths[k], relatives[k] * paths[k]) for k in kinds],
+            "mean free time": [
+                Prediction(1.0 / float(rates[k].sum()), relatives[k] / float(rates[k].sum())) for k in kinds
+            ],
+        }
+        for i in kinds:
+            for j in kinds:
+                rate_ij = float(rates[i, j])
+                named[f"nu {i + 1}-{j + 1}"] = [Prediction(rate_ij, relatives[i] * rate_ij)]
+        return named
+
+    @property
+    def checks(self) -> list[TheoryCheck]:
+        """Means, rates between species and moments of each species beside theory, then Z from the rate.
+
+        The moments are those of the dilute gas, whose uncertainty eta (and 1/N) is what a denser one may differ by.
+        """
+        expected, name = self.predictions, "Enskog"
+        species = (
+            [""]
+            if len(self._particles) == 1
+            else [f" of species {k + 1}" for k in range(len(self._particles))]
+        )
+        checks = []
+        for quantity, measured in (
+            ("mean free path", self.mean_free_path),
+            ("mean free time", self.mean_free_time),
+        ):
+            for label, value, p in zip(species, measured, expected[quantity], strict=True):
+                checks.append(TheoryCheck(quantity + label, name, value, p.value, p.uncertainty))
+        for i, row in enumerate(self.collision_rates):
+            for j, rate in enumerate(row):
+                if len(row) > 1:
+                    quantity = f"nu {i + 1}-{j + 1}"
+                    p = expected[quantity][0]
+                    checks.append(TheoryCheck(quantity, name, rate, p.value, p.uncertainty))
+        for k, label in enumerate(species):
+            flights = self.flights_in_theory(k)
+            for of, symbol in (("path", "l"), ("time", "t")):
+                for order in (2, 3):
+                    p = flights.path_moment(order) if of == "path" else flights.time_moment(order)
+                    expected_moment = float(p.value)
+                    doubt = math.hypot(float(p.uncertainty), expected_moment / self.scene.n)
+                    measured_moment = self.moment(order, of, k)  # type: ignore[arg-type]
+                    quantity = f"<{symbol}^{order}>/<{symbol}>^{order}{label}"
+                    checks.append(TheoryCheck(quantity, "Boltzmann", measured_moment, expected_moment, doubt))
+        best, z = next(iter(Pressure(self.scene).predictions.items()))
+        checks.append(
+            TheoryCheck(
+                "Z from the collision rate", best, self.compressibility_factor, z.value, z.uncertainty
+            )
+        )
+        return checks
+
+    def plot(self, ax: Axes | None = None, x: Sequence[float] = SURVIVAL_AT) -> Axes:
+        """Draw the survival function of free paths of each species, in units of its own mean, over theory.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where to draw; a new figure when absent.
+        x : sequence of float
+            Where to measure.
+
+        Returns
+        -------
+        Axes
+        """
+        measured = [self.survival(x, species=k) for k in range(len(self._particles))]
+        axes = axes_or_new(ax)
+        fine = np.linspace(0.0, 1.1 * max(x), 200)
+        axes.plot(fine, np.exp(-fine), color="0.6", lw=1.0, ls="--", label="exponential")
+        for k, (label, points) in enumerate(zip(self.labels, measured, strict=True)):
+            law = self.flights_in_theory(k).path_survival(fine).value
+            axes.plot(fine, law, color=f"C{k}", label="Boltzmann" if len(measured) == 1 else None)
+            axes.errorbar(
+                x,
+                [point.value for point in points],
+                [point.standard_error for point in points],
+                fmt="o",
+                color=f"C{k}",
+                label="simulation" if len(measured) == 1 else label,
+            )
+        axes.set_yscale("log")
+        axes.set_xlabel("free path / mean free path")
+        axes.set_ylabel("part of the flights that are longer")
+        axes.legend()
+        return axes
+
+
+def _rate_uncertainty(eta: float, dim: int, n: int) -> float:
+    """Relative uncertainty of the collision rate of N particles: that of Z - 1.
+
+    For a thin gas the stated uncertainty of an equation of state, relative to Z, says nothing of Z - 1; there the virial
+    series does, which is exact at eta -> 0.
+    """
+    bulk = theory.compressibility_factor(eta, dim)
+    doubt = float(bulk.uncertainty)
+    if eta <= (0.5 if dim == 3 else 0.6):
+        series = theory.virial_series(eta, dim)
+        doubt = min(doubt, abs(float(series.value - bulk.value)) + float(series.uncertainty))
+    shift = float(theory.finite_size_compressibility(eta, dim, n).value - bulk.value)
+    return math.hypot(doubt, 0.1 * shift) / float(bulk.value - 1.0)

@@ -1,0 +1,114 @@
+"""What each free flight adds to the sums when it ends. A flight lasts from one collision of two particles to the next.
+
+Walls turn a flight round and do not end it: the speed, and so path = speed x time, goes on. Nothing here is read by the dynamics.
+"""
+
+import math
+
+from .compiler import bits, jit
+from .flags import DIM, MASSES, SIZES
+from .layout import (
+    BEGAN,
+    BEGAN_EPOCH,
+    EPOCH,
+    EPOCH_LENGTH,
+    FIRST_FLIGHTS,
+    FIRST_PATH,
+    FLIGHT,
+    FLIGHT_BINS,
+    FLIGHT_COUNT,
+    FLIGHT_COUNTS,
+    FLIGHT_SUM,
+    FLIGHT_SUMS,
+    FLIGHT_UNITS,
+    FLIGHTS_ENDED,
+    KIND,
+    KINDS,
+    LEAST_OCTAVE,
+    OCTAVE_BITS,
+    PATH_BINS,
+    PATHS,
+    ROW,
+    SPEED_BINS,
+    SPEED_COUNTS,
+    SPEED_PATHS,
+    SPEED_TIMES,
+    TIME_BINS,
+    TIMES,
+    V,
+)
+
+BELOW = ((1023 + LEAST_OCTAVE) << OCTAVE_BITS) - 1  # leading bits of the largest number in the first bin
+
+
+@jit
+def kind_of(s, i):
+    """Species of i."""
+    return int(s.flight[i * FLIGHT + KIND]) if SIZES or MASSES else 0
+
+
+@jit
+def speed_of(s, i):
+    """Speed of i."""
+    vv = s.row[i * ROW + V] * s.row[i * ROW + V]
+    for d in range(1, DIM):
+        vv += s.row[i * ROW + V + d] * s.row[i * ROW + V + d]
+    return math.sqrt(vv)
+
+
+@jit
+def flown_for(s, i, t):
+    """How long i has been flying at time t; from the start of the simulation if it has met nobody yet."""
+    epochs = s.counter[EPOCH] - s.flight[i * FLIGHT + BEGAN_EPOCH]
+    return epochs * s.number[EPOCH_LENGTH] + (t - s.flight[i * FLIGHT + BEGAN])
+
+
+@jit
+def began_here(s, i):
+    """Whether the beginning of i's flight is known."""
+    return s.flight[i * FLIGHT + BEGAN_EPOCH] >= 0.0
+
+
+@jit
+def octave_bin(x):
+    """Bin of a path or time in its unit: the leading bits of a double number are a piecewise linear logarithm."""
+    return max(0, min((bits(x) >> (52 - OCTAVE_BITS)) - BELOW, FLIGHT_BINS - 1))
+
+
+@jit
+def end_flight(s, i, t):
+    """Tally the flight of i that ends at time t, before the collision, and begin the next; returns its path or NaN."""
+    time, speed = flown_for(s, i, t), speed_of(s, i)
+    path = speed * time
+    known = began_here(s, i)
+    s.flight[i * FLIGHT + BEGAN] = t
+    s.flight[i * FLIGHT + BEGAN_EPOCH] = s.counter[EPOCH]
+    kind = kind_of(s, i)
+    sums = FLIGHT_SUMS + kind * FLIGHT_SUM
+    counts = FLIGHT_COUNTS + kind * FLIGHT_COUNT
+    if not known:
+        s.total[sums + FIRST_PATH] += path
+        s.counter[counts + FIRST_FLIGHTS] += 1
+        return math.nan
+    s.counter[counts + FLIGHTS_ENDED] += 1
+    s.total[sums + PATHS] += path
+    s.total[sums + PATHS + 1] += path * path
+    s.total[sums + PATHS + 2] += path * path * path
+    s.total[sums + TIMES] += time
+    s.total[sums + TIMES + 1] += time * time
+    s.total[sums + TIMES + 2] += time * time * time
+    units = FLIGHT_UNITS + 3 * kind
+    s.counter[counts + PATH_BINS + octave_bin(path * s.number[units])] += 1
+    s.counter[counts + TIME_BINS + octave_bin(time * s.number[units + 1])] += 1
+    k = int(min(speed * s.number[units + 2], SPEED_BINS - 1.0))
+    s.counter[counts + SPEED_COUNTS + k] += 1
+    s.total[sums + SPEED_PATHS + k] += path
+    s.total[sums + SPEED_TIMES + k] += time
+    return path
+
+
+@jit
+def tally_encounter(s, i, j):
+    """Count a collision between the species of i and j."""
+    kinds = s.counter[KINDS]
+    s.counter[FLIGHT_COUNTS + kinds * FLIGHT_COUNT + kind_of(s, i) * kinds + kind_of(s, j)] += 1

@@ -1,0 +1,54 @@
+"""The log of events: a buffer that Python empties when it is full."""
+
+import math
+
+from .compiler import jit
+from .flags import DIM
+from .flights import began_here, flown_for, speed_of
+from .layout import (
+    EPOCH,
+    EPOCH_LENGTH,
+    LOG_FIRST,
+    LOG_IMPULSE,
+    LOG_NORMAL,
+    LOG_PATHS,
+    LOG_ROW,
+    LOG_SECOND,
+    LOG_TIME,
+    LOGGED,
+)
+
+
+@jit
+def log_event(s, i, j, t, impulse, path_i, path_j):
+    """Write an event down but for its normal; returns where that goes."""
+    row = s.counter[LOGGED] * LOG_ROW
+    s.counter[LOGGED] += 1
+    s.log[row + LOG_TIME] = s.counter[EPOCH] * s.number[EPOCH_LENGTH] + t
+    s.log[row + LOG_FIRST] = i
+    s.log[row + LOG_SECOND] = j
+    s.log[row + LOG_IMPULSE] = impulse
+    s.log[row + LOG_PATHS] = path_i
+    s.log[row + LOG_PATHS + 1] = path_j
+    return row + LOG_NORMAL
+
+
+@jit
+def log_pair(s, i, j, t, push, rr, x, y, z, path_i, path_j):
+    """Write down a collision that gave i the momentum push (x, y, z), along a vector of squared length rr."""
+    distance = math.sqrt(rr)
+    normal = log_event(s, i, j, t, push * distance, path_i, path_j)
+    s.log[normal] = x / distance
+    s.log[normal + 1] = y / distance
+    if DIM == 3:
+        s.log[normal + 2] = z / distance
+
+
+@jit
+def log_wall(s, i, wall, t, axis, side, impulse):
+    """Write down a hit of a wall; the path is that so far, as the flight goes on."""
+    path = speed_of(s, i) * flown_for(s, i, t) if began_here(s, i) else math.nan
+    normal = log_event(s, i, wall, t, impulse, path, math.nan)
+    for d in range(DIM):
+        s.log[normal + d] = 0.0
+    s.log[normal + axis] = -1.0 if side else 1.0
