@@ -18,16 +18,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 import hardspheres as hs
+from hardspheres.cells import worst_overlap
 from hardspheres.kernel.compiler import cache_folder, cached_in, entry, part, pointer
+from hardspheres.scene import kinetic_energy
 
-__all__ = ["BACK_UP", "BOUNCE", "Stepper", "best_margin"]
+__all__ = ["BACK_UP", "BOUNCE", "Count", "Stepper", "best_margin"]
 
 FloatArray = NDArray[np.float64]
 
 BOUNCE, BACK_UP = "bounce", "back-up"
 
 # What `_advance` adds up.
-COLLISIONS, VIRIAL, MISSED, TESTS, BUILDS = range(5)
+COLLISIONS, VIRIAL, MISSED, TESTS = range(4)
+DONE, NO_ROOM, NO_MARGIN = range(3)  # what it returns
 # Costs in ns that `best_margin` weighs: of a pair in the list and in the cells, and of a particle when lists are made.
 LISTED, SEARCHED, SORTED = 1.5, 1.5, 40.0
 
@@ -130,7 +133,7 @@ def _find_pairs(x, y, z, n, box, cells, reach, room, first, second, order, start
 
 
 def _advance(state, box, cells, sigma, margin, dt, steps, back_up, audit, scratch, ids, total):  # type: ignore[no-untyped-def]
-    """Do so many steps of dt; `total` gets what happened. Returns False where there was no room for all pairs.
+    """Do so many steps of dt; `total` gets what happened. Returns DONE or what it was short of.
 
     With `audit` pairs are counted that pass through each other within one step and overlap neither before nor after it.
     """
@@ -154,13 +157,14 @@ def _advance(state, box, cells, sigma, margin, dt, steps, back_up, audit, scratc
                 x, y, z, n, box, cells, sigma + margin, room, first, second, order, start, places
             )
             if pairs < 0:
-                return False
+                return NO_ROOM
             fastest = 0.0
             for i in range(n):
                 fastest = max(fastest, u[i] * u[i] + v[i] * v[i] + w[i] * w[i])
             flown = 2.0 * math.sqrt(fastest) * dt
+            if flown > margin:
+                return NO_MARGIN
             total[TESTS] += looked
-            total[BUILDS] += 1
         for i in range(n):
             x[i] += u[i] * dt
         for i in range(n):
@@ -216,7 +220,7 @@ def _advance(state, box, cells, sigma, margin, dt, steps, back_up, audit, scratc
                         z[j] -= push * dz * back
                     fastest = max(fastest, u[i] * u[i] + v[i] * v[i] + w[i] * w[i])
                     fastest = max(fastest, u[j] * u[j] + v[j] * v[j] + w[j] * w[j])
-    return True
+    return DONE
 
 
 with cached_in(cache_folder("time_stepping")):
@@ -247,16 +251,26 @@ def best_margin(density: float, dim: int, diameter: float, speed: float, dt: flo
     return float(margins[np.argmin(LISTED * listed + (SORTED + SEARCHED * searched) / steps)])
 
 
-@dataclass
-class _Count:
-    """What a stepper has done since the counts were reset."""
+@dataclass(frozen=True)
+class Count:
+    """What a stepper has done since `Stepper.reset`.
 
-    time: float
+    Attributes
+    ----------
+    collisions : int
+        Pair collisions.
+    virial : float
+        Sum of r.dp over them, [energy time].
+    missed : int
+        Pairs that passed through each other within one step, unseen; 0 without audit.
+    tests : int
+        Pairs whose distance was computed.
+    """
+
     collisions: int
     virial: float
     missed: int
     tests: int
-    builds: int
 
 
 class Stepper:
@@ -296,16 +310,14 @@ class Stepper:
         self._margin = best_margin(scene.number_density, scene.dim, self._sigma, fastest, dt)
         self._room = 1024 + 8 * scene.n
         self._energy = scene.kinetic_energy
-        self.steps = 0
         self.reset()
 
     def reset(self) -> None:
         """Begin to count anew."""
-        self._total = np.zeros(5)
-        self._counted = 0
+        self._total = np.zeros(4)
 
-    def run(self, time: float, dt: float | None = None) -> None:
-        """Advance by a time, in steps of `dt`, the last of them shorter where that does not divide it."""
+    def run(self, time: float) -> None:
+        """Advance by a time, in steps of `dt`; the last one is shorter where they do not fill it."""
         whole = int(time / self.dt + 1e-6)
         self._step(whole, self.dt)
         rest = time - whole * self.dt
@@ -313,36 +325,37 @@ class Stepper:
             self._step(1, rest)
 
     def _step(self, steps: int, dt: float) -> None:
-        margin = max(self._margin, 0.01 * self._sigma)
-        cells = np.ones(3, np.int64)
-        dim = self.scene.dim
-        most = max(2 * self.scene.n, 27) ** (1.0 / dim)
-        cells[:dim] = np.minimum(self._box[:dim] / (self._sigma + margin), most).astype(np.int64)
+        box = tuple(self._box.tolist())
         while steps > 0:
-            part = min(steps, max(1, 2_000_000 // self.scene.n))  # so that Ctrl-C works
+            cells = self._cells
+            some = min(steps, max(1, 2_000_000 // self.scene.n))  # so that Ctrl-C works
             state, total = self._state.copy(), self._total.copy()
-            ids = np.empty((4, max(self._room, int(cells.prod()) + 2)), np.int32)
-            scratch = np.empty(5 * self.scene.n + 8)
-            flags = (self.method == BACK_UP, self.audit, scratch, ids, total)
-            box, cell = tuple(self._box.tolist()), tuple(cells.tolist())
-            if advance(state, box, cell, self._sigma, margin, dt, part, *flags):
+            ids = np.empty((4, max(self._room, self.scene.n, math.prod(cells)) + 2), np.int32)
+            flags = (self.method == BACK_UP, self.audit, np.empty(5 * self.scene.n + 8), ids, total)
+            outcome = advance(state, box, cells, self._sigma, self._margin, dt, some, *flags)
+            if outcome == DONE:
                 self._state, self._total = state, total
-                self.steps += part
-                steps -= part
-            else:
+                steps -= some
+            elif outcome == NO_ROOM:
                 self._room *= 2
+            else:
+                self._margin *= 1.5
 
     @property
-    def count(self) -> _Count:
+    def _cells(self) -> tuple[int, ...]:
+        """Cells along each axis, each at least as wide as the list of pairs reaches; not many more than particles."""
+        most = max(2 * self.scene.n, 27) ** (1.0 / self.scene.dim)
+        cells = np.ones(3, np.int64)
+        cells[: self.scene.dim] = np.maximum(np.minimum(self.scene.box / (self._sigma + self._margin), most), 1.0)
+        return tuple(cells.tolist())
+
+    @property
+    def count(self) -> Count:
         """What happened since the last `reset`."""
         total = self._total
-        return _Count(
-            math.nan,
-            int(total[COLLISIONS]),
-            float(total[VIRIAL]) * float(self.scene.masses[0]),
-            int(total[MISSED]),
-            int(total[TESTS]),
-            int(total[BUILDS]),
+        mass = float(self.scene.masses[0])
+        return Count(
+            int(total[COLLISIONS]), float(total[VIRIAL]) * mass, int(total[MISSED]), int(total[TESTS])
         )
 
     @property
@@ -354,3 +367,14 @@ class Stepper:
     def velocities(self) -> FloatArray:
         """Velocities, (N, d)."""
         return np.ascontiguousarray(self._state[3 : 3 + self.scene.dim].T)
+
+    @property
+    def energy_drift(self) -> float:
+        """Relative change of kinetic energy since the start."""
+        return kinetic_energy(self.velocities, self.scene.masses) / self._energy - 1.0
+
+    @property
+    def worst_overlap(self) -> float:
+        """Depth of the deepest overlap now, in diameters; 0 where nobody overlaps."""
+        positions, scene = np.mod(self.positions, self.scene.box), self.scene
+        return max(worst_overlap(positions, scene.radii, scene.box, scene.periodic)[2], 0.0) / self._sigma

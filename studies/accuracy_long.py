@@ -1,0 +1,279 @@
+"""Long runs of many particles, in turn: what time steps do to the pressure and the mean free path, and what all this costs."""
+
+from __future__ import annotations
+
+import math
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+import hardspheres as hs
+from analysis import theory
+from analysis.series import SeriesWarning, estimate_from_series
+from analysis.statistics import Estimate
+from studies.accuracy_few import ENGINE, Method
+from studies.time_stepping import BACK_UP, BOUNCE, Stepper
+
+__all__ = ["Exact", "Long", "engine_test_seconds", "long_runs"]
+
+FloatArray = NDArray[np.float64]
+
+BLOCKS = 32
+SETTLE = 2.0  # collisions per particle in which a stepper finds its own steady state
+MOST_COLLISIONS = 400.0  # per particle
+PILOT_STEPS = 30
+AUDIT_STEPS = 400
+AUDIT_COLLISIONS = 20_000
+
+
+class _Runner(Protocol):
+    """A gas in motion that counts."""
+
+    def run(self, duration: float) -> None:
+        """Advance by a time."""
+
+    def counts(self) -> tuple[int, float]:
+        """Return collisions and the sum of r.dp since the last call."""
+
+    def overlap(self) -> float:
+        """Return the deepest overlap now, in diameters."""
+
+    def drift(self) -> float:
+        """Return the relative change of energy since the start."""
+
+
+class _Engine:
+    """Our engine."""
+
+    def __init__(self, scene: hs.Scene) -> None:
+        self.simulation = hs.Simulation(scene)
+
+    def run(self, duration: float) -> None:
+        self.simulation.run(time=duration)
+
+    def counts(self) -> tuple[int, float]:
+        tallies = self.simulation.tallies
+        self.simulation.reset_tallies()
+        return tallies.collisions, float(np.trace(tallies.virial))
+
+    def overlap(self) -> float:
+        return max(self.simulation.worst_overlap, 0.0)
+
+    def drift(self) -> float:
+        return self.simulation.energy_drift
+
+
+class _Steps:
+    """A time stepper."""
+
+    def __init__(self, scene: hs.Scene, method: str, dt: float) -> None:
+        self.stepper = Stepper(scene, dt, method)
+        self.tests = 0
+
+    def run(self, duration: float) -> None:
+        self.stepper.run(duration)
+
+    def counts(self) -> tuple[int, float]:
+        count = self.stepper.count
+        self.tests += count.tests
+        self.stepper.reset()
+        return count.collisions, count.virial
+
+    def overlap(self) -> float:
+        return self.stepper.worst_overlap
+
+    def drift(self) -> float:
+        return self.stepper.energy_drift
+
+
+@dataclass(frozen=True)
+class Exact:
+    """What a gas of so many particles should show, kT = m = diameter = 1.
+
+    Attributes
+    ----------
+    z, z_doubt : float
+        Compressibility factor and its uncertainty, relative to Z - 1.
+    rate, rate_doubt : float
+        Collisions per particle and time, and its relative uncertainty.
+    """
+
+    z: float
+    z_doubt: float
+    rate: float
+    rate_doubt: float
+
+    @classmethod
+    def of(cls, scene: hs.Scene) -> Exact:
+        """Return the values for an equal-particle periodic scene, with the correction for its finite size."""
+        eta, dim, n = scene.packing_fraction, scene.dim, scene.n
+        z = theory.finite_size_compressibility(eta, dim, n)
+        rate = theory.finite_size_collision_rate(eta, dim, n, temperature=scene.temperature)
+        return cls(
+            float(z.value),
+            float(z.uncertainty) / (float(z.value) - 1.0),
+            float(rate.value),
+            float(rate.uncertainty) / float(rate.value),
+        )
+
+
+@dataclass
+class Long:
+    """What one method did in a long run.
+
+    Attributes
+    ----------
+    seconds : float
+        Processor time per true collision, the median over blocks.
+    collisions : int
+        Found in all.
+    pressure : Estimate
+        Measured Z - 1 over the exact one, less 1; the theory's uncertainty is in the error.
+    free_path : Estimate
+        Measured mean free path <v>/nu over the exact one, less 1.
+    energy, overlap : float
+        Relative energy drift at the end, absolute; deepest overlap at any block's end, in diameters.
+    missed : float
+        Pairs that passed through each other per true collision; NaN for the engine.
+    test_seconds : float
+        Processor time per pair whose distance was computed, everything else included; NaN for the engine.
+    """
+
+    seconds: float
+    collisions: int
+    pressure: Estimate
+    free_path: Estimate
+    energy: float
+    overlap: float
+    missed: float = math.nan
+    test_seconds: float = math.nan
+
+
+@dataclass
+class _Clocked:
+    """A runner, how long its blocks are, and what they gave."""
+
+    runner: _Runner
+    duration: float
+    rows: list[tuple[float, float, float]] = field(default_factory=list)
+    cpu: list[float] = field(default_factory=list)
+    overlap: float = 0.0
+
+    def block(self) -> None:
+        began = time.process_time()
+        self.runner.run(self.duration)
+        self.cpu.append(time.process_time() - began)
+        collisions, virial = self.runner.counts()
+        self.rows.append((self.duration, float(collisions), virial))
+        self.overlap = max(self.overlap, self.runner.overlap())
+
+
+def long_runs(
+    scene: hs.Scene, steps: Sequence[float], seconds: float, done: Callable[[], None] = lambda: None
+) -> dict[Method, Long]:
+    """Run every method for about so much processor time from the same equilibrated scene, block by block in turn.
+
+    Parameters
+    ----------
+    scene : Scene
+        Many equal particles, periodic, in equilibrium, kT = m = diameter = 1.
+    steps : sequence of float
+        Time steps.
+    seconds : float
+        Processor time for each time step and method; the engine gets twice that. Fast ones end after
+        `MOST_COLLISIONS` per particle.
+    done : callable
+        Called after each of the `BLOCKS` blocks.
+
+    Returns
+    -------
+    dict
+        `Long` by method and time step.
+    """
+    exact = Exact.of(scene)
+    settle, most = SETTLE / exact.rate, MOST_COLLISIONS / exact.rate / BLOCKS
+    clocked: dict[Method, _Clocked] = {}
+    for method, dt in [(ENGINE, math.nan), *((m, dt) for m in (BOUNCE, BACK_UP) for dt in steps)]:
+        engine = method == ENGINE
+        runner: _Runner = _Engine(scene) if engine else _Steps(scene, method, dt)
+        pilot = settle if engine else min(settle, PILOT_STEPS * dt)
+        runner.run(pilot)  # lists are made, kernels loaded
+        began = time.process_time()
+        runner.run(pilot)
+        pace = max(time.process_time() - began, 1e-6) / pilot  # seconds per time
+        if not engine:
+            runner.run(min(settle, 0.2 * seconds / pace))
+        runner.counts()
+        duration = min(most, (2.0 if engine else 1.0) * seconds / pace / BLOCKS)
+        clocked[method, dt] = _Clocked(runner, duration if engine else max(1.0, round(duration / dt)) * dt)
+    for _ in range(BLOCKS):
+        for each in clocked.values():
+            each.block()
+        done()
+    found = {key: _result(each, scene, exact) for key, each in clocked.items()}
+    for (method, dt), long in found.items():
+        if method != ENGINE:
+            long.missed = _audit(scene, method, dt, exact.rate)
+            runner = clocked[method, dt].runner
+            long.test_seconds = sum(clocked[method, dt].cpu) / runner.tests  # type: ignore[attr-defined]
+    return found
+
+
+def _result(each: _Clocked, scene: hs.Scene, exact: Exact) -> Long:
+    rows = np.array(each.rows)
+    thermal, n = 2.0 * scene.thermal_energy, scene.n
+    true_collisions = 0.5 * n * exact.rate * each.duration
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SeriesWarning)  # of short series: errors are then lower bounds
+        pressure = estimate_from_series(rows, lambda m: m[..., 2] / m[..., 0] / thermal / (exact.z - 1.0) - 1.0)
+        path = estimate_from_series(rows, lambda m: exact.rate * n * m[..., 0] / (2.0 * m[..., 1]) - 1.0)
+    return Long(
+        float(np.median(each.cpu)) / true_collisions,
+        int(rows[:, 1].sum()),
+        _doubted(pressure, exact.z_doubt),
+        _doubted(path, exact.rate_doubt),
+        abs(each.runner.drift()),
+        each.overlap,
+    )
+
+
+def _doubted(estimate: Estimate, doubt: float) -> Estimate:
+    """Return an estimate with another relative uncertainty in its error."""
+    error = math.hypot(estimate.standard_error, doubt)
+    return Estimate(estimate.value, error, estimate.n_effective, estimate.degrees_of_freedom)
+
+
+def _audit(scene: hs.Scene, method: str, dt: float, rate: float) -> float:
+    """Return how many pairs pass through each other unseen for each collision that should be."""
+    stepper = Stepper(scene, dt, method, audit=True)
+    wanted = 2.0 * AUDIT_COLLISIONS / (rate * scene.n)
+    stepper.run(min(max(wanted, 20 * dt), AUDIT_STEPS * dt))
+    count = stepper.count
+    return count.missed / max(count.missed + count.collisions, 1)
+
+
+def engine_test_seconds(scene: hs.Scene, repeats: int = 5) -> float:
+    """Return the engine's processor time per pair that it looks at, from complete searches of the scene.
+
+    A simulation that has just been made searches for all next events at its first step. Pairs: those of each particle with
+    the half of the cells around it, and for neighbour lists every particle with its list.
+    """
+    taken = []
+    for _ in range(repeats):
+        simulation = hs.Simulation(scene)
+        began = time.process_time()
+        simulation.run(time=0.0)
+        taken.append(time.process_time() - began)
+    status = simulation.status()
+    cells = np.maximum(np.rint(scene.box / np.array(status["cell_size"])), 1.0)
+    pairs = 0.5 * scene.n**2 * float(np.prod(np.minimum(3.0, cells) / cells))
+    if status["method"].startswith("neighbour lists"):
+        reach = 2.0 * float(scene.radii[0]) + 2.0 * status["shell"]
+        ball = {2: math.pi, 3: 4.0 * math.pi / 3.0}[scene.dim] * reach**scene.dim
+        pairs += scene.n * scene.number_density * ball
+    return float(np.median(taken)) / pairs
