@@ -116,9 +116,7 @@ def few_beside_oracle(scenes: Sequence[hs.Scene], s: float, steps: Sequence[floa
                 positions, velocities, seconds = _by_steps(scene, end, method, dt, rate)
             few = found[key]
             few.trajectory.append(distance(positions, truth, scene))
-            few.energy.append(
-                abs(kinetic_energy(velocities, scene.masses) / scene.kinetic_energy - 1.0)
-            )
+            few.energy.append(abs(kinetic_energy(velocities, scene.masses) / scene.kinetic_energy - 1.0))
             few.overlap.append(_overlap(positions, scene))
             few.seconds.append(seconds)
     return found

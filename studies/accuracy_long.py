@@ -27,8 +27,8 @@ BLOCKS = 32
 SETTLE = 2.0  # collisions per particle in which a stepper finds its own steady state
 MOST_COLLISIONS = 400.0  # per particle
 PILOT_STEPS = 30
-AUDIT_STEPS = 400
-AUDIT_COLLISIONS = 20_000
+AUDIT_STEPS = 4000
+AUDIT_COLLISIONS = 100_000
 
 
 class _Runner(Protocol):
@@ -138,8 +138,8 @@ class Long:
         Measured mean free path <v>/nu over the exact one, less 1.
     energy, overlap : float
         Relative energy drift at the end, absolute; deepest overlap at any block's end, in diameters.
-    missed : float
-        Pairs that passed through each other per true collision; NaN for the engine.
+    missed, audited : float
+        Pairs that passed through each other per collision that should be, and how many of those there were; NaN for the engine.
     test_seconds : float
         Processor time per pair whose distance was computed, everything else included; NaN for the engine.
     """
@@ -151,6 +151,7 @@ class Long:
     energy: float
     overlap: float
     missed: float = math.nan
+    audited: float = math.nan
     test_seconds: float = math.nan
 
 
@@ -218,7 +219,7 @@ def long_runs(
     found = {key: _result(each, scene, exact) for key, each in clocked.items()}
     for (method, dt), long in found.items():
         if method != ENGINE:
-            long.missed = _audit(scene, method, dt, exact.rate)
+            long.missed, long.audited = _audit(scene, method, dt, exact.rate)
             runner = clocked[method, dt].runner
             long.test_seconds = sum(clocked[method, dt].cpu) / runner.tests  # type: ignore[attr-defined]
     return found
@@ -230,7 +231,9 @@ def _result(each: _Clocked, scene: hs.Scene, exact: Exact) -> Long:
     true_collisions = 0.5 * n * exact.rate * each.duration
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SeriesWarning)  # of short series: errors are then lower bounds
-        pressure = estimate_from_series(rows, lambda m: m[..., 2] / m[..., 0] / thermal / (exact.z - 1.0) - 1.0)
+        pressure = estimate_from_series(
+            rows, lambda m: m[..., 2] / m[..., 0] / thermal / (exact.z - 1.0) - 1.0
+        )
         path = estimate_from_series(rows, lambda m: exact.rate * n * m[..., 0] / (2.0 * m[..., 1]) - 1.0)
     return Long(
         float(np.median(each.cpu)) / true_collisions,
@@ -248,13 +251,14 @@ def _doubted(estimate: Estimate, doubt: float) -> Estimate:
     return Estimate(estimate.value, error, estimate.n_effective, estimate.degrees_of_freedom)
 
 
-def _audit(scene: hs.Scene, method: str, dt: float, rate: float) -> float:
-    """Return how many pairs pass through each other unseen for each collision that should be."""
+def _audit(scene: hs.Scene, method: str, dt: float, rate: float) -> tuple[float, float]:
+    """Return how many pairs pass through each other unseen per collision that should be, and how many of these there were."""
     stepper = Stepper(scene, dt, method, audit=True)
     wanted = 2.0 * AUDIT_COLLISIONS / (rate * scene.n)
     stepper.run(min(max(wanted, 20 * dt), AUDIT_STEPS * dt))
     count = stepper.count
-    return count.missed / max(count.missed + count.collisions, 1)
+    true = max(count.missed + count.collisions, 1)
+    return count.missed / true, float(true)
 
 
 def engine_test_seconds(scene: hs.Scene, repeats: int = 5) -> float:

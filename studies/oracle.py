@@ -83,7 +83,9 @@ class Oracle(ReferenceSimulation):
         near -= self._box * np.rint(near / self._box)
         waits = self._estimate(near, v[i] - v[j])
         found: tuple[Any, int, int] = (mpmath.mpf(safe), n, n)
-        for pair in np.flatnonzero(waits <= min(float(waits.min()), safe) * (1.0 + ROUNDING) + ROUNDING * safe):
+        for pair in np.flatnonzero(
+            waits <= min(float(waits.min()), safe) * (1.0 + ROUNDING) + ROUNDING * safe
+        ):
             a, b = int(i[pair]), int(j[pair])
             found = min(found, (self._contact(a, b), a, b))
         return found

@@ -346,7 +346,9 @@ class Stepper:
         """Cells along each axis, each at least as wide as the list of pairs reaches; not many more than particles."""
         most = max(2 * self.scene.n, 27) ** (1.0 / self.scene.dim)
         cells = np.ones(3, np.int64)
-        cells[: self.scene.dim] = np.maximum(np.minimum(self.scene.box / (self._sigma + self._margin), most), 1.0)
+        cells[: self.scene.dim] = np.maximum(
+            np.minimum(self.scene.box / (self._sigma + self._margin), most), 1.0
+        )
         return tuple(cells.tolist())
 
     @property
