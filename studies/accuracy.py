@@ -51,7 +51,7 @@ COLLISIONS_PER_PARTICLE = 1.0  # after which trajectories are compared
 LONGEST = 1e7  # steps in one scene of few particles
 LEVELS = (1e-2, 1e-3)  # relative errors of Z - 1 that the answer is given for
 FEW_STEPS = (0.3, 0.1, 0.03, 0.01, 0.003, 1e-3, 1e-4, 1e-5, 1e-6)
-LONG_STEPS = (0.3, 0.15, 0.08, 0.04, 0.02, 0.01, 0.003, 0.001)
+LONG_STEPS = (0.3, 0.1, 0.03, 0.01, 0.003, 0.001)
 FAIR = 2.0
 
 
@@ -83,14 +83,14 @@ class Accuracy:
     seed: int = 1
     scenes: int = 8
     followed: int = 3
-    seconds: float = 1.2
+    seconds: float = 1.5
     few_steps: tuple[float, ...] = FEW_STEPS
     long_steps: tuple[float, ...] = LONG_STEPS
 
     def quick(self) -> Accuracy:
         """Return a study that takes a fifth of the time."""
         return replace(
-            self, scenes=4, followed=2, seconds=0.2, few_steps=FEW_STEPS[:-1], long_steps=LONG_STEPS[1:-1:2]
+            self, scenes=4, followed=2, seconds=0.2, few_steps=FEW_STEPS[:-1], long_steps=LONG_STEPS[1:-1]
         )
 
     def check(self) -> None:
@@ -146,7 +146,7 @@ class Compared:
     def keys(self) -> list[Method]:
         """Methods and time steps: engine, reference, then each time stepper from its longest step."""
         order = list(METHODS)
-        keys = {(method, dt) for table in (self.few, self.long) for method, dt in table if dt == dt}
+        keys = {(method, dt) for table in (self.few, self.long) for method, dt in table if not math.isnan(dt)}
         stepped = sorted(keys, key=lambda key: (order.index(key[0]), -key[1]))
         return [next(k for k in self.few if k[0] == name) for name in (ENGINE, REFERENCE)] + stepped
 
@@ -497,7 +497,7 @@ def _print(screen: Screen, study: Accuracy, compared: Sequence[Compared], summar
         row["energy_drift"]
         for state in summary["states"]
         for row in state["rows"]
-        if row["energy_drift"] == row["energy_drift"]
+        if not math.isnan(row["energy_drift"])
     )
     screen.say(f"energy: no method lost more than {drift:.0e} of it, so energy says nothing about the rest")
     screen.say()
@@ -509,16 +509,13 @@ def _print(screen: Screen, study: Accuracy, compared: Sequence[Compared], summar
 
 def _cells(row: dict[str, Any]) -> list[str]:
     def text(value: float, form: str) -> str:
-        return format(value, form) if value == value else ""
+        return "" if math.isnan(value) else format(value, form)
 
     def estimate(name: str) -> str:
-        value, error = row[name], row[f"{name}_error"]
-        return str(Estimate(value, error)) if value == value else ""
+        return "" if math.isnan(row[name]) else str(Estimate(row[name], row[f"{name}_error"]))
 
     def time_of(seconds: float) -> str:
-        return (
-            "" if seconds != seconds else f"{seconds * 1e6:.3g}" if seconds < 1e-3 else f"{seconds * 1e6:.0f}"
-        )
+        return text(seconds * 1e6, ".3g" if seconds < 1e-3 else ".0f")
 
     return [
         row["method"],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,8 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from studies.accuracy import METHODS, Compared
-from studies.accuracy_few import ENGINE, REFERENCE, Few
-from studies.accuracy_long import Long
+from studies.accuracy_few import ENGINE, REFERENCE
 from studies.report import COLOURS, figure_style
 from studies.time_stepping import BACK_UP, BOUNCE
 
@@ -52,10 +51,10 @@ def figure(compared: Sequence[Compared]) -> Figure:
             for method in METHODS:
                 _draw(panels[0], method, _trajectory(state, method), look)
                 _draw(panels[1], method, _missed(state, method), look)
-                _draw(panels[2], method, _of_run(state, method, lambda e: e.overlap, max), look)
+                _draw(panels[2], method, _of_run(state, method, "overlap"), look)
                 _draw(panels[3], method, _biases(state, method, "pressure"), look)
                 _draw(panels[4], method, _biases(state, method, "free_path"), look)
-                _draw(panels[5], method, _of_run(state, method, lambda e: e.energy, max), look)
+                _draw(panels[5], method, _of_run(state, method, "energy"), look)
         titles = {
             "trajectory": "distance from the true one, diameters",
             "missed collisions": "per true collision",
@@ -117,22 +116,16 @@ def _missed(state: Compared, method: str) -> list[Point]:
     return points
 
 
-def _of_run(
-    state: Compared, method: str, value: Callable[[Few | Long], object], worst: Callable[[object], float]
-) -> list[Point]:
-    """Overlap or energy drift, from the long run; of the reference solver from the few particles."""
-    points = []
+def _of_run(state: Compared, method: str, name: str) -> list[Point]:
+    """Overlap or energy drift, from the long run; of the reference solver from the few particles. None: at the edge."""
     if method == REFERENCE:
-        few = next(few for (name, _), few in state.few.items() if name == method)
-        error = worst(value(few))  # type: ignore[arg-type]
-        least = max(error, LEAST)
-        return [(least, least, least, float(np.median(few.seconds)), error == 0.0)]
-    for (name, _), long in state.long.items():
-        if name == method:
-            error = float(value(long))  # type: ignore[arg-type]
-            least = max(error, LEAST)
-            points.append((least, least, least, long.seconds, error == 0.0))
-    return points
+        few = next(few for (own, _), few in state.few.items() if own == method)
+        found = [(max(getattr(few, name)), float(np.median(few.seconds)))]
+    else:
+        found = [
+            (getattr(long, name), long.seconds) for (own, _), long in state.long.items() if own == method
+        ]
+    return [(max(error, LEAST), LEAST, LEAST, seconds, error == 0.0) for error, seconds in found]
 
 
 def _biases(state: Compared, method: str, name: str) -> list[Point]:

@@ -366,6 +366,33 @@ def mixture(
     _finish(screen, run(study, OutputFolder(out or Path("runs") / f"mixture-{seed}"), screen))
 
 
+@app.command()
+def accuracy(
+    packing_fractions: Densities = "0.01,0.3",
+    n: Annotated[int, typer.Option(min=2, help="Particles of the long runs.")] = 4000,
+    dim: Annotated[int, typer.Option(min=2, max=3, help="Dimension.")] = 3,
+    quick: Annotated[bool, typer.Option("--quick", help="Fewer and shorter runs: half a minute.")] = False,
+    seed: Seed = 1,
+    out: Out = None,
+    json: Json = False,
+) -> None:
+    """Set speed against error, beside two time-stepping programs.
+
+    The engine, the all-pairs solver and bouncing balls by time steps on the same gases in one run: distance from
+    the trajectory at 50 digits, missed collisions, overlaps, pressure and mean free path, and what they cost. Writes
+    a summary, a table and a picture.
+    """
+    from studies.accuracy import Accuracy
+    from studies.accuracy import accuracy as run
+    from studies.pressure import packing_fractions as parsed
+    from studies.report import OutputFolder, Screen
+
+    study = Accuracy(parsed(packing_fractions), n, dim, seed)
+    screen = Screen(json)
+    folder = OutputFolder(out or Path("runs") / f"accuracy-{seed}")
+    _finish(screen, run(study.quick() if quick else study, folder, screen))
+
+
 def _finish(screen: Any, result: tuple[dict[str, Any], bool]) -> None:
     """Print the JSON that was asked for, and exit with 1 if a check failed."""
     summary, sound = result

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 import hardspheres as hs
 from hardspheres.cells import worst_overlap
-from hardspheres.kernel.compiler import cache_folder, cached_in, entry, part, pointer
+from hardspheres.kernel import compiler
 from hardspheres.scene import kinetic_energy
 
 __all__ = ["BACK_UP", "BOUNCE", "Count", "Stepper", "best_margin"]
@@ -27,6 +27,10 @@ __all__ = ["BACK_UP", "BOUNCE", "Count", "Stepper", "best_margin"]
 FloatArray = NDArray[np.float64]
 
 BOUNCE, BACK_UP = "bounce", "back-up"
+
+part: Any = compiler.part
+pointer: Any = compiler.pointer
+entry: Any = compiler.entry
 
 # What `_advance` adds up.
 COLLISIONS, VIRIAL, MISSED, TESTS = range(4)
@@ -223,7 +227,7 @@ def _advance(state, box, cells, sigma, margin, dt, steps, back_up, audit, scratc
     return DONE
 
 
-with cached_in(cache_folder("time_stepping")):
+with compiler.cached_in(compiler.cache_folder("time_stepping")):
     advance: Any = entry(_advance)
 
 
