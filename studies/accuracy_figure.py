@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from studies.accuracy import METHODS, Compared
 from studies.accuracy_few import ENGINE, REFERENCE
@@ -65,6 +66,8 @@ def figure(compared: Sequence[Compared]) -> Figure:
         }
         for axes, (title, label) in zip(panels, titles.items(), strict=True):
             axes.set(xscale="log", yscale="log", title=title, xlabel=label)
+        for axes in panels:
+            _scale(axes)
         for axes in (panels[0], panels[3]):
             axes.set_ylabel("processor time per\ntrue collision, \u00b5s")
         _legend(result, compared)
@@ -81,17 +84,20 @@ def _draw(axes: Axes, method: str, points: Sequence[Point], look: tuple[bool, ob
         axes.plot(*zip(*seen, strict=True), color=colour, ls=dashes, lw=1.1, zorder=2)
     for error, low, high, seconds, limit in points:
         if high > low:
-            axes.plot([low, high], [1e6 * seconds] * 2, color=colour, lw=0.9, alpha=0.7, zorder=2)
-        axes.plot(
-            error,
-            1e6 * seconds,
-            "<" if limit else mark,
-            ms=5.0 if limit else size,
-            color=colour,
-            mfc=face,
-            mew=1.1,
-            zorder=4,
-        )
+            axes.plot([low, high], [1e6 * seconds] * 2, color=colour, lw=0.8, alpha=0.5, zorder=2)
+        if limit:
+            axes.plot([0.6 * error, error], [1e6 * seconds] * 2, color=colour, lw=0.9, zorder=3)
+            axes.plot(0.6 * error, 1e6 * seconds, "<", ms=3.5, color=colour, mew=0.0, zorder=3)
+        axes.plot(error, 1e6 * seconds, mark, ms=size, color=colour, mfc=face, mew=1.1, zorder=4)
+
+
+def _scale(axes: Axes) -> None:
+    """Let both axes show whole decades."""
+    for axis, limits in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
+        low, high = (math.log10(limit) for limit in limits)
+        axis.set_view_interval(10.0 ** math.floor(low), 10.0 ** math.ceil(high), ignore=True)
+        axis.set_major_locator(LogLocator(numticks=8))
+        axis.set_minor_formatter(NullFormatter())
 
 
 def _trajectory(state: Compared, method: str) -> list[Point]:
@@ -165,6 +171,6 @@ def _legend(result: Figure, compared: Sequence[Compared]) -> None:
             )
         )
     handles.append(
-        Line2D([], [], color=COLOURS["theory"], marker="<", ms=5, ls="", label="no more than this")
+        Line2D([], [], color=COLOURS["theory"], marker="<", ms=3.5, ls="-", lw=0.9, label="at most")
     )
     result.legend(handles=handles, loc="outside lower center", ncols=math.ceil(len(handles) / 2))

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.stats import chi2
 
 import hardspheres as hs
 from studies.report import OutputFolder, Screen
@@ -25,7 +26,7 @@ MOST = 1000
 """A study is not made longer than this many times the pilot."""
 PILOT = 20  # replicas at most
 LEAST = 4  # replicas at least: errors come from their spread
-DOUBT = 1.3  # standard errors of the pilot's standard error to allow for: it is too small in a tenth of the cases only
+CONFIDENCE = 0.9  # that the true spread is no larger than what the pilot lets one expect
 
 Study = Any  # a dataclass with replicas and seed
 Run = Callable[[Study, OutputFolder, Screen], tuple[dict[str, Any], bool]]
@@ -101,14 +102,13 @@ class Plan:
     def of(cls, numbers: list[Number], replicas: int, target: float) -> Plan:
         """Return the plan that follows from a pilot of so many replicas.
 
-        The error falls as the root of their number. The pilot's own error is uncertain by 1/sqrt(2 f), f its degrees of
-        freedom; `DOUBT` times that is added, so that the target is missed in about a tenth of all cases, and then by little.
+        The error falls as the root of their number. The pilot's own error s is uncertain: f s^2 / sigma^2 follows chi-square
+        with its f degrees of freedom, and the upper bound of sigma at `CONFIDENCE` stands in for s.
         """
 
         def careful(number: Number) -> float:
-            return number.relative_error * (
-                1.0 + DOUBT / math.sqrt(2.0 * max(number.degrees_of_freedom, 1.0))
-            )
+            freedom = min(number.degrees_of_freedom, 1e6)
+            return number.relative_error * math.sqrt(freedom / float(chi2.ppf(1.0 - CONFIDENCE, freedom)))
 
         worst = max(numbers, key=careful)
         error = careful(worst)
