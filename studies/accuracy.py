@@ -204,6 +204,10 @@ class Compared:
         missed, true = sum(h.missed for h in self.horizons), sum(h.collisions for h in self.horizons)
         if missed:
             found.append(f"the engine's count was off by {missed} of {true} collisions")
+        if long.missed:
+            found.append(
+                f"the engine missed {long.missed * long.audited:.0f} of {long.audited:.0f} collisions"
+            )
         for name, estimate in (("Z - 1", long.pressure), ("the mean free path", long.free_path)):
             if alarming(estimate, 0.0, 0.0):
                 found.append(
@@ -336,12 +340,12 @@ def _pressure_answer(state: Compared) -> str:
         for method in (BOUNCE, BACK_UP):
             need = state.pressure_curve(method).need(level)
             if need is None:
-                words.append(f"{METHODS[method]} not known, its error is lost in noise")
+                words.append(f"{METHODS[method]} unknown, the error is lost in noise")
             else:
                 mark = ", extrapolated" * need.extrapolated
-                words.append(f"{METHODS[method]} {need.seconds / own:.2g} (dt = {need.dt:.2g}{mark})")
-        parts.append(f"{level:.1%}: " + ", ".join(words))
-    return f"time over the engine's for Z - 1 to {'; to '.join(parts)}"
+                words.append(f"{METHODS[method]} {need.seconds / own:.2g} times (dt = {need.dt:.2g}{mark})")
+        parts.append(f"{100.0 * level:g} %: " + ", ".join(words))
+    return f"the engine's time that is needed for Z - 1 to {'; to '.join(parts)}"
 
 
 def _trajectory_answers(state: Compared) -> list[str]:

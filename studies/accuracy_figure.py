@@ -110,10 +110,7 @@ def _trajectory(state: Compared, method: str) -> list[Point]:
 
 
 def _missed(state: Compared, method: str) -> list[Point]:
-    """Missed collisions; for the engine an upper limit, 1 in all true ones that it was compared with."""
-    if method == ENGINE:
-        limit = 1.0 / sum(h.collisions for h in state.horizons)
-        return [(limit, limit, limit, state.engine_long.seconds, True)]
+    """Missed collisions; where there was none, one in all that were looked at is the limit."""
     points = []
     for (name, _), long in state.long.items():
         if name == method:

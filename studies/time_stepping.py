@@ -139,7 +139,7 @@ def _find_pairs(x, y, z, n, box, cells, reach, room, first, second, order, start
 def _advance(state, box, cells, sigma, margin, dt, steps, back_up, audit, scratch, ids, total):  # type: ignore[no-untyped-def]
     """Do so many steps of dt; `total` gets what happened. Returns DONE or what it was short of.
 
-    With `audit` pairs are counted that pass through each other within one step and overlap neither before nor after it.
+    With `audit` pairs are counted that came from outside and passed each other within one step: they recede when they are seen.
     """
     n = state.shape[1]
     room = ids.shape[1] - 1
@@ -192,11 +192,11 @@ def _advance(state, box, cells, sigma, margin, dt, steps, back_up, audit, scratc
                 dw = w[i] - w[j]
                 b = dx * du + dy * dv + dz * dw
                 speed2 = du * du + dv * dv + dw * dw
-                if rr >= sigma2:
+                if b >= 0.0:
                     before = rr - 2.0 * b * dt + speed2 * dt * dt
-                    if 0.0 < b < speed2 * dt and before >= sigma2 and rr - b * b / speed2 < sigma2:
+                    if audit and b < speed2 * dt and before >= sigma2 and rr - b * b / speed2 < sigma2:
                         total[MISSED] += 1.0
-                elif b < 0.0:
+                elif rr < sigma2:
                     back = 0.0
                     if back_up:
                         depth = sigma2 - rr
@@ -266,7 +266,7 @@ class Count:
     virial : float
         Sum of r.dp over them, [energy time].
     missed : int
-        Pairs that passed through each other within one step, unseen; 0 without audit.
+        Pairs that passed each other within one step, nearer than a diameter, unseen; 0 without audit.
     tests : int
         Pairs whose distance was computed.
     """

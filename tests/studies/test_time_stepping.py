@@ -47,6 +47,22 @@ def test_a_graze_is_missed_unless_steps_are_short():
     assert (found.count.collisions, found.count.missed) == (1, 0)
 
 
+@pytest.mark.parametrize(("kind", "share"), [("3d", 8 / 3), ("2d", 1.0)])
+def test_missed_collisions_of_a_dilute_gas(kind, share):
+    """(8/3) dt^2 kT / m sigma^2 of all collisions are missed by spheres, dt^2 by discs, to five standard errors.
+
+    A pair approaches within the diameter for h = sqrt(sigma^2 - p^2) / g, p the impact parameter and g the relative speed, and
+    is missed with probability 1 - h/dt where h < dt. Over p that is a^2/3 for spheres and a^2/6 for discs, a = g dt / sigma;
+    over collisions <g^2> is 8 and 6 kT/m.
+    """
+    stepper = Stepper(gas(kind, 2000, 0.01, seed=2), 0.1, BACK_UP, audit=True)
+    stepper.run(150.0 if kind == "3d" else 50.0)
+    count = stepper.count
+    true = count.collisions + count.missed
+    assert true > 5000
+    assert abs(count.missed / true / 0.1**2 - share) < 5.0 * share / np.sqrt(count.missed) + 0.02 * share
+
+
 @pytest.mark.parametrize(("kind", "eta"), [("3d", 0.3), ("3d", 0.01), ("2d", 0.3)])
 def test_cells_find_every_pair(kind, eta):
     """A list from cells and one from all pairs give the same gas, and conserve what they should.
