@@ -56,7 +56,7 @@ def test_missed_collisions_of_a_dilute_gas(kind, share):
     over collisions <g^2> is 8 and 6 kT/m.
     """
     stepper = Stepper(gas(kind, 2000, 0.01, seed=2), 0.1, BACK_UP, audit=True)
-    stepper.run(150.0 if kind == "3d" else 50.0)
+    stepper.run(150.0)
     count = stepper.count
     true = count.collisions + count.missed
     assert true > 5000
