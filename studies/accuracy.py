@@ -340,12 +340,12 @@ def _pressure_answer(state: Compared) -> str:
         for method in (BOUNCE, BACK_UP):
             need = state.pressure_curve(method).need(level)
             if need is None:
-                words.append(f"{METHODS[method]} unknown, the error is lost in noise")
+                words.append(f"{METHODS[method]} unknown (error lost in noise)")
             else:
                 mark = ", extrapolated" * need.extrapolated
                 words.append(f"{METHODS[method]} {need.seconds / own:.2g} times (dt = {need.dt:.2g}{mark})")
         parts.append(f"{100.0 * level:g} %: " + ", ".join(words))
-    return f"the engine's time that is needed for Z - 1 to {'; to '.join(parts)}"
+    return f"time over the engine's for Z - 1 to {'; to '.join(parts)}"
 
 
 def _trajectory_answers(state: Compared) -> list[str]:
@@ -494,7 +494,7 @@ def _print(screen: Screen, study: Accuracy, compared: Sequence[Compared], summar
         "median and worst of the scenes"
     )
     screen.say(
-        "missed: pairs that pass through each other, per true collision; overlap: the deepest, in diameters; "
+        "missed: pairs that come and go within one step or are not seen at all, per true collision; overlap: the deepest, in diameters; "
         "Z - 1, mean free path: relative error"
     )
     drift = max(
