@@ -72,7 +72,7 @@ class Accuracy:
     scenes, followed : int
         Scenes of few particles; how many of them are followed until the trajectory is lost.
     seconds : float
-        Processor time of each long run.
+        Processor time of each long run, roughly; results do not depend on how fast the machine is.
     few_steps, long_steps : tuple of float
         Time steps, descending, in units of diameter sqrt(m/kT).
     """

@@ -28,7 +28,10 @@ FloatArray = NDArray[np.float64]
 BLOCKS = 32
 SETTLE = 2.0  # collisions per particle in which a stepper finds its own steady state
 MOST_COLLISIONS = 400.0  # per particle
-PILOT_STEPS = 30
+PILOT_STEPS = 60
+# Seconds that decide how long runs are, so that their results do not depend on the machine's speed: of a collision in the
+# engine, of a particle's flight and of a test of a pair in a step.
+ENGINE_COST, FLIGHT_COST, TEST_COST = 1.5e-6, 2.5e-9, 4.5e-9
 AUDIT_STEPS = 4000
 AUDIT_COLLISIONS = 100_000
 AUDIT_WINDOWS = 200  # of the engine
@@ -180,7 +183,7 @@ class _Clocked:
 def long_runs(
     scene: hs.Scene, steps: Sequence[float], seconds: float, done: Callable[[], None] = lambda: None
 ) -> dict[Method, Long]:
-    """Run every method for about so much processor time from the same equilibrated scene, block by block in turn.
+    """Run every method from the same equilibrated scene, block by block in turn.
 
     Parameters
     ----------
@@ -189,8 +192,8 @@ def long_runs(
     steps : sequence of float
         Time steps.
     seconds : float
-        Processor time for each time step and method; the engine gets twice that. Fast ones end after
-        `MOST_COLLISIONS` per particle.
+        Processor time for each time step and method, roughly, as a usual machine would need; the engine gets twice that.
+        None runs for more than `MOST_COLLISIONS` per particle.
     done : callable
         Called after each of the `BLOCKS` blocks.
 
@@ -203,30 +206,34 @@ def long_runs(
     settle, most = SETTLE / exact.rate, MOST_COLLISIONS / exact.rate / BLOCKS
     clocked: dict[Method, _Clocked] = {}
     for method, dt in [(ENGINE, math.nan), *((m, dt) for m in (BOUNCE, BACK_UP) for dt in steps)]:
-        engine = method == ENGINE
-        runner: _Runner = _Engine(scene) if engine else _Steps(scene, method, dt)
-        pilot = settle if engine else min(settle, PILOT_STEPS * dt)
-        runner.run(pilot)  # lists are made, kernels loaded
-        began = time.process_time()
-        runner.run(pilot)
-        pace = max(time.process_time() - began, 1e-6) / pilot  # seconds per time
-        if not engine:
-            runner.run(min(settle, 0.2 * seconds / pace))
+        if method == ENGINE:
+            own = _Engine(scene)
+            own.run(settle)
+            pace = ENGINE_COST * 0.5 * scene.n * exact.rate
+            own.counts()
+            clocked[method, dt] = _Clocked(own, min(most, 2.0 * seconds / pace / BLOCKS))
+            continue
+        runner = _Steps(scene, method, dt)
+        runner.run(PILOT_STEPS * dt)
         runner.counts()
-        duration = min(most, (2.0 if engine else 1.0) * seconds / pace / BLOCKS)
-        clocked[method, dt] = _Clocked(runner, duration if engine else max(1.0, round(duration / dt)) * dt)
+        pace = (FLIGHT_COST * scene.n + TEST_COST * runner.tests / PILOT_STEPS) / dt  # seconds per time
+        runner.run(min(settle, 0.2 * seconds / pace))
+        runner.counts()
+        runner.tests = 0
+        duration = min(most, seconds / pace / BLOCKS)
+        clocked[method, dt] = _Clocked(runner, max(1.0, round(duration / dt)) * dt)
     for _ in range(BLOCKS):
         for each in clocked.values():
             each.block()
         done()
     found = {key: _result(each, scene, exact) for key, each in clocked.items()}
     for (method, dt), long in found.items():
-        if method == ENGINE:
-            long.missed, long.audited = _audit_engine(scene, exact.rate)
-        else:
+        each = clocked[method, dt]
+        if isinstance(each.runner, _Steps):
             long.missed, long.audited = _audit(scene, method, dt, exact.rate)
-            runner = clocked[method, dt].runner
-            long.test_seconds = sum(clocked[method, dt].cpu) / runner.tests  # type: ignore[attr-defined]
+            long.test_seconds = sum(each.cpu) / each.runner.tests
+        else:
+            long.missed, long.audited = _audit_engine(scene, exact.rate)
     return found
 
 

@@ -15,6 +15,7 @@ from studies.accuracy import Accuracy, accuracy, answers, compare
 from studies.accuracy_answer import Curve, rounding_floor
 from studies.accuracy_few import ENGINE, lyapunov_exponent
 from studies.cli import main
+from studies.ensemble import replica_seeds
 from studies.report import OutputFolder, Screen
 from studies.time_stepping import BACK_UP, BOUNCE, Stepper
 
@@ -83,6 +84,23 @@ def test_time_steps_are_seen_to_be_wrong(finished):
 def settled(n):
     """The gas of the study."""
     return study_module._settled(SMALL.fluid(0.3, n), np.random.SeedSequence(1))
+
+
+def test_errors_do_not_depend_on_how_fast_the_machine_is(state):
+    again = accuracy_long.long_runs(settled_as_in_study(), SMALL.long_steps, SMALL.seconds)
+    for key, long in again.items():
+        before = state.engine_long if key[0] == ENGINE else state.long[key]
+        assert (long.pressure, long.free_path, long.missed) == (
+            before.pressure,
+            before.free_path,
+            before.missed,
+        )
+
+
+def settled_as_in_study():
+    """The scene of the fixture's long runs."""
+    seed = replica_seeds(SMALL.seed, SMALL.scenes + 1)[0]
+    return study_module._settled(SMALL.fluid(0.3, SMALL.n), seed)
 
 
 def test_an_engine_off_the_true_trajectory_fails(state, monkeypatch):
