@@ -12,7 +12,8 @@ import numpy as np
 __all__ = ["Curve", "Need", "rounding_floor"]
 
 SEEN = 3.0  # standard errors from which on an error counts as seen
-SMALL = 0.2  # errors below follow a power of dt
+SMALL = 0.2  # errors below follow a power of dt,
+MODEL = 0.05  # to this relative accuracy
 
 
 @dataclass(frozen=True)
@@ -61,12 +62,19 @@ class Curve:
 
     @property
     def order(self) -> float:
-        """The power of dt with which the error falls: a straight line through the logarithms of small errors that are seen."""
+        """The power of dt with which the error falls, see `_line`."""
+        return self._line[0]
+
+    @property
+    def _line(self) -> tuple[float, float]:
+        """Slope and intercept of the logarithms of small errors that are seen, the last four, weighted by how well."""
         chosen = [k for k in self.seen if self.error[k] < SMALL][-4:]
         if len(chosen) < 2:
-            return math.nan
-        x, y = np.log([self.dt[k] for k in chosen]), np.log([self.error[k] for k in chosen])
-        return float(np.polyfit(x, y, 1)[0])
+            return math.nan, math.nan
+        error, noise = np.array([(self.error[k], self.noise[k]) for k in chosen]).T
+        weight = 1.0 / np.hypot(noise / error, MODEL)
+        slope, intercept = np.polyfit(np.log([self.dt[k] for k in chosen]), np.log(error), 1, w=weight)
+        return float(slope), float(intercept)
 
     def need(self, error: float) -> Need | None:
         """Return what an error no larger than this needs, None where too little is seen to tell.
@@ -84,7 +92,8 @@ class Curve:
                 return self._measured(dt)
         if not self.order > 0.1:
             return None
-        dt = self.dt[seen[-1]] * (error / self.error[seen[-1]]) ** (1.0 / self.order)
+        slope, intercept = self._line
+        dt = math.exp((math.log(error) - intercept) / slope)
         return Need(dt, self.seconds_at(dt), True)
 
     def _measured(self, dt: float) -> Need:
