@@ -374,13 +374,14 @@ def _trajectory_answers(state: Compared) -> list[str]:
 
 
 def _horizon_answer(state: Compared) -> str:
-    true = sum(h.collisions for h in state.horizons)
+    eta, dim, long = state.fluid.packing_fraction, state.fluid.dim, state.engine_long
+    missed, true = sum(h.missed for h in state.horizons), sum(h.collisions for h in state.horizons)
     expected = state.expected_horizon
-    words = f", {expected:.2g} by the Lyapunov exponent {lyapunov_exponent(state.fluid.packing_fraction, state.fluid.dim):.3g}"
+    words = f", {expected:.2g} by the Lyapunov exponent {lyapunov_exponent(eta, dim):.3g}"
     return (
-        f"the engine stays on the true trajectory (to {LOST:g} diameters) for {state.horizon:.3g} collisions "
-        f"per particle{words if math.isfinite(expected) else ''}; its error grows by exp({state.growth:.3g} s); of {true} "
-        f"collisions before {sum(h.missed for h in state.horizons)} were missed"
+        f"the engine stays on the true trajectory (to {LOST:g} diameters) for {state.horizon:.3g} collisions per particle"
+        f"{words if math.isfinite(expected) else ''}; its error grows by exp({state.growth:.3g} s); it missed {missed} of {true} "
+        f"collisions beside the oracle, {long.missed * long.audited:.0f} of {long.audited:.0f} in the long run"
     )
 
 
@@ -514,7 +515,7 @@ def _print(screen: Screen, study: Accuracy, compared: Sequence[Compared], summar
 
 def _cells(row: dict[str, Any]) -> list[str]:
     def text(value: float, form: str) -> str:
-        return "" if math.isnan(value) else format(value, form)
+        return "" if math.isnan(value) else "0" if value == 0.0 else format(value, form)
 
     def estimate(name: str) -> str:
         return "" if math.isnan(row[name]) else str(Estimate(row[name], row[f"{name}_error"]))
