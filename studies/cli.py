@@ -66,6 +66,14 @@ Workers = Annotated[
 Json = Annotated[
     bool, typer.Option("--json", help="Print summary.json on standard output, the rest on standard error.")
 ]
+UntilError = Annotated[
+    float | None,
+    typer.Option(
+        help="Relative standard error wanted of the main number, such as 1e-3: a pilot of --replicas (at most 20) decides how "
+        "many replicas are run, at most 1000 times the pilot.",
+        show_default="as many as --replicas",
+    ),
+]
 
 
 @app.command()
@@ -104,6 +112,7 @@ def thermalise(
         float, typer.Option(help="How long to run, s = 2 collisions / n.")
     ] = 10.0,
     replicas: Annotated[int, typer.Option(min=1, help="Independent gases to average over.")] = 100,
+    until_error: UntilError = None,
     seed: Seed = 1,
     workers: Workers = None,
     source: Annotated[
@@ -156,10 +165,8 @@ def thermalise(
         given |= {} if temperature is None else {"temperature": temperature}
         study = Thermalisation(recipe=Recipe(**given), **common)  # type: ignore[arg-type]
     screen = Screen(json)
-    summary, sound = thermalise(study, OutputFolder(out or Path("runs") / f"thermalise-{seed}"), screen)
-    screen.finish(summary)
-    if not sound:
-        raise typer.Exit(1)
+    folder = OutputFolder(out or Path("runs") / f"thermalise-{seed}")
+    _finish(screen, _precisely(thermalise, study, folder, screen, until_error))
 
 
 @app.command()
@@ -274,6 +281,7 @@ def pressure(
         float, typer.Option(help="How long to measure in each replica, s = 2 collisions / n.")
     ] = 300.0,
     replicas: Annotated[int, typer.Option(min=1, help="Independent gases at each packing fraction.")] = 2,
+    until_error: UntilError = None,
     seed: Seed = 1,
     workers: Workers = None,
     out: Out = None,
@@ -296,7 +304,8 @@ def pressure(
         parsed(packing_fractions), fluid, collisions_per_particle, replicas, seed, workers
     )
     screen = Screen(json)
-    _finish(screen, equation_of_state(study, OutputFolder(out or Path("runs") / f"pressure-{seed}"), screen))
+    folder = OutputFolder(out or Path("runs") / f"pressure-{seed}")
+    _finish(screen, _precisely(equation_of_state, study, folder, screen, until_error))
 
 
 @app.command()
@@ -344,6 +353,7 @@ def diffusion(
         float, typer.Option(help="How long to measure in each replica, s = 2 collisions / n.")
     ] = 200.0,
     replicas: Annotated[int, typer.Option(min=1, help="Independent gases at each packing fraction.")] = 12,
+    until_error: UntilError = None,
     seed: Seed = 1,
     workers: Workers = None,
     out: Out = None,
@@ -362,7 +372,8 @@ def diffusion(
     fluid = Fluid(n=n, dim=dim)
     study = SelfDiffusion(parsed(packing_fractions), fluid, collisions_per_particle, replicas, seed, workers)
     screen = Screen(json)
-    _finish(screen, self_diffusion(study, OutputFolder(out or Path("runs") / f"diffusion-{seed}"), screen))
+    folder = OutputFolder(out or Path("runs") / f"diffusion-{seed}")
+    _finish(screen, _precisely(self_diffusion, study, folder, screen, until_error))
 
 
 @app.command()
@@ -380,6 +391,7 @@ def mixture(
         float, typer.Option(help="How long to run, in initial decay times of the difference.")
     ] = 4.0,
     replicas: Annotated[int, typer.Option(min=1, help="Independent gases to average over.")] = 100,
+    until_error: UntilError = None,
     seed: Seed = 1,
     workers: Workers = None,
     out: Out = None,
@@ -399,7 +411,46 @@ def mixture(
     fluid = Fluid(n, dim, packing_fraction, "periodic", diameter_ratio, mass_ratio, share)
     study = Mixture(fluid, temperature_ratio, relaxation_times, replicas, seed, workers)
     screen = Screen(json)
-    _finish(screen, run(study, OutputFolder(out or Path("runs") / f"mixture-{seed}"), screen))
+    folder = OutputFolder(out or Path("runs") / f"mixture-{seed}")
+    _finish(screen, _precisely(run, study, folder, screen, until_error))
+
+
+@app.command()
+def accuracy(
+    packing_fractions: Densities = "0.01,0.3",
+    n: Annotated[int, typer.Option(min=2, help="Particles of the long runs.")] = 4000,
+    dim: Annotated[int, typer.Option(min=2, max=3, help="Dimension.")] = 3,
+    quick: Annotated[bool, typer.Option("--quick", help="Fewer and shorter runs: half a minute.")] = False,
+    seed: Seed = 1,
+    out: Out = None,
+    json: Json = False,
+) -> None:
+    """Set speed against error, beside two time-stepping programs.
+
+    The engine, the all-pairs solver and bouncing balls by time steps on the same gases in one run: distance from
+    the trajectory at 50 digits, missed collisions, overlaps, pressure and mean free path, and what they cost. Writes
+    a summary, a table and a picture.
+    """
+    from studies.accuracy import Accuracy
+    from studies.accuracy import accuracy as run
+    from studies.pressure import packing_fractions as parsed
+    from studies.report import OutputFolder, Screen
+
+    study = Accuracy(parsed(packing_fractions), n, dim, seed)
+    screen = Screen(json)
+    folder = OutputFolder(out or Path("runs") / f"accuracy-{seed}")
+    _finish(screen, run(study.quick() if quick else study, folder, screen))
+
+
+def _precisely(
+    run: Any, study: Any, folder: Any, screen: Any, target: float | None
+) -> tuple[dict[str, Any], bool]:
+    """Run a study as it is, or until its main number has the precision asked for."""
+    if target is None:
+        return run(study, folder, screen)  # type: ignore[no-any-return]
+    from studies.until_error import until_error
+
+    return until_error(run, study, target, folder, screen)
 
 
 def _finish(screen: Any, result: tuple[dict[str, Any], bool]) -> None:

@@ -1,0 +1,225 @@
+"""A study that is asked for a precision: a pilot says how many replicas that takes, and all of them are run.
+
+A run that watches its own error and stops when it likes what it sees stops too early, when the error happens to look small.
+Here the pilot alone decides; its gases are not those of the study, and nothing that it measured enters the result.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import chi2
+
+import hardspheres as hs
+from studies.report import OutputFolder, Screen
+
+__all__ = ["MOST", "Plan", "main_numbers", "until_error"]
+
+MOST = 1000
+"""A study is not made longer than this many times the pilot."""
+PILOT = 20  # replicas at most
+LEAST = 4  # replicas at least: errors come from their spread
+CONFIDENCE = 0.9  # that the true spread is no larger than what the pilot lets one expect
+
+Study = Any  # a dataclass with replicas and seed
+Run = Callable[[Study, OutputFolder, Screen], tuple[dict[str, Any], bool]]
+
+
+@dataclass(frozen=True)
+class Number:
+    """A main number of a study: its name, relative standard error, and degrees of freedom of that error."""
+
+    name: str
+    relative_error: float
+    degrees_of_freedom: float
+
+
+def main_numbers(summary: Mapping[str, Any]) -> list[Number]:
+    """Return what a study's precision is measured by.
+
+    Z from the virial at each packing fraction, D of this box, the decay rate of the temperature difference, or that of a2.
+
+    Parameters
+    ----------
+    summary : dict
+        The content of summary.json.
+
+    Raises
+    ------
+    SceneError
+        If the study found no such number.
+    """
+    study = summary["study"]
+    if study in ("pressure", "diffusion"):
+        name = "Z from the virial" if study == "pressure" else "D of this box"
+        states = [
+            (
+                state["packing_fraction"],
+                state["measured"]["virial"] if study == "pressure" else state["d_box"],
+            )
+            for state in summary["states"]
+        ]
+        return [_number(f"{name} at packing fraction {eta:g}", found) for eta, found in states]
+    if study == "mixture":
+        return [_number(found["quantity"], found) for found in summary["measured"][:1]]
+    rate = summary["decay_rate"]
+    if "value" not in rate:
+        raise hs.SceneError(f"--until-error needs a decay rate of a2, and there is none: {rate['reason']}")
+    freedom = {"degrees_of_freedom": summary["replicas"] - 1.0}
+    return [_number("decay rate of a2", rate | freedom)]
+
+
+def _number(name: str, found: Mapping[str, float]) -> Number:
+    return Number(name, abs(found["standard_error"] / found["value"]), found["degrees_of_freedom"])
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How many replicas a precision takes.
+
+    Attributes
+    ----------
+    number : Number
+        Of the pilot, the one that takes most.
+    needed : int
+        Replicas.
+    allowed : int
+        How many of them are run.
+    """
+
+    number: Number
+    needed: int
+    allowed: int
+
+    @classmethod
+    def of(cls, numbers: list[Number], replicas: int, target: float) -> Plan:
+        """Return the plan that follows from a pilot of so many replicas.
+
+        The error falls as the root of their number. The pilot's own error s is uncertain: f s^2 / sigma^2 follows chi-square
+        with its f degrees of freedom, and the upper bound of sigma at `CONFIDENCE` stands in for s.
+        """
+
+        def careful(number: Number) -> float:
+            freedom = min(number.degrees_of_freedom, 1e6)
+            return number.relative_error * math.sqrt(freedom / float(chi2.ppf(1.0 - CONFIDENCE, freedom)))
+
+        worst = max(numbers, key=careful)
+        error = careful(worst)
+        if not math.isfinite(error):
+            raise hs.SceneError(
+                f"--until-error: the pilot gave {worst.name} no error bar; ask for more --replicas"
+            )
+        needed = max(LEAST, math.ceil(replicas * (error / target) ** 2))
+        return cls(worst, needed, min(needed, MOST * replicas))
+
+
+class _Quiet(Screen):
+    """A screen that shows progress and says nothing."""
+
+    def say(self, text: str = "") -> None:
+        """Say nothing."""
+
+    def table(self, *_: Any) -> None:
+        """Show nothing."""
+
+
+def until_error(
+    run: Run, study: Study, target: float, out: OutputFolder, screen: Screen
+) -> tuple[dict[str, Any], bool]:
+    """Run a study with as many replicas as its main number needs for a relative standard error.
+
+    Parameters
+    ----------
+    run : callable
+        The study's function: takes the options, an output folder and a screen.
+    study : dataclass
+        Its options. `replicas`, but at most 20, are those of the pilot.
+    target : float
+        Relative standard error asked for.
+    out : OutputFolder
+        Where the files go.
+    screen : Screen
+        Where results and progress are shown.
+
+    Returns
+    -------
+    summary : dict
+        The content of summary.json, with "until_error" added.
+    sound : bool
+        What the study says; a precision that was not reached does not count.
+
+    Raises
+    ------
+    HardSpheresError
+        As the study does; if it has no main number; if the target is not between 0 and 1.
+    """
+    if not 0.0 < target < 1.0:
+        raise hs.SceneError(
+            f"--until-error {target:g} must be between 0 and 1: a relative standard error, such as 1e-3"
+        )
+    out.check()
+    given = {field.name for field in fields(study)}
+    plain = {name: off for name, off in {"frames": 0, "animate": False}.items() if name in given}
+    seed = int(np.random.SeedSequence([study.seed, 1]).generate_state(1)[0])
+    pilot = replace(study, replicas=min(study.replicas, PILOT), seed=seed, **plain)
+    with _scratch() as folder:
+        tried, _ = run(pilot, folder, _Quiet(screen.json_output))
+    plan = Plan.of(main_numbers(tried), pilot.replicas, target)
+    times = plan.allowed / pilot.replicas
+    screen.note(
+        f"pilot: {pilot.replicas} replicas give {plan.number.name} to {plan.number.relative_error:.2g}; "
+        f"running {plan.allowed}, about {_core_seconds(tried) * times:.0f} s of processor time"
+    )
+    summary, sound = run(replace(study, replicas=plan.allowed), out, screen)
+    worst = max(main_numbers(summary), key=lambda number: number.relative_error)
+    spent = {"pilot": _core_seconds(tried), "study": _core_seconds(summary)}
+    summary["until_error"] = {
+        "asked": target,
+        "number": worst.name,
+        "relative_error": worst.relative_error,
+        "reached": worst.relative_error <= target,
+        "pilot_relative_error": plan.number.relative_error,
+        "pilot_replicas": pilot.replicas,
+        "replicas_needed": plan.needed,
+        "replicas": plan.allowed,
+        "core_seconds": spent,
+        "collisions": {"pilot": tried["collisions"], "study": summary["collisions"]},
+    }
+    out.write_json("summary.json", summary)
+    screen.say(_verdict(summary["until_error"], plan))
+    return summary, sound
+
+
+@contextmanager
+def _scratch() -> Iterator[OutputFolder]:
+    with tempfile.TemporaryDirectory() as folder:
+        yield OutputFolder(Path(folder) / "pilot")
+
+
+def _core_seconds(summary: Mapping[str, Any]) -> float:
+    """Processor time of the replicas, as far as the wall tells."""
+    return float(summary["collisions"] / summary["collisions_per_second_and_core"])
+
+
+def _verdict(found: Mapping[str, Any], plan: Plan) -> str:
+    spent, collisions = found["core_seconds"], found["collisions"]
+    cost = (
+        f"{found['replicas']} replicas, {collisions['study']:.3g} collisions, {spent['study']:.0f} s on one core; "
+        f"the pilot took {spent['pilot']:.0f} s, chose that number, and is not in the result"
+    )
+    text = f"{found['number']}: relative standard error {found['relative_error']:.2g}, asked for {found['asked']:.2g}"
+    if found["reached"]:
+        return f"{text}: reached with {cost}"
+    if plan.needed > plan.allowed:
+        return (
+            f"{text}: NOT reached: that needs about {plan.needed} replicas, and no more than {plan.allowed} ({MOST} times the "
+            f"pilot) are run; ask for more --replicas or longer ones. Spent: {cost}"
+        )
+    return f"{text}: just missed, as an error that is itself uncertain will sometimes do; {cost}"

@@ -1,0 +1,139 @@
+"""A precision asked for: the pilot's arithmetic, honest error bars, and what is said when it is not reached."""
+
+import json
+import math
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+import hardspheres as hs
+from studies import until_error as module
+from studies.cli import main
+from studies.fluid import Fluid
+from studies.pressure import EquationOfState, equation_of_state
+from studies.report import OutputFolder, Screen
+from studies.until_error import Number, Plan, until_error
+
+TARGET = 0.02
+
+
+@dataclass(frozen=True)
+class Coins:
+    """A study of random numbers of mean 1 and spread 0.2."""
+
+    replicas: int = 6
+    seed: int = 1
+
+
+def toss(study, out, screen):
+    """Estimate the mean as `mixture` does, from the spread of the replicas."""
+    x = np.random.default_rng(study.seed).normal(1.0, 0.2, study.replicas)
+    error = float(np.std(x, ddof=1)) / math.sqrt(study.replicas)
+    estimate = {"value": float(x.mean()), "standard_error": error, "degrees_of_freedom": study.replicas - 1.0}
+    summary = {"study": "mixture", "measured": [{"quantity": "mean", **estimate}], "replicas": study.replicas}
+    summary |= {"collisions": 100 * study.replicas, "collisions_per_second_and_core": 1000.0}
+    out.create()
+    out.write_json("summary.json", summary)
+    return summary, True
+
+
+def deviations(results):
+    """How far the means are from 1, in their own standard errors."""
+    return np.array([abs(r["value"] - 1.0) / r["standard_error"] for r in results])
+
+
+def test_error_bars_are_honest_and_the_target_is_reached(tmp_path, capsys):
+    """200 studies: 5 % are beyond 1.96 standard errors, 4.5 sigma of that count allowed; the target is missed seldom."""
+    out, screen = OutputFolder(tmp_path / "coins"), Screen(json_output=True)
+    found = [until_error(toss, Coins(seed=seed), TARGET, out, screen)[0] for seed in range(200)]
+    capsys.readouterr()
+    z = deviations([summary["measured"][0] for summary in found])
+    assert np.sum(z > 1.96) < 0.05 * 200 + 4.5 * math.sqrt(200 * 0.05 * 0.95)
+    reached = np.mean([summary["until_error"]["reached"] for summary in found])
+    assert reached > 0.8  # 0.9 by the choice of the plan, less for the error's own noise
+    assert max(summary["until_error"]["relative_error"] for summary in found) < 3.0 * TARGET
+    stored = json.loads((out.path / "summary.json").read_text())
+    assert stored["until_error"]["replicas"] == stored["replicas"]
+
+
+def test_peeking_would_not_be():
+    """Sibling: who adds numbers one by one until the error looks small enough has error bars that are too small."""
+    results = []
+    for seed in range(400):
+        x = np.random.default_rng(seed).normal(1.0, 0.2, 400)
+        for n in range(3, 400):
+            error = np.std(x[:n], ddof=1) / math.sqrt(n)
+            if error < 3.0 * TARGET:
+                break
+        results.append({"value": x[:n].mean(), "standard_error": error})
+    assert np.sum(deviations(results) > 1.96) > 0.05 * 400 + 4.5 * math.sqrt(400 * 0.05 * 0.95)
+
+
+def test_the_plan():
+    exact = Number("Z", 4e-3, math.inf)
+    plan = Plan.of([exact, Number("Z", 1e-3, math.inf)], 2, 1e-3)
+    assert plan.number is exact and plan.needed == plan.allowed == 33  # 32 and what little is uncertain
+    assert Plan.of([Number("Z", 4e-3, 8.0)], 2, 1e-3).needed == math.ceil(32 * 8.0 / chi2.ppf(0.1, 8.0))
+    assert Plan.of([exact], 2, 0.1).needed == 4
+    bounded = Plan.of([exact], 2, 1e-6)
+    assert bounded.allowed == 2000 < bounded.needed
+    with pytest.raises(hs.SceneError, match="no error bar; ask for more --replicas"):
+        Plan.of([Number("Z", math.nan, 1.0)], 1, 1e-3)
+
+
+def test_a_real_study(tmp_path, capsys):
+    study = EquationOfState((0.05,), Fluid(n=100), 60.0, replicas=2, seed=5, workers=1)
+    out = OutputFolder(tmp_path / "pressure")
+    summary, sound = until_error(equation_of_state, study, 1e-3, out, Screen())
+    told = capsys.readouterr()
+    found = summary["until_error"]
+    assert sound and found["replicas"] == summary["options"]["replicas"] > 4
+    assert found["relative_error"] < 2e-3 and found["core_seconds"]["study"] > 0
+    assert "asked for 0.001: " in told.out and "the pilot took" in told.out
+    assert "pilot: 2 replicas give Z from the virial at packing fraction 0.05" in told.err
+    assert sorted(path.name for path in out.path.iterdir()) == sorted(summary["files"])
+
+
+def test_what_cannot_be_reached_is_said(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(module, "MOST", 3)
+    summary, _ = until_error(toss, Coins(), 1e-4, OutputFolder(tmp_path / "coins"), Screen())
+    told = capsys.readouterr().out
+    assert "NOT reached: that needs about" in told and "no more than 18 (3 times the pilot) are run" in told
+    assert summary["replicas"] == 18 and not summary["until_error"]["reached"]
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["pressure", "--until-error", "0"], "--until-error 0 must be between 0 and 1"),
+        (["mixture", "--until-error", "2"], "--until-error 2 must be between 0 and 1"),
+        (
+            [
+                "thermalise",
+                "--n",
+                "100",
+                "--replicas",
+                "4",
+                "--collisions-per-particle",
+                "1",
+                "--until-error",
+                "0.1",
+            ],
+            "needs a decay rate of a2, and there is none",
+        ),
+    ],
+)
+def test_bad_input_is_one_sentence(options, sentence, tmp_path, monkeypatch, capsys):
+    out = tmp_path / "out"
+    monkeypatch.setattr(
+        sys, "argv", ["hardspheres", *options, "--workers", "1"][: None if len(options) > 3 else -2]
+    )
+    sys.argv += ["--out", str(out)]
+    with pytest.raises(SystemExit) as end:
+        main()
+    told = capsys.readouterr()
+    assert end.value.code == 2 and told.out == "" and not out.exists()
+    assert told.err.startswith("error: ") and sentence in told.err and told.err.count("\n") == 1
