@@ -122,6 +122,8 @@ class Simulation:
     """
 
     def __init__(self, scene: Scene) -> None:
+        if not isinstance(scene, Scene):
+            raise SimulationError(f"a simulation starts from a Scene, not from {scene!r:.60}")
         self.scene = scene
         self._engine = Engine(scene)
         self._at = self._engine.layout
@@ -286,7 +288,8 @@ class Simulation:
             s = self._ascending(
                 "collisions_per_particle", collisions_per_particle, self.collisions_per_particle
             )
-            return self._frames_after([math.ceil(value * self.scene.n / 2 - 1e-9) for value in s])
+            goals = [math.ceil(value * self.scene.n / 2 - 1e-9) for value in s]
+            return self._frames_after([_whole("the number of collisions of a frame", goal) for goal in goals])
         if every is None or count is None:
             raise SimulationError("frames(every=..., count=...) needs both: how far apart, and how many")
         step, number = _number("frames(every=...)", every), _whole("frames(count=...)", count)
