@@ -163,7 +163,9 @@ def _require_state(sim: "Simulation", arrays: Arrays, about: dict[str, Any]) -> 
     counters = dict(zip(at.STATE_COUNTERS, arrays["counters"].tolist(), strict=True))
     numbers = dict(zip(at.STATE_NUMBERS, arrays["numbers"].tolist(), strict=True))
     epoch, moment = about["clock"]
-    if not all(0 <= count < MOST for count in counters.values()) or not np.all(abs(arrays["turns"]) < MOST):
+    if not all(0 <= count < MOST for count in counters.values()) or not np.all(
+        (arrays["turns"] > -MOST) & (arrays["turns"] < MOST)
+    ):
         raise CheckpointError("a counter is out of range")
     now = max(numbers[at.NOW], 0.0)
     if counters[at.EPOCH] != epoch or not now <= moment <= length or numbers[at.STANDSTILL] > now:

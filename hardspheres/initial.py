@@ -5,7 +5,7 @@ import math
 import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
-from numbers import Real
+from numbers import Integral, Real
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -243,7 +243,7 @@ def checked_arguments(
         raise SceneError(f"n is {n!r}; the number of particles is an integer >= 1") from None
     if n < 1:
         raise SceneError(f"n is {n}; a scene needs at least one particle")
-    if type(dim) is not int or dim not in (2, 3):
+    if not isinstance(dim, Integral) or dim not in (2, 3):
         raise SceneError(f"dim is {dim!r}; it must be 2 or 3")
     if not (isinstance(packing_fraction, Real) and 0 < packing_fraction < 1):
         raise SceneError(f"packing_fraction is {packing_fraction!r}; it must be a number between 0 and 1")
