@@ -56,3 +56,10 @@ def everything(sim):
         tuple(a.tobytes() for a in (t.virial, t.kinetic, t.wall_impulses, t.wall_radius_impulses)),
         repr({name: value for name, value in sim.status().items() if name not in own}),
     )
+
+
+def run_alone(seed):
+    """Run a small gas, and return everything about it; for pools of processes, which need a name to import."""
+    sim = hs.Simulation(gas("3d_walls" if seed % 2 else "3d", 200, 0.1, seed=seed))
+    sim.run(collisions=2000)
+    return everything(sim)

@@ -55,10 +55,15 @@ dimension, whether it has walls, many radii, many masses, whether it is dilute, 
 
 import importlib
 import sys
+import threading
 import types
 from pathlib import Path
 
 __all__ = ["specialise"]
+
+_ONE_AT_A_TIME = (
+    threading.Lock()
+)  # threads that load different kernels at once would mix up their constants and caches
 
 
 def specialise(
@@ -91,15 +96,16 @@ def specialise(
         + "_grows" * grows
     )
     name = f"{__name__}.{tag}"
-    if f"{name}.loop" not in sys.modules:
-        from .compiler import cache_folder, cached_in
+    with _ONE_AT_A_TIME:
+        if f"{name}.loop" not in sys.modules:
+            from .compiler import cache_folder, cached_in
 
-        package = types.ModuleType(name)
-        package.__path__ = [str(Path(__file__).parent)]
-        flags = types.ModuleType(f"{name}.flags")
-        vars(flags).update(DIM=dim, WALLS=walls, SIZES=sizes, MASSES=masses, SPARSE=sparse, GROWS=grows)
-        sys.modules[name] = package
-        sys.modules[flags.__name__] = flags
-        with cached_in(cache_folder(tag)):
-            importlib.import_module(f"{name}.loop")
+            package = types.ModuleType(name)
+            package.__path__ = [str(Path(__file__).parent)]
+            flags = types.ModuleType(f"{name}.flags")
+            vars(flags).update(DIM=dim, WALLS=walls, SIZES=sizes, MASSES=masses, SPARSE=sparse, GROWS=grows)
+            sys.modules[name] = package
+            sys.modules[flags.__name__] = flags
+            with cached_in(cache_folder(tag)):
+                importlib.import_module(f"{name}.loop")
     return sys.modules[f"{name}.loop"]
