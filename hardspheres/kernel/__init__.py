@@ -61,9 +61,8 @@ from pathlib import Path
 
 __all__ = ["specialise"]
 
-_ONE_AT_A_TIME = (
-    threading.Lock()
-)  # threads that load different kernels at once would mix up their constants and caches
+# Threads that load different kernels at once would mix up their constants and caches.
+_ONE_AT_A_TIME = threading.Lock()
 
 
 def specialise(

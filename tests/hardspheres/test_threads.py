@@ -1,6 +1,7 @@
 """Threads, processes, and the cache of compiled kernels: the same bits as alone, and never a stale kernel."""
 
 import ast
+import contextlib
 import hashlib
 import json
 import multiprocessing
@@ -79,18 +80,21 @@ def test_threads_that_load_kernels_at_once(monkeypatch):
         if name.startswith("hardspheres.kernel.") and "d" in name.split(".")[2][1:2]
     ]:
         monkeypatch.delitem(sys.modules, name)
-    start, interval = threading.Barrier(16), sys.getswitchinterval()
+    start, cached_in = threading.Barrier(16), compiler.cached_in
+
+    @contextlib.contextmanager
+    def slowly(folder):
+        with cached_in(folder):
+            time.sleep(0.02)  # so that others would come in between
+            yield
 
     def load(flag):
         start.wait()
         return specialise(*flag)
 
-    sys.setswitchinterval(1e-6)  # threads take turns as often as they can
-    try:
-        with ThreadPoolExecutor(16) as pool:
-            modules = list(pool.map(load, flags * 2))
-    finally:
-        sys.setswitchinterval(interval)
+    monkeypatch.setattr(compiler, "cached_in", slowly)
+    with ThreadPoolExecutor(16) as pool:
+        modules = list(pool.map(load, flags * 2))
     for flag, module, again in zip(flags, modules[:8], modules[8:], strict=True):
         assert module is again
         own = sys.modules[module.__name__.replace("loop", "flags")]
@@ -219,7 +223,7 @@ def test_an_install_folder_that_is_read_only_and_nowhere_to_write(tmp_path):
     without = child(nowhere, copy.parent, f"tempfile.tempdir = {str(nowhere)!r}")
     where, digest, hits, misses = result(without)
     assert where.startswith(str(copy))
-    assert (hits, misses) == (0, 0)
+    assert (hits, misses) == (0, 1)
     assert sorted(copy.rglob("*")) == before
     sim = hs.Simulation(hs.lattice_gas(n=108, packing_fraction=0.05, seed=1))
     sim.run(collisions=500)
