@@ -258,9 +258,7 @@ class _Search:
                 f"particles {i} and {j} meet at {t}, but neither has an event before {min(time[i], time[j])}",
             )
         walls, _ = self.walls()
-        _require(
-            np.all(time <= np.maximum(walls, time * (walls >= until))), "a wall comes before the next event"
-        )
+        _require(np.all((time <= walls) | (walls >= until)), "a wall comes before the next event")
         self._shells(time, until)
         self._calendar(time, events[:, at.STAMP], until)
 
