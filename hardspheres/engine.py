@@ -8,6 +8,7 @@ import numpy as np
 from hardspheres.errors import SimulationError
 from hardspheres.event_log import ROOM, Sink, as_events
 from hardspheres.free_paths import FlightTallies
+from hardspheres.memory import require_memory
 from hardspheres.scene import Scene
 from hardspheres.tuning import (
     SLACK,
@@ -22,6 +23,7 @@ from hardspheres.tuning import (
 
 EVENTS_PER_BUCKET = {False: 8, True: 32}  # more of them, where what they need is fetched ahead
 CACHED = 16000  # particles that the processor's own caches hold
+MOST_ENTRIES = 2**31 - 1  # of a table: its places are kept in 32 bits
 LINE_MARGIN = 1e-4  # in cells, of boxes that are not many cells long: single precision is off by a few 1e-6
 
 
@@ -129,7 +131,7 @@ class Engine:
             event_float=event.view(np.float64),
             version=np.zeros(n, dtype=np.int32),
             mass=np.array(scene.masses if masses else scene.masses[:1]),
-            turns=np.zeros(n * dim, dtype=np.int32),
+            turns=np.zeros(n * dim, dtype=np.int64),
             flight=flight,
             log=aligned(int(count[at.LOG_ROOM]) * at.LOG_ROW + 1, np.float64),
             where=np.zeros(n, dtype=np.int32),
@@ -222,6 +224,17 @@ class Engine:
             np.zeros(lines + at.LINE_LANES, dtype=np.int32),
         )
         coarse = math.prod(count[at.LARGE_CELLS : at.LARGE_CELLS + 3].tolist())
+        places, nodes = self.cells * cell_room, int(count[at.NODE_ROOM])
+        if max(places, lines, nodes, candidates, n + 6) >= MOST_ENTRIES:
+            raise SimulationError(
+                f"{n} particles in {self.cells} cells need a table of {max(places, lines, nodes, candidates, n)} entries, more "
+                f"than the {MOST_ENTRIES} that are counted; take fewer particles, or spread them more evenly"
+            )
+        listed = n * room * (1 + dim * int(count[at.IMAGES])) + places * (1 + at.CELL_COLUMNS)
+        needed = (
+            4 * listed + 32 * (lines + nodes + candidates) + 64 * chunks + n * (8 * (at.ROW + at.EVENT) + 32)
+        )
+        require_memory(needed, f"the tables to search among {n} particles", SimulationError)
         return {
             "neighbours": aligned(n * room + 1, np.int32),
             "images": np.zeros(n * room * dim * int(count[at.IMAGES]) + 1, dtype=np.int32),
@@ -313,6 +326,36 @@ class Engine:
     def rows(self) -> Any:
         """The canonical state, one row for each particle (a view)."""
         return self.arrays.row.reshape(-1, self.layout.ROW)[: self.scene.n]
+
+    def state(self) -> dict[str, Any]:
+        """Return the arrays from which everything else can be found again (views): see `kernel.layout`."""
+        at = self.layout
+        arrays = {name: getattr(self.arrays, name) for name in at.STATE_ARRAYS}
+        numbers, counters = list(at.STATE_NUMBERS), list(at.STATE_COUNTERS)
+        if self.flights:
+            arrays |= {
+                "flight_counts": self.arrays.counter[at.FLIGHT_COUNTS :],
+                "paths_before": self.flights.paths_before,
+            }
+        return arrays | {
+            "row": self.rows,
+            "numbers": self.arrays.number[numbers],
+            "counters": self.arrays.counter[counters],
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Take over a state as `state` gives it, checked by the caller; what follows from it is found again."""
+        at, arrays = self.layout, self.arrays
+        for name, array in self.state().items():
+            array[...] = state[name]
+        arrays.number[list(at.STATE_NUMBERS)] = state["numbers"]
+        arrays.counter[list(at.STATE_COUNTERS)] = state["counters"]
+        # The search begins in the bucket of the last event: whatever is to come lies there or later.
+        last = int(arrays.counter[at.EPOCH_BUCKETS]) - 1
+        arrays.counter[at.BUCKET] = min(
+            int(max(arrays.number[at.NOW], 0.0) * arrays.number[at.INVERSE_WIDTH]), last
+        )
+        self._afresh = True
 
     @property
     def method(self) -> str:

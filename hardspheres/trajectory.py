@@ -407,7 +407,27 @@ def _existing(path: str | os.PathLike[str]) -> str:
         raise TrajectoryError(f"there is no file {file}")
     if file.stat().st_size == 0:
         raise TrajectoryError(f"{file} is empty")
+    if file.suffix in (".xyz", ".extxyz"):
+        _require_room_for_counts(file)
     return str(file)
+
+
+def _require_room_for_counts(file: Path) -> None:
+    """Refuse an xyz file with a frame of more particles than bytes; ASE would look for them, line by line."""
+    size = file.stat().st_size
+    with file.open("rb") as handle:
+        while line := handle.readline():
+            try:
+                count = int(line)
+            except ValueError:
+                return  # no frame begins here: ASE finds words for that
+            left = size - handle.tell()
+            if count > left:
+                raise TrajectoryError(
+                    f"{file} says that {count} particles follow where {left} bytes do; it is damaged or cut short"
+                )
+            for _ in range(count + 1):
+                handle.readline()
 
 
 def _unreadable(file: str, error: Exception) -> TrajectoryError:

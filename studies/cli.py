@@ -29,6 +29,10 @@ app = typer.Typer(
 )
 
 
+class OptionError(HardSpheresError):
+    """An option that makes no sense."""
+
+
 class Velocities(StrEnum):
     """Words for `--velocities`."""
 
@@ -55,7 +59,19 @@ def _everywhere(
     pass
 
 
-Out = Annotated[Path | None, typer.Option(help="Folder for the results.", show_default="runs/<study>-<seed>")]
+def _out(name: str) -> Path:
+    """Return the folder that --out names; an empty name is a mistake, not the present folder."""
+    if not name.strip():
+        raise OptionError("--out is empty; name a folder for the results")
+    return Path(name)
+
+
+Out = Annotated[
+    Path | None,
+    typer.Option(
+        help="Folder for the results.", show_default="runs/<study>-<seed>", parser=_out, metavar="PATH"
+    ),
+]
 Seed = Annotated[
     int, typer.Option(min=0, help="Source of every random choice: the same seed gives the same results.")
 ]
@@ -489,6 +505,9 @@ def main() -> None:
         app()
     except HardSpheresError as error:
         print(f"error: {error}", file=sys.stderr)
+        raise SystemExit(2) from None
+    except MemoryError as error:
+        print(f"error: there is not enough memory ({error}); ask for fewer particles", file=sys.stderr)
         raise SystemExit(2) from None
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)

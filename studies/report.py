@@ -134,6 +134,12 @@ class OutputFolder:
 
     def check(self) -> None:
         """Raise OutputError if the folder cannot be used; create nothing."""
+        try:
+            self.path.exists()
+        except OSError as error:
+            raise OutputError(
+                f"{self.path} cannot be a folder: {error.strerror}; give another one with --out"
+            ) from error
         if self.path.exists() and not self.path.is_dir():
             raise OutputError(f"{self.path} exists and is not a folder; give another one with --out")
         parent = next(p for p in [self.path, *self.path.absolute().parents] if p.exists())

@@ -63,3 +63,25 @@ def state_without_flights(sim):
 def flight_bits(tallies):
     """Every bit of the tallies of flights."""
     return b"".join(np.ascontiguousarray(part).tobytes() for part in vars(tallies).values())
+
+
+def everything(sim):
+    """All that a user can see of a simulation, to the last bit, but what the search for events alone decides."""
+    t = sim.tallies
+    own = ("stale_events", "list_renewals", "bytes_per_particle")
+    return (
+        state(sim),
+        sim.time,
+        sim.positions.tobytes(),
+        sim.unwrapped_positions.tobytes(),
+        (t.time, t.collisions, t.wall_collisions),
+        tuple(a.tobytes() for a in (t.virial, t.kinetic, t.wall_impulses, t.wall_radius_impulses)),
+        repr({name: value for name, value in sim.status().items() if name not in own}),
+    )
+
+
+def run_alone(seed):
+    """Run a small gas, and return everything about it; for pools of processes, which need a name to import."""
+    sim = hs.Simulation(gas("3d_walls" if seed % 2 else "3d", 200, 0.1, seed=seed))
+    sim.run(collisions=2000)
+    return everything(sim)

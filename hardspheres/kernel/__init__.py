@@ -59,10 +59,14 @@ dimension, whether it has walls, many radii, many masses, whether it is dilute, 
 
 import importlib
 import sys
+import threading
 import types
 from pathlib import Path
 
 __all__ = ["specialise"]
+
+# Threads that load different kernels at once would mix up their constants and caches.
+_ONE_AT_A_TIME = threading.Lock()
 
 
 def specialise(
@@ -104,16 +108,17 @@ def specialise(
         + "_flights" * flights
     )
     name = f"{__name__}.{tag}"
-    if f"{name}.loop" not in sys.modules:
-        from .compiler import cache_folder, cached_in
+    with _ONE_AT_A_TIME:
+        if f"{name}.loop" not in sys.modules:
+            from .compiler import cache_folder, cached_in
 
-        package = types.ModuleType(name)
-        package.__path__ = [str(Path(__file__).parent)]
-        flags = types.ModuleType(f"{name}.flags")
-        vars(flags).update(DIM=dim, WALLS=walls, SIZES=sizes, MASSES=masses, SPARSE=sparse)
-        vars(flags).update(GROWS=grows, FLIGHTS=flights)
-        sys.modules[name] = package
-        sys.modules[flags.__name__] = flags
-        with cached_in(cache_folder(tag)):
-            importlib.import_module(f"{name}.loop")
+            package = types.ModuleType(name)
+            package.__path__ = [str(Path(__file__).parent)]
+            flags = types.ModuleType(f"{name}.flags")
+            vars(flags).update(DIM=dim, WALLS=walls, SIZES=sizes, MASSES=masses, SPARSE=sparse)
+            vars(flags).update(GROWS=grows, FLIGHTS=flights)
+            sys.modules[name] = package
+            sys.modules[flags.__name__] = flags
+            with cached_in(cache_folder(tag)):
+                importlib.import_module(f"{name}.loop")
     return sys.modules[f"{name}.loop"]

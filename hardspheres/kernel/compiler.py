@@ -162,18 +162,32 @@ def cache_folder(tag: str) -> Path | None:
     digest = hashlib.sha256(numba.__version__.encode())
     for source in [here.parent / "collision.py", here.parent / "growth.py", *sorted(here.glob("*.py"))]:
         digest.update(source.name.encode() + source.read_bytes())
-    base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
-    roots = [
-        Path(base) if base else Path.home() / ".cache",
-        Path(tempfile.gettempdir()) / f"cache-{getpass.getuser()}",
-    ]
-    for root in roots:
+    for root in _cache_roots():
         folder = root / "hardspheres" / digest.hexdigest()[:16] / tag
         with contextlib.suppress(OSError):
             folder.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryFile(dir=folder):
                 return folder
     return None
+
+
+def _cache_roots() -> Iterator[Path]:
+    """Where a cache may be: the folder that the environment names, else the user's own, else a private one among the temporary."""
+    base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
+    if base:
+        yield Path(base)
+    else:
+        with contextlib.suppress(RuntimeError):  # a user without a home
+            yield Path.home() / ".cache"
+    with contextlib.suppress(OSError):
+        user = os.getuid() if hasattr(os, "getuid") else getpass.getuser()
+        private = Path(tempfile.gettempdir()) / f"cache-{user}"
+        private.mkdir(mode=0o700, exist_ok=True)
+        # Cached kernels are executed: nobody else may have put them there.
+        if not hasattr(os, "getuid") or (
+            private.stat().st_uid == os.getuid() and not private.stat().st_mode & 0o022
+        ):
+            yield private
 
 
 @contextlib.contextmanager

@@ -144,6 +144,11 @@ LOG_PATHS = 4  # of both
 LOG_NORMAL = 6  # DIM numbers
 LOG_ROW = LOG_NORMAL + DIM
 
+# What a checkpoint keeps of the arrays, numbers and counters. All else follows from these and the scene.
+STATE_ARRAYS = ("row", "turns", "total", *(("flight",) if FLIGHTS else ()))
+STATE_NUMBERS = (NOW, STANDSTILL)
+STATE_COUNTERS = (EPOCH, PAIRS, WALL_HITS, LATE, STALE, RENEWALS, LONE, LAST_PAIR_EPOCH)
+
 # Calendar: chunks of 8 int64: the next chunk (-1: none) and how many entries, then 7 entries id << 32 | stamp.
 CHUNK = 8
 STAMP_BITS = 0xFFFFFFFF
