@@ -170,7 +170,8 @@ def _require_state(sim: "Simulation", arrays: Arrays, about: dict[str, Any]) -> 
     counters = dict(zip(at.STATE_COUNTERS, arrays["counters"].tolist(), strict=True))
     numbers = dict(zip(at.STATE_NUMBERS, arrays["numbers"].tolist(), strict=True))
     epoch, moment = about["clock"]
-    if not all(0 <= count < MOST for count in counters.values()) or not np.all(
+    counts = [*counters.values(), *arrays["counts"].tolist()]
+    if not all(0 <= count < MOST for count in counts) or not np.all(
         (arrays["turns"] > -MOST) & (arrays["turns"] < MOST)
     ):
         raise CheckpointError("a counter is out of range")

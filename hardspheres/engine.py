@@ -341,6 +341,9 @@ class Engine:
             "row": self.rows,
             "numbers": self.arrays.number[numbers],
             "counters": self.arrays.counter[counters],
+            "counts": self.arrays.counter[
+                at.COUNTERS :
+            ],  # what a specialisation counts beside those with names
         }
 
     def restore(self, state: dict[str, Any]) -> None:

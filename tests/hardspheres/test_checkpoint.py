@@ -258,7 +258,9 @@ def test_a_sealed_file_with_any_bytes_is_refused_or_runs(half_way, tmp_path_fact
             archive._seal(file)
     else:
         arrays = archive.read_archive(path)
-        name = data.draw(st.sampled_from(sorted(set(arrays) - {"about"})))
+        name = data.draw(
+            st.sampled_from(sorted(name for name in arrays if name != "about" and arrays[name].size))
+        )
         strange = [0, -1, 1, 2**31, 2**62, -(2**63)] + [np.nan, np.inf, -1e300, 1e300, 1e-300, 3.7] * (
             arrays[name].dtype.kind == "f"
         )
