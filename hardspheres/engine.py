@@ -333,17 +333,12 @@ class Engine:
         arrays = {name: getattr(self.arrays, name) for name in at.STATE_ARRAYS}
         numbers, counters = list(at.STATE_NUMBERS), list(at.STATE_COUNTERS)
         if self.flights:
-            arrays |= {
-                "flight_counts": self.arrays.counter[at.FLIGHT_COUNTS :],
-                "paths_before": self.flights.paths_before,
-            }
+            arrays["paths_before"] = self.flights.paths_before
         return arrays | {
             "row": self.rows,
             "numbers": self.arrays.number[numbers],
             "counters": self.arrays.counter[counters],
-            "counts": self.arrays.counter[
-                at.COUNTERS :
-            ],  # what a specialisation counts beside those with names
+            "counts": self.arrays.counter[at.COUNTERS :],  # of flights
         }
 
     def restore(self, state: dict[str, Any]) -> None:
