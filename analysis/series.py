@@ -126,12 +126,14 @@ def block_length(series: ArrayLike) -> int:
 
 
 def estimate_from_series(
-    series: ArrayLike, statistic: Callable[[FloatArray], FloatArray] | None = None
+    series: ArrayLike,
+    statistic: Callable[[FloatArray], FloatArray] | None = None,
+    shortest: int = 1,
 ) -> Estimate:
     """Return the mean of a correlated series, or a function of its means, with an error from blocks.
 
-    The series is cut into M blocks of automatic length (`block_length`: 20 correlation times, by Sokal's
-    window; some 24 to 48 blocks where the series is long enough for more), and the blocks are taken as
+    The series is cut into M blocks of automatic length (`block_length`: 20 correlation times by Sokal's
+    window, but no less than `shortest`; some 24 to 48 blocks where the series is long enough for more), and the blocks are taken as
     independent (Flyvbjerg and Petersen, J. Chem. Phys. 91, 461 (1989), doi 10.1063/1.457480). (value - truth)
     / standard_error follows Student's t with M - 1 degrees of freedom. A nonlinear function, such as a ratio,
     comes from the jackknife over the same blocks, its bias of order 1/M removed.
@@ -144,6 +146,9 @@ def estimate_from_series(
     statistic : callable, optional
         Maps means of shape (..., p) to (...); needed for a series of shape (n, p). The ratio of two sums is
         ``lambda mean: mean[..., 0] / mean[..., 1]``.
+    shortest : int, default 1
+        Least number of samples in a block, for a correlation that is known to be too weak and too long for
+        the series to show it.
 
     Returns
     -------
@@ -172,15 +177,16 @@ def estimate_from_series(
     if array.ndim == 1 and statistic is None:
         rows = _series(array)[:, None]
     elif array.ndim != 2 or statistic is None or len(array) < 2:
-        needed = "(n,) with n >= 2, or (n, p) with a statistic of p means"
-        raise ValueError(f"series has shape {array.shape}; expected {needed}")
+        expected = "(n,) with n >= 2, or (n, p) with a statistic of p means"
+        raise ValueError(f"series has shape {array.shape}; expected {expected}")
     pseudo = _series(_pseudo_values(rows, function))
     n = len(rows)
 
     def statistic_of(samples: FloatArray) -> FloatArray:
         return np.asarray(function(samples.mean(axis=0)))
 
-    length = max(block_length(pseudo), n // MOST_BLOCKS)
+    needed = max(block_length(pseudo), shortest)
+    length = max(needed, n // MOST_BLOCKS)
     too_short = n // length < FEWEST_BLOCKS
     if too_short:
         length = max(n // FEWEST_BLOCKS, 1)
@@ -203,11 +209,9 @@ def estimate_from_series(
         )
         warnings.warn(DriftWarning(message, estimate), stacklevel=2)
     elif too_short:
-        tau = whole.value
-        needed_length = math.ceil(FEWEST_BLOCKS * max(BLOCK_LENGTH * (tau - 0.25 / tau), 1.0))
         message = (
-            f"{n} samples with a correlation time of {tau:.3g} are too few for an error bar ({estimate} is a "
-            f"lower bound); take at least {needed_length}"
+            f"{n} samples are too few for an error bar, which needs {FEWEST_BLOCKS} blocks of {needed} "
+            f"({estimate} is a lower bound); take at least {FEWEST_BLOCKS * needed}"
         )
         warnings.warn(ShortSeriesWarning(message, estimate), stacklevel=2)
     elif drift_p_value(values) < DRIFT_ALARM:

@@ -271,8 +271,24 @@ def pressure(
     mass_ratio: Ratio = 1.0,
     fraction: Fraction = None,
     collisions_per_particle: Annotated[
-        float, typer.Option(help="How long to measure in each replica, s = 2 collisions / n.")
-    ] = 300.0,
+        float | None,
+        typer.Option(
+            help="How long to measure in each replica, s = 2 collisions / n.",
+            show_default="300, more near freezing",
+        ),
+    ] = None,
+    precision: Annotated[
+        float | None,
+        typer.Option(help="Measure as long as this relative standard error of Z takes, as in 1e-3."),
+    ] = None,
+    suite: Annotated[
+        bool,
+        typer.Option(
+            "--suite",
+            help="Nine states of spheres, five of discs and three mixtures of 4000 particles; --precision is 1e-3 "
+            "(two minutes) or as given (1e-4: hours).",
+        ),
+    ] = False,
     replicas: Annotated[int, typer.Option(min=1, help="Independent gases at each packing fraction.")] = 2,
     seed: Seed = 1,
     workers: Workers = None,
@@ -293,10 +309,22 @@ def pressure(
     walls = _boundary(boundary) or "periodic"
     fluid = Fluid(n, dim, 0.3, walls, diameter_ratio, mass_ratio, 0.5 if fraction is None else fraction)
     study = EquationOfState(
-        parsed(packing_fractions), fluid, collisions_per_particle, replicas, seed, workers
+        parsed(packing_fractions), fluid, collisions_per_particle, replicas, seed, workers, precision
     )
-    screen = Screen(json)
-    _finish(screen, equation_of_state(study, OutputFolder(out or Path("runs") / f"pressure-{seed}"), screen))
+    screen, folder = Screen(json), OutputFolder(out or Path("runs") / f"pressure-{seed}")
+    if not suite:
+        _finish(screen, equation_of_state(study, folder, screen))
+        return
+    from studies.pressure_suite import Suite, run_suite
+
+    gas = (packing_fractions, n, dim, walls, diameter_ratio, mass_ratio, fraction)
+    _require(
+        gas == ("0.01:0.49:9", 4000, 3, "periodic", 1.0, 1.0, None),
+        "--suite has gases of its own; leave out the options that describe one",
+    )
+    if precision is None and collisions_per_particle is None:
+        study = replace(study, precision=1e-3)
+    _finish(screen, run_suite(Suite(study), folder, screen))
 
 
 @app.command()

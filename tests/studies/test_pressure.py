@@ -20,7 +20,7 @@ from studies.report import OutputFolder, Screen
 
 def states_of(study):
     """The states of a study, in this process."""
-    task, seeds = States(study.collisions_per_particle), replica_seeds(study.seed, study.replicas)
+    task, seeds = States(study), replica_seeds(study.seed, study.replicas)
     return [combine(fluid, [task((fluid, seed)) for seed in seeds]) for fluid in study.fluids]
 
 
