@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -43,8 +43,8 @@ class PressureTensor:
     total_error, kinetic_error, collisional_error : (d, d) arrays
         One standard error each. Of one component; the components are correlated, since the trace of the
         kinetic part is constant.
-    degrees_of_freedom : (d, d) array
-        Of `total_error`.
+    degrees_of_freedom, kinetic_degrees_of_freedom, collisional_degrees_of_freedom : (d, d) arrays
+        Of the errors.
     """
 
     total: FloatArray
@@ -54,6 +54,17 @@ class PressureTensor:
     kinetic_error: FloatArray
     collisional_error: FloatArray
     degrees_of_freedom: FloatArray
+    kinetic_degrees_of_freedom: FloatArray
+    collisional_degrees_of_freedom: FloatArray
+
+    def component(
+        self, a: int, b: int, part: Literal["total", "kinetic", "collisional"] = "total"
+    ) -> Estimate:
+        """Return one component of the whole tensor or of a part of it, [energy/length^d]."""
+        freedom = "degrees_of_freedom" if part == "total" else f"{part}_degrees_of_freedom"
+        names = (part, f"{part}_error", freedom)
+        value, error, own = (float(getattr(self, name)[a, b]) for name in names)
+        return Estimate(value, error, own + 1.0, own)
 
 
 class Pressure(Estimator):
@@ -216,10 +227,8 @@ class Pressure(Estimator):
         The kinetic part is exact, an integral over time of what the engine keeps event by event, less the
         common motion along periodic axes.
         """
-        (total, total_error, freedom), (kinetic, kinetic_error, _), (passed, passed_error, _) = (
-            self._tensor(parts) for parts in ((0, 1), (1,), (0,))
-        )
-        return PressureTensor(total, kinetic, passed, total_error, kinetic_error, passed_error, freedom)
+        parts = np.array([self._tensor(parts) for parts in ((0, 1), (1,), (0,))])
+        return PressureTensor(*parts[:, 0], *parts[:, 1], *parts[:, 2])
 
     def _tensor(self, parts: tuple[int, ...]) -> FloatArray:
         """Value, error and degrees of freedom of a sum of tensors per volume, (3, d, d)."""

@@ -394,6 +394,27 @@ def mixture(
     _finish(screen, run(study, OutputFolder(out or Path("runs") / f"mixture-{seed}"), screen))
 
 
+@app.command()
+def calibration(
+    runs: Annotated[int, typer.Option(help="Independent short runs of each estimator.")] = 200,
+    seed: Seed = 1,
+    workers: Workers = None,
+    out: Out = None,
+    json: Json = False,
+) -> None:
+    """Test the error bars: (value - truth) / standard error of every estimator, over many short runs.
+
+    It should follow Student's t with the degrees of freedom that the estimator quotes. Writes a summary, a table and a
+    picture.
+    """
+    from studies.calibration import Calibrations
+    from studies.calibration import calibration as run
+    from studies.report import OutputFolder, Screen
+
+    screen, folder = Screen(json), OutputFolder(out or Path("runs") / f"calibration-{seed}")
+    _finish(screen, run(Calibrations(runs, seed, workers), folder, screen))
+
+
 def _finish(screen: Any, result: tuple[dict[str, Any], bool]) -> None:
     """Print the JSON that was asked for, and exit with 1 if a check failed."""
     summary, sound = result
