@@ -379,6 +379,11 @@ class Pressure(Estimator):
         ends = math.hypot(*(self._end_terms(int(axis))[0] for axis in axes)) / self._duration()
         return _with_ends(_scaled(self._inside(axes), 1.0 / scale), value, ends / scale)
 
+    @property
+    def walls_pressure(self) -> Estimate:
+        """Pressure Z 2 K_th / (d V) of `walls`, [energy/length^d]."""
+        return self._in_units_of_pressure(self.walls)
+
     # Theory -------------------------------------------------------------------------------------------------
 
     def _in_units_of_pressure(self, z: Estimate) -> Estimate:
