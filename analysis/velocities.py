@@ -143,7 +143,8 @@ def h_excess(histogram: NDArray[np.generic], probabilities: FloatArray) -> Float
     H is the integral of f ln f over velocities, f isotropic; since <v^2> is conserved, H - H_eq is the
     integral of f ln(f/f_MB). Coarse-grained on bins of probability q_b under Maxwell and Boltzmann's law it
     is sum p_b ln(p_b/q_b) >= 0, here with p_b = n_b/N less (B - 1)/(2N), B the number of occupied bins
-    (Miller 1955, Madow): the leading bias of the plug-in value. A distribution with a spike, such as equal
+    (Miller 1955, Madow): the leading bias of the plug-in value. Bins that hold a particle now and then leave a
+    rest of it: +0.004 for 60 bins up to 5 thermal speeds and N = 1000. A distribution with a spike, such as equal
     speeds, has no limit for narrow bins: always state the bins.
 
     Parameters

@@ -16,7 +16,7 @@ from analysis import theory
 from analysis.distributions import ComponentDistribution, EnergyDistribution, SpeedDistribution
 from analysis.pressure import Pressure
 from analysis.relaxation import RelaxationCurve
-from analysis.series import DriftWarning, SeriesWarning
+from analysis.series import SeriesWarning
 from analysis.structure import PairDistribution
 from analysis.temperatures import TemperatureEquilibration
 from analysis.transport import Diffusion
@@ -47,13 +47,13 @@ def result(estimator):
 @pytest.mark.parametrize("kind", DISTRIBUTIONS)
 def test_distributions_see_a_gas_that_is_not_thermalised_and_wrong_masses(kind, gas):
     rng = np.random.default_rng(1)
-    light, heavy = np.ones(4000), np.repeat([1.0, 1.5], 2000)
+    light, heavy = np.ones(4000), np.repeat([1.0, 2.0], 2000)
     right, raw, wrong = kind(), kind(), kind()
     for _ in range(5):
         v = gas.maxwell(rng, 4000, 3, heavy)
         right.add(gas.frame(v, heavy))
         wrong.add(gas.frame(v, light))
-        raw.add(gas.frame(between(gas, rng, 4000, 0.7)))
+        raw.add(gas.frame(between(gas, rng, 4000, 0.4)))
     assert right.chi_square.p_value > 1e-3
     assert wrong.chi_square.p_value < 1e-3
     assert raw.chi_square.p_value < 1e-3
@@ -63,7 +63,7 @@ def test_distributions_see_a_gas_that_is_not_thermalised_and_wrong_masses(kind, 
 def test_cumulant_distance_and_h_see_wrong_masses_and_a_start_that_drifts(kind, gas):
     rng = np.random.default_rng(2)
     light, heavy = np.ones(1000), np.repeat([1.0, 3.0], 500)
-    right, raw, wrong, drifting = kind(), kind(), kind(), kind()
+    right, raw, wrong, drifting = (HFunction(20, 4.0) if kind is HFunction else kind() for _ in range(4))
     for k in range(64):
         v = gas.maxwell(rng, 1000, 3, heavy)
         right.add(gas.frame(v, heavy))
@@ -71,11 +71,11 @@ def test_cumulant_distance_and_h_see_wrong_masses_and_a_start_that_drifts(kind, 
         raw.add(gas.frame(between(gas, rng, 1000, 0.6)))
         drifting.add(gas.frame(between(gas, rng, 1000, k / 64)))
     value, expected = result(right)
-    assert abs(value.deviation(expected, 0.01 * abs(expected))) < 4
+    assert abs(value.deviation(expected, 0.01 * abs(expected) or 1e-3)) < 4
     for broken in (wrong, raw):
         value, expected = result(broken)
-        assert value.p_value(expected, 0.01 * abs(expected)) < 1e-6
-    with pytest.warns(DriftWarning):
+        assert value.p_value(expected, 0.01 * abs(expected) or 1e-3) < 1e-6
+    with pytest.warns(SeriesWarning):  # of a drift, or of a correlation as long as the series
         result(drifting)
 
 
@@ -83,7 +83,7 @@ def test_relaxation_curve_sees_a_start_that_is_not_the_one_of_the_theory(gas, bo
     """From equal speeds of which a twentieth are Maxwellian already: a2 is off by 10 standard errors at once."""
     rng, curve = np.random.default_rng(3), RelaxationCurve()
     for replica in range(12):
-        for frame in boltzmann(between(gas, rng, 4000, 0.05), [0.0, 0.5, 1.0], seed=replica):
+        for frame in boltzmann(between(gas, rng, 4000, 0.05), [0.0, 0.5], seed=replica):
             curve.add(frame)
     assert not curve.starts_from_equal_speeds
     comparison = curve.compare()
@@ -104,12 +104,12 @@ def test_temperatures_see_wrong_masses():
 
 
 def test_diffusion_sees_a_crystal_and_wrong_masses():
-    """Near freezing a crystal does not diffuse; spheres four times as heavy do so half as fast."""
+    """A crystal does not diffuse as the fluid at freezing does; spheres four times as heavy do so half as fast."""
 
-    def measure(scene, settle, mass=1.0):
+    def measure(scene):
         sim = hs.Simulation(scene)
-        sim.run(collisions=settle * scene.n)
-        step = 1.0 / float(theory.collision_rate(scene.packing_fraction, 3, mass=mass))
+        sim.run(collisions=10 * scene.n)
+        step = 0.5 * scene.n * sim.time / sim.collisions  # one collision per particle
         diffusion = Diffusion()
         for _ in range(400):
             sim.run(time=step)
@@ -118,10 +118,9 @@ def test_diffusion_sees_a_crystal_and_wrong_masses():
             warnings.simplefilter("ignore", SeriesWarning)
             return diffusion.diffusion((8 * step, 16 * step)), diffusion
 
-    crystal, _ = measure(hs.lattice_gas(n=108, packing_fraction=0.52, seed=1), 5)
-    fluid, diffusion = measure(random_gas("3d", 108, 0.3), 10)
-    expected = float(theory.enskog_diffusion(0.52, 3).value)
-    assert crystal.value < 0.1 * expected
+    crystal, _ = measure(hs.lattice_gas(n=108, packing_fraction=0.58, seed=1))
+    fluid, diffusion = measure(random_gas("3d", 108, 0.3))
+    assert crystal.value < 0.1 * float(theory.enskog_diffusion(0.49, 3).value)
     heavy = float(theory.enskog_diffusion(0.3, 3, mass=4.0).value)
     correction = float(diffusion.periodic_correction.value)
     enskog = theory.enskog_diffusion(0.3, 3)
