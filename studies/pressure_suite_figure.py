@@ -91,6 +91,6 @@ def _draw(axes: Axes, states: Sequence[State], by_name: bool) -> None:
         axes.set_xlim(-0.5, len(states) - 0.5)
     else:
         axes.set_xlabel("packing fraction")
-    axes.set_ylim(-1.2 * largest, 1.2 * largest)
+    axes.set_ylim(-1.2 * largest, (2.2 if by_name else 1.6) * largest)  # room for the legend
     axes.set_ylabel("$Z$ / theory \u2212 1\nin 1e-4", fontsize=8.5)
-    axes.legend(loc="best", fontsize=7.5)
+    axes.legend(loc="upper center", ncols=3, fontsize=7.5)
