@@ -73,7 +73,10 @@ def autocorrelation_time(series: ArrayLike) -> Estimate:
     Returns
     -------
     Estimate
-        At least 1/2. Its standard error is sqrt(2 (2W + 1) / n) tau. Bias: the window cuts off about exp(-5)
+        At least 1/2. Its standard error is sqrt((4/n) (W + 1/2 - 2.2 tau + 0.3/tau)) tau, which is Bartlett's (J.
+        R. Stat. Soc. Suppl. 8, 27 (1946), doi 10.2307/2983611) for an exponential autocorrelation and a window
+        of 5 tau; the usual sqrt(2 (2W + 1) / n) tau leaves out that the variance is estimated too, and is a
+        third too large. Bias: the window cuts off about exp(-5)
         of an exponential, and the mean being that of the sample lowers tau by about 2 tau^2/n, so that a
         series of fewer than some 100 tau gives too small a value. `n_effective` is n / 2 tau.
 
@@ -94,7 +97,8 @@ def autocorrelation_time(series: ArrayLike) -> Estimate:
     closed = np.arange(n) >= SOKAL_WINDOW * running
     window = int(np.argmax(closed)) if closed.any() else n - 1
     tau = max(float(running[window]), 0.5)
-    return Estimate(tau, tau * math.sqrt(2.0 * (2 * window + 1) / n), n / (2.0 * tau))
+    spread = max(window + 0.5 - 2.2 * tau + 0.3 / tau, 1.0)
+    return Estimate(tau, tau * math.sqrt(4.0 * spread / n), n / (2.0 * tau))
 
 
 def _series(series: ArrayLike) -> FloatArray:

@@ -39,7 +39,7 @@ Seed = np.random.SeedSequence
 FloatArray = NDArray[np.float64]
 
 SPHERES, ETA = 32, 0.15
-REPLICAS = 8  # gases behind one fit of a rate
+REPLICAS = 12  # gases behind one fit of a rate
 PHI, LENGTH = 0.8, 1200  # of the autoregressive series
 
 
@@ -185,8 +185,8 @@ def _relaxation(seed: Seed) -> dict[str, Estimate]:
         scene = hs.random_gas(n=200, packing_fraction=0.005, velocities="equal-speeds", seed=own)
         for frame in hs.Simulation(scene).frames(collisions_per_particle=[0.0, 0.5, 1.5]):
             curve.add(frame)
-        other = hs.random_gas(n=200, packing_fraction=0.005, seed=own)
-        warm = other.replace(velocities=other.velocities * [1.5, 1.0, 1.0])
+        maxwell = np.random.default_rng(own.spawn(1)[0]).standard_normal((200, 3))
+        warm = scene.replace(velocities=maxwell * [1.5, 1.0, 1.0])
         for frame in hs.Simulation(warm).frames(collisions_per_particle=[0.0, 1.0]):
             decay.add(frame)
     last = REPLICAS - 1.0
@@ -205,10 +205,10 @@ def _load_relaxation() -> None:
 
 
 def _two_species(seed: Seed) -> hs.Scene:
-    """Return a hundred light and small, a hundred heavy and large spheres, three times as warm."""
-    second = np.arange(200) >= 100
+    """Return as many light and small spheres as heavy and large ones, of two temperatures."""
+    second = np.arange(120) >= 60
     return hs.random_gas(
-        n=200,
+        n=120,
         packing_fraction=0.01,
         velocities="two-temperatures",
         radii=np.where(second, 1.0, 0.5),
@@ -298,7 +298,7 @@ FAMILIES: dict[str, Family] = {
         {},
     ),
     "temperatures": Family(
-        f"{REPLICAS} gases of 200 spheres, masses 1:4, diameters 1:2, temperatures 3:1, packing fraction 0.01",
+        f"{REPLICAS} gases of 120 spheres, masses 1:4, diameters 1:2, temperatures 3:1, packing fraction 0.01",
         _temperatures,
         _load_temperatures,
         {},
