@@ -27,11 +27,14 @@ def remembered(eta: float, dim: int) -> float:
     Parameters
     ----------
     eta : float
-        Packing fraction of the fluid; between the measured ones the logarithm is interpolated.
+        Packing fraction of the fluid; between the measured ones the logarithm is interpolated. Below 0.35 (3D)
+        or 0.55 (2D) nothing was found, and it is 0.
     dim : {2, 3}
         Dimension d.
     """
     place, length, _ = _MEASURED[dim]
+    if eta < place[0]:
+        return 0.0
     return float(np.exp(np.interp(eta, place, np.log(length))))
 
 
