@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.estimator import Estimator, axes_or_new
+from analysis.series import BlockSeries
 from hardspheres.order import NEIGHBOURS, bond_order
 
 if TYPE_CHECKING:
@@ -31,8 +32,8 @@ class BondOrder(Estimator):
     """
 
     def __init__(self) -> None:
-        self._s: list[float] = []
-        self._values: list[float] = []
+        self._rows = BlockSeries()  # s, order
+        self._last = 0.0
         self._dim = 3
 
     def add(self, frame: Frame) -> Self:
@@ -42,21 +43,23 @@ class BondOrder(Estimator):
         if len(frame.positions) < neighbours + 2:
             raise ValueError(f"{len(frame.positions)} particles; bonds to {neighbours} neighbours need more")
         self._dim = scene.dim
-        self._values.append(bond_order(scene.with_state(frame.positions, frame.velocities)).value)
-        self._s.append(frame.collisions_per_particle)
+        self._last = bond_order(scene.with_state(frame.positions, frame.velocities)).value
+        self._rows.add([frame.collisions_per_particle, self._last])
         return self
 
     @property
     def values(self) -> FloatArray:
-        """The order of each frame, (frames,)."""
-        self._require(bool(self._values), "values", "add(frame)")
-        return np.array(self._values)
+        """The order of each frame, (frames,); beyond 1023 frames means over as many neighbours as needed."""
+        return self._column(1)
 
     @property
     def collisions_per_particle(self) -> FloatArray:
-        """Collisions per particle s of each frame, (frames,)."""
-        self._require(bool(self._values), "values", "add(frame)")
-        return np.array(self._s)
+        """Collisions per particle s of each of `values`."""
+        return self._column(0)
+
+    def _column(self, index: int) -> FloatArray:
+        self._require(len(self._rows) > 0, "values", "add(frame)")
+        return np.asarray(self._rows.rows[:, index])
 
     @property
     def crystalline(self) -> bool:
@@ -65,14 +68,15 @@ class BondOrder(Estimator):
         Fluids of 100 particles or more stay below that up to freezing; a crystal with a few per cent of
         vacancies is above.
         """
-        return bool(self.values[-1] > CRYSTAL[self._dim])
+        self._require(len(self._rows) > 0, "values", "add(frame)")
+        return bool(self._last > CRYSTAL[self._dim])
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the order of every frame against s, over the line that tells a crystal."""
         values = self.values
         axes = axes_or_new(ax)
         axes.axhline(CRYSTAL[self._dim], color="0.4", lw=1.5, label="crystalline above")
-        axes.plot(self._s, values, ".", label="simulation")
+        axes.plot(self.collisions_per_particle, values, ".", label="simulation")
         axes.set_xlabel("collisions per particle s")
         axes.set_ylabel("$Q_6$" if self._dim == 3 else r"$|\psi_6|$")
         axes.legend()

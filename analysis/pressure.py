@@ -7,14 +7,16 @@ their agreement is a test of the whole simulation.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from analysis import theory
 from analysis.estimator import Estimator, axes_or_new
+from analysis.memory import remembered
 from analysis.series import BlockSeries, equilibration, estimate_from_series
 from analysis.statistics import Estimate, TheoryCheck
 from analysis.theory import Prediction
@@ -41,8 +43,8 @@ class PressureTensor:
     total_error, kinetic_error, collisional_error : (d, d) arrays
         One standard error each. Of one component; the components are correlated, since the trace of the
         kinetic part is constant.
-    degrees_of_freedom : (d, d) array
-        Of `total_error`.
+    degrees_of_freedom, kinetic_degrees_of_freedom, collisional_degrees_of_freedom : (d, d) arrays
+        Of the errors.
     """
 
     total: FloatArray
@@ -52,6 +54,17 @@ class PressureTensor:
     kinetic_error: FloatArray
     collisional_error: FloatArray
     degrees_of_freedom: FloatArray
+    kinetic_degrees_of_freedom: FloatArray
+    collisional_degrees_of_freedom: FloatArray
+
+    def component(
+        self, a: int, b: int, part: Literal["total", "kinetic", "collisional"] = "total"
+    ) -> Estimate:
+        """Return one component of the whole tensor or of a part of it, [energy/length^d]."""
+        freedom = "degrees_of_freedom" if part == "total" else f"{part}_degrees_of_freedom"
+        names = (part, f"{part}_error", freedom)
+        value, error, own = (float(getattr(self, name)[a, b]) for name in names)
+        return Estimate(value, error, own + 1.0, own)
 
 
 class Pressure(Estimator):
@@ -73,7 +86,9 @@ class Pressure(Estimator):
     Z is P V / (2 K_th / d) throughout, K_th the kinetic energy without the common motion along periodic axes,
     V the volume of the box. All results are ratios of sums over blocks, with errors from blocks of automatic
     length (`series.estimate_from_series`, which also warns of too few blocks and of a drift): give 100 blocks
-    or more, each of at least some collisions per particle. Memory does not grow beyond `series.BlockSeries`.
+    or more, each of at least some collisions per particle. Blocks are no shorter than a dense fluid remembers
+    (`memory.remembered`: 300 collisions per particle at packing fraction 0.49), which no short series shows.
+    Memory does not grow beyond `series.BlockSeries`.
 
     Parameters
     ----------
@@ -93,6 +108,7 @@ class Pressure(Estimator):
         self._species, first = np.unique(scene.species, return_index=True)
         self._diameters, self._masses = 2.0 * scene.radii[first], scene.masses[first]
         momentum = np.where(scene.periodic, scene.momentum, 0.0) if scene.n > 1 else np.zeros(scene.dim)
+        self._remembered = remembered(scene.packing_fraction, scene.dim)
         self._common_motion = np.outer(momentum, momentum) / float(scene.masses.sum())
 
     # Collecting ---------------------------------------------------------------------------------------------
@@ -134,7 +150,8 @@ class Pressure(Estimator):
         self._counts_pairs = counted
         kinetic = tallies.kinetic - self._common_motion * tallies.time
         parts = (tallies.virial, kinetic, tallies.wall_impulses, tallies.wall_radius_impulses, pairs)
-        self._blocks.add(np.concatenate([[tallies.time], *(np.ravel(part) for part in parts)]))
+        flat = [np.ravel(part) for part in parts]
+        self._blocks.add(np.concatenate([[tallies.time], *flat, [float(tallies.collisions)]]))
         return self
 
     def _rows(self) -> FloatArray:
@@ -156,7 +173,14 @@ class Pressure(Estimator):
         trace = rows[:, 1 : 1 + dim * dim : dim + 1].sum(axis=1)
         return equilibration(trace / rows[:, 0]).start
 
-    # Where things are in a row: time, virial, kinetic, wall impulses, wall radius impulses, pairs.
+    def _from_blocks(self, statistic: Callable[[FloatArray], FloatArray]) -> Estimate:
+        """Return a function of the mean row, with blocks as long as the fluid remembers (`analysis.memory`)."""
+        rows = self._rows()
+        per_row = 2.0 * float(rows[:, -1].mean()) / self.scene.n  # collisions per particle
+        shortest = math.ceil(self._remembered / per_row) if per_row > 0.0 else 1
+        return estimate_from_series(rows, statistic, shortest)
+
+    # Where things are in a row: time, virial, kinetic, wall impulses, wall radius impulses, pairs, collisions.
 
     def _part(self, means: FloatArray, part: int) -> FloatArray:
         """Return one part of rows (..., p) over their time: 0 virial, 1 kinetic, 2, 3 walls, 4 pairs."""
@@ -189,7 +213,7 @@ class Pressure(Estimator):
             trace = np.einsum("...aa->...", self._part(means, 0))
             return np.asarray(1.0 + trace / (self.scene.dim * self._thermal))
 
-        return estimate_from_series(self._rows(), compressibility)
+        return self._from_blocks(compressibility)
 
     @property
     def virial_pressure(self) -> Estimate:
@@ -203,14 +227,12 @@ class Pressure(Estimator):
         The kinetic part is exact, an integral over time of what the engine keeps event by event, less the
         common motion along periodic axes.
         """
-        (total, total_error, freedom), (kinetic, kinetic_error, _), (passed, passed_error, _) = (
-            self._tensor(parts) for parts in ((0, 1), (1,), (0,))
-        )
-        return PressureTensor(total, kinetic, passed, total_error, kinetic_error, passed_error, freedom)
+        parts = np.array([self._tensor(parts) for parts in ((0, 1), (1,), (0,))])
+        return PressureTensor(*parts[:, 0], *parts[:, 1], *parts[:, 2])
 
     def _tensor(self, parts: tuple[int, ...]) -> FloatArray:
         """Value, error and degrees of freedom of a sum of tensors per volume, (3, d, d)."""
-        rows, dim = self._rows(), self.scene.dim
+        dim = self.scene.dim
         result = np.zeros((3, dim, dim))
         for a, b in np.ndindex(dim, dim):
 
@@ -219,7 +241,7 @@ class Pressure(Estimator):
                     sum(self._part(means, part)[..., a, b] for part in parts) / self.scene.volume
                 )
 
-            estimate = estimate_from_series(rows, component)
+            estimate = self._from_blocks(component)
             result[:, a, b] = estimate.value, estimate.standard_error, estimate.degrees_of_freedom
         return result
 
@@ -252,7 +274,7 @@ class Pressure(Estimator):
                 rates, self._diameters, self._masses, temperature, freedom
             )
 
-        return estimate_from_series(self._rows(), compressibility)
+        return self._from_blocks(compressibility)
 
     @property
     def rate_pressure(self) -> Estimate:
@@ -268,9 +290,7 @@ class Pressure(Estimator):
             "add(tallies, pair_collisions=...)",
         )
         n = self.scene.n
-        return estimate_from_series(
-            self._rows(), lambda means: 2.0 / n * self._part(means, 4).sum(axis=(-2, -1))
-        )
+        return self._from_blocks(lambda means: 2.0 / n * self._part(means, 4).sum(axis=(-2, -1)))
 
     # Walls --------------------------------------------------------------------------------------------------
 
@@ -279,24 +299,49 @@ class Pressure(Estimator):
         self._require(bool(len(axes)), "walls", "Pressure(scene) with a scene between walls")
         return axes
 
+    def _inside(self, axes: NDArray[np.intp]) -> Estimate:
+        """Return the sum over axes of P_kk V from inside, kinetic and virial part."""
+
+        def along(means: FloatArray) -> FloatArray:
+            both = self._part(means, 0) + self._part(means, 1)
+            return np.asarray(both[..., axes, axes].sum(axis=-1))
+
+        return self._from_blocks(along)
+
+    def _duration(self) -> float:
+        return float(self._rows()[:, 0].sum()) * self._blocks.samples_per_row
+
+    def _end_terms(self, axis: int) -> tuple[float, float]:
+        """Return how much a run's two ends add to its time-integrated forces along a wall axis.
+
+        Standard deviations of G(t) - G(0), G = sum of m x v from the middle of the box, and of the momentum P(t) - P(0): each twice
+        the variance at equilibrium, sum of m kT <x^2> and of m kT, where <x^2> = (L - 2R)^2/12 but for layers.
+        """
+        scene = self.scene
+        square = (scene.box[axis] - 2.0 * scene.radii) ** 2 / 12.0
+        carried = 2.0 * scene.temperature * scene.masses
+        return math.sqrt(float(carried @ square)), math.sqrt(float(carried.sum()))
+
     @property
     def wall_forces(self) -> dict[str, Estimate]:
         """Mean force on each wall, by its name ("x low", "x high", ...), [energy/length].
 
         F = (1/t) sum of 2 m |v_n| over hits. The two walls of an axis differ by what the momentum changed
-        over the run, divided by its time. Errors as for `walls`: too large for few particles and short
-        blocks.
+        over the run, divided by its time; that change is part of the error, see `walls`.
         """
-        axes, rows = self._require_walls(), self._rows()
-
-        def force(axis: int, side: int) -> Estimate:
-            return estimate_from_series(rows, lambda means: self._part(means, 2)[..., axis, side])
-
-        return {
-            f"{'xyz'[axis]} {name}": force(int(axis), side)
-            for axis in axes
-            for side, name in enumerate(("low", "high"))
-        }
+        axes, mean = self._require_walls(), self._rows().mean(axis=0)
+        forces, duration = {}, self._duration()
+        for axis in axes:
+            inside = self._inside(np.array([axis]))
+            impulses, moments = self._part(mean, 2)[axis], self._part(mean, 3)[axis]
+            hit = impulses.sum() > 0.0
+            reach = float(self.scene.box[axis]) - (2.0 * moments.sum() / impulses.sum() if hit else 0.0)
+            outer, carried = self._end_terms(int(axis))
+            ends = math.hypot(outer / reach, carried / 2.0) / duration
+            for side, name in enumerate(("low", "high")):
+                estimate = _scaled(inside, 1.0 / reach)
+                forces[f"{'xyz'[axis]} {name}"] = _with_ends(estimate, float(impulses[side]), ends)
+        return forces
 
     @property
     def wall_pressures(self) -> dict[str, Estimate]:
@@ -321,19 +366,23 @@ class Pressure(Estimator):
         Along a wall axis k, P_kk V = (L_k/2)(F_low + F_high) - (R F)_low - (R F)_high, where each hit counts
         with its particle's radius in (R F): Clausius' virial of the walls, equal to that of `tensor` in the
         long run at any density, size and mixture. With some axes periodic, only the wall axes are in it.
-        Bias: a finite run adds [G(t) - G(0)]/t, G = sum of m r.v from the middle of the box;
-        `virial_identity.virial_identity` is the identity with it. Those terms of neighbouring blocks cancel,
-        which blocks do not know: with few particles and short blocks the standard error is too large, by half
-        for 24 discs and 6 collisions per particle in a block.
+        A finite run adds [G(t) - G(0)]/t, G = sum of m r.v from the middle of the box, to what
+        is measured inside; `virial_identity.virial_identity` is the identity with it. Blocks cannot tell its
+        size, since one gives what the next one takes: the error combines that of the inside, from blocks, with
+        the exact variance of G at equilibrium.
         """
         axes, half = self._require_walls(), self.scene.box / 2.0
+        mean = self._rows().mean(axis=0)
+        force, moment = self._part(mean, 2).sum(axis=-1), self._part(mean, 3).sum(axis=-1)
+        scale = len(axes) * self._thermal
+        value = float((half * force - moment)[axes].sum()) / scale
+        ends = math.hypot(*(self._end_terms(int(axis))[0] for axis in axes)) / self._duration()
+        return _with_ends(_scaled(self._inside(axes), 1.0 / scale), value, ends / scale)
 
-        def compressibility(means: FloatArray) -> FloatArray:
-            force, moment = self._part(means, 2).sum(axis=-1), self._part(means, 3).sum(axis=-1)
-            along = half * force - moment
-            return np.asarray(along[..., axes].sum(axis=-1) / (len(axes) * self._thermal))
-
-        return estimate_from_series(self._rows(), compressibility)
+    @property
+    def walls_pressure(self) -> Estimate:
+        """Pressure Z 2 K_th / (d V) of `walls`, [energy/length^d]."""
+        return self._in_units_of_pressure(self.walls)
 
     # Theory -------------------------------------------------------------------------------------------------
 
@@ -434,3 +483,11 @@ def _scaled(estimate: Estimate, factor: float) -> Estimate:
         estimate.n_effective,
         estimate.degrees_of_freedom,
     )
+
+
+def _with_ends(inside: Estimate, value: float, ends: float) -> Estimate:
+    """Return a force with the error of the same seen from inside and, known, that of the ends of the run."""
+    error = math.hypot(inside.standard_error, ends)
+    share = inside.standard_error**2 / error**2 if error > 0.0 else 1.0
+    freedom = inside.degrees_of_freedom / share**2 if share > 0.0 else math.inf
+    return Estimate(value, error, inside.n_effective, freedom)

@@ -73,7 +73,10 @@ def autocorrelation_time(series: ArrayLike) -> Estimate:
     Returns
     -------
     Estimate
-        At least 1/2. Its standard error is sqrt(2 (2W + 1) / n) tau. Bias: the window cuts off about exp(-5)
+        At least 1/2. Its standard error is sqrt((4/n) (W + 1/2 - 2.2 tau + 0.3/tau)) tau, which is Bartlett's (J.
+        R. Stat. Soc. Suppl. 8, 27 (1946), doi 10.2307/2983611) for an exponential autocorrelation and a window
+        of 5 tau; the usual sqrt(2 (2W + 1) / n) tau leaves out that the variance is estimated too, and is a
+        third too large. Bias: the window cuts off about exp(-5)
         of an exponential, and the mean being that of the sample lowers tau by about 2 tau^2/n, so that a
         series of fewer than some 100 tau gives too small a value. `n_effective` is n / 2 tau.
 
@@ -94,7 +97,8 @@ def autocorrelation_time(series: ArrayLike) -> Estimate:
     closed = np.arange(n) >= SOKAL_WINDOW * running
     window = int(np.argmax(closed)) if closed.any() else n - 1
     tau = max(float(running[window]), 0.5)
-    return Estimate(tau, tau * math.sqrt(2.0 * (2 * window + 1) / n), n / (2.0 * tau))
+    spread = max(window + 0.5 - 2.2 * tau + 0.3 / tau, 1.0)
+    return Estimate(tau, tau * math.sqrt(4.0 * spread / n), n / (2.0 * tau))
 
 
 def _series(series: ArrayLike) -> FloatArray:
@@ -126,12 +130,14 @@ def block_length(series: ArrayLike) -> int:
 
 
 def estimate_from_series(
-    series: ArrayLike, statistic: Callable[[FloatArray], FloatArray] | None = None
+    series: ArrayLike,
+    statistic: Callable[[FloatArray], FloatArray] | None = None,
+    shortest: int = 1,
 ) -> Estimate:
     """Return the mean of a correlated series, or a function of its means, with an error from blocks.
 
-    The series is cut into M blocks of automatic length (`block_length`: 20 correlation times, by Sokal's
-    window; some 24 to 48 blocks where the series is long enough for more), and the blocks are taken as
+    The series is cut into M blocks of automatic length (`block_length`: 20 correlation times by Sokal's
+    window, but no less than `shortest`; some 24 to 48 blocks where the series is long enough for more), and the blocks are taken as
     independent (Flyvbjerg and Petersen, J. Chem. Phys. 91, 461 (1989), doi 10.1063/1.457480). (value - truth)
     / standard_error follows Student's t with M - 1 degrees of freedom. A nonlinear function, such as a ratio,
     comes from the jackknife over the same blocks, its bias of order 1/M removed.
@@ -144,6 +150,9 @@ def estimate_from_series(
     statistic : callable, optional
         Maps means of shape (..., p) to (...); needed for a series of shape (n, p). The ratio of two sums is
         ``lambda mean: mean[..., 0] / mean[..., 1]``.
+    shortest : int, default 1
+        Least number of samples in a block, for a correlation that is known to be too weak and too long for
+        the series to show it.
 
     Returns
     -------
@@ -172,15 +181,16 @@ def estimate_from_series(
     if array.ndim == 1 and statistic is None:
         rows = _series(array)[:, None]
     elif array.ndim != 2 or statistic is None or len(array) < 2:
-        needed = "(n,) with n >= 2, or (n, p) with a statistic of p means"
-        raise ValueError(f"series has shape {array.shape}; expected {needed}")
+        expected = "(n,) with n >= 2, or (n, p) with a statistic of p means"
+        raise ValueError(f"series has shape {array.shape}; expected {expected}")
     pseudo = _series(_pseudo_values(rows, function))
     n = len(rows)
 
     def statistic_of(samples: FloatArray) -> FloatArray:
         return np.asarray(function(samples.mean(axis=0)))
 
-    length = max(block_length(pseudo), n // MOST_BLOCKS)
+    needed = max(block_length(pseudo), shortest)
+    length = max(needed, n // MOST_BLOCKS)
     too_short = n // length < FEWEST_BLOCKS
     if too_short:
         length = max(n // FEWEST_BLOCKS, 1)
@@ -203,11 +213,9 @@ def estimate_from_series(
         )
         warnings.warn(DriftWarning(message, estimate), stacklevel=2)
     elif too_short:
-        tau = whole.value
-        needed_length = math.ceil(FEWEST_BLOCKS * max(BLOCK_LENGTH * (tau - 0.25 / tau), 1.0))
         message = (
-            f"{n} samples with a correlation time of {tau:.3g} are too few for an error bar ({estimate} is a "
-            f"lower bound); take at least {needed_length}"
+            f"{n} samples are too few for an error bar, which needs {FEWEST_BLOCKS} blocks of {needed} "
+            f"({estimate} is a lower bound); take at least {FEWEST_BLOCKS * needed}"
         )
         warnings.warn(ShortSeriesWarning(message, estimate), stacklevel=2)
     elif drift_p_value(values) < DRIFT_ALARM:

@@ -260,6 +260,41 @@ class Diffusion(Estimator):
             (rows[:, last - 1] - rows[:, first - 1]) / (2 * self._gas().dim * duration)
         )
 
+    def diffusion_from_velocities(self, until: float) -> Estimate:
+        """Return D_L from the integral of the velocity autocorrelation, by Green and Kubo's relation.
+
+        D(t) = (1/d) integral of <v(0).v(t')> from 0 to t = `until`, by Simpson's rule over the lags of one level.
+        Bias: the tail beyond t is cut off, as in `diffusion`, whose value is the mean of D(t) over its window;
+        and, with h the spacing of the level, some (h nu)^4/1000 of Simpson's rule, nu the collision rate.
+
+        Parameters
+        ----------
+        until : float
+            t [time], an even number of spacings of the finest level that reaches it; no longer than `lags`.
+
+        Returns
+        -------
+        Estimate
+            [length^2/time].
+
+        Raises
+        ------
+        ValueError
+            If the lags do not reach so far, or hold fewer than two spacings.
+        """
+        longest = float(self.lags[-1])
+        level = max(math.ceil(math.log2(until / self.spacing / self.points) - 1e-9), 0) if until > 0.0 else 0
+        step = self.spacing * 2.0**level
+        last = 2 * round(until / step / 2.0)
+        if not (0.0 < until <= longest * (1 + 1e-9) and last >= 2 and len(self._rows_by_level[level]) >= 2):
+            raise ValueError(
+                f"until = {until:g}; expected at least {2 * self.spacing:g}, two spacings, and at most {longest:g}"
+            )
+        weights = np.ones(last + 1)
+        weights[1:-1:2], weights[2:-1:2] = 4.0, 2.0
+        rows = self._rows_by_level[level].rows[:, self.points : self.points + last + 1]
+        return estimate_from_series(rows @ weights * (step / (3.0 * self._gas().dim)))
+
     def _level_of(self, window: tuple[float, float]) -> tuple[int, int, int]:
         """Level of a window, and the places of its ends there."""
         longest = float(self.lags[-1])

@@ -294,8 +294,20 @@ def pressure(
     mass_ratio: Ratio = 1.0,
     fraction: Fraction = None,
     collisions_per_particle: Annotated[
-        float, typer.Option(help="How long to measure in each replica, s = 2 collisions / n.")
-    ] = 300.0,
+        float | None,
+        typer.Option(
+            help="How long to measure in each replica, s = 2 collisions / n.",
+            show_default="300, more near freezing",
+        ),
+    ] = None,
+    suite: Annotated[
+        bool,
+        typer.Option(
+            "--suite",
+            help="Nine states of spheres, five of discs and three mixtures of 4000 particles; --until-error is 1e-3 "
+            "(two minutes) or as given (1e-4: hours).",
+        ),
+    ] = False,
     replicas: Annotated[int, typer.Option(min=1, help="Independent gases at each packing fraction.")] = 2,
     until_error: UntilError = None,
     seed: Seed = 1,
@@ -319,9 +331,20 @@ def pressure(
     study = EquationOfState(
         parsed(packing_fractions), fluid, collisions_per_particle, replicas, seed, workers
     )
-    screen = Screen(json)
-    folder = OutputFolder(out or Path("runs") / f"pressure-{seed}")
-    _finish(screen, _precisely(equation_of_state, study, folder, screen, until_error))
+    screen, folder = Screen(json), OutputFolder(out or Path("runs") / f"pressure-{seed}")
+    if not suite:
+        _finish(screen, _precisely(equation_of_state, study, folder, screen, until_error))
+        return
+    from studies.pressure_suite import Suite, run_suite
+
+    gas = (packing_fractions, n, dim, walls, diameter_ratio, mass_ratio, fraction)
+    _require(
+        gas == ("0.01:0.49:9", 4000, 3, "periodic", 1.0, 1.0, None),
+        "--suite has gases of its own; leave out the options that describe one",
+    )
+    if until_error is not None or collisions_per_particle is None:
+        study = replace(study, precision=1e-3 if until_error is None else until_error)
+    _finish(screen, run_suite(Suite(study), folder, screen))
 
 
 @app.command()
@@ -467,6 +490,27 @@ def _precisely(
     from studies.until_error import until_error
 
     return until_error(run, study, target, folder, screen)
+
+
+@app.command()
+def calibration(
+    runs: Annotated[int, typer.Option(help="Independent short runs of each estimator.")] = 200,
+    seed: Seed = 1,
+    workers: Workers = None,
+    out: Out = None,
+    json: Json = False,
+) -> None:
+    """Test the error bars: (value - truth) / standard error of every estimator, over many short runs.
+
+    It should follow Student's t with the degrees of freedom that the estimator quotes. Writes a summary, a table and a
+    picture.
+    """
+    from studies.calibration import Calibrations
+    from studies.calibration import calibration as run
+    from studies.report import OutputFolder, Screen
+
+    screen, folder = Screen(json), OutputFolder(out or Path("runs") / f"calibration-{seed}")
+    _finish(screen, run(Calibrations(runs, seed, workers), folder, screen))
 
 
 def _finish(screen: Any, result: tuple[dict[str, Any], bool]) -> None:

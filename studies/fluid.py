@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import hardspheres as hs
+from analysis.memory import remembered
 from hardspheres.compression import order_of_crystal
 from hardspheres.memory import require_room_for
 from studies.ensemble import replica_seeds, run_replicas
@@ -135,7 +136,7 @@ class Fluid:
     @property
     def discarded(self) -> float:
         """Collisions per particle to throw away before anything is measured."""
-        return RELAXED if self.dense else SETTLED
+        return max(RELAXED, remembered(self.packing_fraction, self.dim)) if self.dense else SETTLED
 
     def check(self) -> None:
         """Raise SceneError where this is no fluid."""

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 
 import hardspheres as hs
+from analysis import theory
+from analysis.memory import remembered, variance_growth
 from analysis.pressure import Pressure
 from analysis.statistics import Estimate, ReplicaWarning, combine_replicas, pool_replicas
 from analysis.theory import Prediction
@@ -31,7 +33,12 @@ from studies.report import (
 __all__ = ["EquationOfState", "State", "States", "equation_of_state", "packing_fractions"]
 
 BLOCKS = 128  # of each run; they are joined as their correlation demands
+LENGTH = 300.0  # collisions per particle, where nothing else is asked for
+MEMORIES = 10.0  # how many times as long as what the fluid remembers a run is at least
+SHORTEST = 40.0  # collisions per particle, however low the precision
+NOISE = 1.25  # relative standard error of Z - 1 times the root of the number of collisions
 FEWEST_COLLISIONS = 16 * 8  # of a run: 16 blocks of 8
+UNKNOWN = Estimate(math.nan, math.nan)
 
 
 @dataclass(frozen=True)
@@ -44,29 +51,52 @@ class EquationOfState:
         Where to measure, ascending.
     fluid : Fluid
         The gas, but for its packing fraction.
-    collisions_per_particle : float
-        How long to measure in each replica.
+    collisions_per_particle : float, optional
+        How long to measure in each replica; by default 300, or more where a dense fluid remembers long
+        (`analysis.memory`).
     replicas, seed, workers
         As in `studies.ensemble`.
+    precision : float, optional
+        Measure as long as this relative standard error of Z takes, all replicas together.
     """
 
     packing_fractions: tuple[float, ...] = tuple(np.linspace(0.01, 0.49, 9).tolist())
     fluid: Fluid = field(default_factory=Fluid)
-    collisions_per_particle: float = 300.0
+    collisions_per_particle: float | None = None
     replicas: int = 2
     seed: int = 1
     workers: int | None = None
+    precision: float | None = None
 
     @property
     def fluids(self) -> list[Fluid]:
         """The gases to measure, by ascending packing fraction."""
         return [replace(self.fluid, packing_fraction=eta) for eta in self.packing_fractions]
 
+    def length(self, fluid: Fluid) -> float:
+        """Return how long to measure each replica of a fluid, in collisions per particle."""
+        if self.collisions_per_particle is not None:
+            return self.collisions_per_particle
+        eta, dim = fluid.packing_fraction, fluid.dim
+        shortest = max(MEMORIES * remembered(eta, dim), 2 * FEWEST_COLLISIONS / fluid.n)
+        if self.precision is None:
+            return max(LENGTH, shortest)
+        z = float(theory.compressibility_factor(min(eta, THEORY_UP_TO[dim]), dim).value)
+        collisions = variance_growth(eta, dim) * (NOISE * (1.0 - 1.0 / z) / self.precision) ** 2
+        return max(2.0 * collisions / (fluid.n * self.replicas), shortest, SHORTEST)
+
     def check(self) -> None:
         """Raise SceneError for options that make no sense."""
         for fluid in self.fluids:
             fluid.check()
+        if self.precision is not None:
+            if self.collisions_per_particle is not None:
+                raise hs.SceneError("--until-error and --collisions-per-particle both say how long; give one")
+            if not 1e-6 <= self.precision <= 0.1:
+                raise hs.SceneError(f"--until-error {self.precision:g}; expected 1e-6 to 0.1")
         fewest = 2 * FEWEST_COLLISIONS / self.fluid.n
+        if self.collisions_per_particle is None:
+            return
         if not fewest <= self.collisions_per_particle < math.inf:
             raise hs.SceneError(
                 f"--collisions-per-particle {self.collisions_per_particle:g} gives no error bar for "
@@ -132,11 +162,11 @@ class States:
 
     Attributes
     ----------
-    collisions_per_particle : float
-        How long to measure.
+    study : EquationOfState
+        Says how long to measure.
     """
 
-    collisions_per_particle: float
+    study: EquationOfState
 
     def __call__(self, item: tuple[Fluid, np.random.SeedSequence]) -> _Run:
         """Run one replica."""
@@ -144,7 +174,7 @@ class States:
         began = time.perf_counter()
         simulation = hs.Simulation(fluid.scene(seed))
         fluid.settle(simulation)
-        settled, total = simulation.collisions, round(self.collisions_per_particle * fluid.n / 2)
+        settled, total = simulation.collisions, round(self.study.length(fluid) * fluid.n / 2)
         pressure = Pressure(simulation.scene, discard=True)
         blocks = min(BLOCKS, total // 8)
         for size in np.diff(np.linspace(0, total, blocks + 1).round().astype(int)):
@@ -193,6 +223,8 @@ class State:
         What the estimators had to say.
     failures : tuple of str
         What is wrong with the state: broken conservation, order, deviations beyond 5 standard errors.
+    collisions : int
+        Of all replicas, what was discarded included.
     """
 
     fluid: Fluid
@@ -202,6 +234,7 @@ class State:
     order: float
     notes: tuple[str, ...]
     failures: tuple[str, ...]
+    collisions: int = 0
 
     @property
     def best(self) -> Prediction:
@@ -237,6 +270,7 @@ def combine(fluid: Fluid, runs: Sequence[_Run]) -> State:
         max(run.order for run in runs),
         tuple(notes),
         (),
+        sum(run.status["collisions"] for run in runs),
     )
     failures = [run.failure for run in runs if run.failure]
     if any(run.ordered for run in runs):
@@ -296,7 +330,7 @@ def equation_of_state(
     ready = time.perf_counter()
     out.create()
     runs = run_fluids(
-        States(study.collisions_per_particle),
+        States(study),
         fluids,
         seed=study.seed,
         replicas=study.replicas,
@@ -306,7 +340,7 @@ def equation_of_state(
     ran = time.perf_counter()
     states = [combine(fluid, own) for fluid, own in zip(fluids, runs, strict=True)]
 
-    out.write_csv("equation_of_state.csv", _columns(states, study))
+    out.write_csv("equation_of_state.csv", columns(states))
     from studies.pressure_figure import figure
 
     with screen.working("drawing"):
@@ -318,40 +352,44 @@ def equation_of_state(
     return summary, bool(summary["checks"]["passed"])
 
 
-def _columns(states: Sequence[State], study: EquationOfState) -> dict[str, Any]:
-    """Return the columns of equation_of_state.csv; empty where a theory does not hold."""
-    columns: dict[str, Any] = {
-        "packing_fraction": [state.fluid.packing_fraction for state in states],
-        "particles": [study.fluid.n] * len(states),
-        "collisions": [_collisions(study)] * len(states),
+def columns(states: Sequence[State]) -> dict[str, Any]:
+    """Return the columns of equation_of_state.csv; NaN where there is no such measurement or theory."""
+    fluids = [state.fluid for state in states]
+    table: dict[str, Any] = {
+        "packing_fraction": [fluid.packing_fraction for fluid in fluids],
+        "dim": [fluid.dim for fluid in fluids],
+        "particles": [fluid.n for fluid in fluids],
+    }
+    if any(fluid.mixed for fluid in fluids):
+        for name in ("diameter_ratio", "mass_ratio", "fraction"):
+            table[name] = [getattr(fluid, name) for fluid in fluids]
+    table |= {
+        "collisions": [state.collisions for state in states],
         "discarded_collisions_per_particle": [state.discarded for state in states],
         "bond_order": [state.order for state in states],
     }
-    for name in states[0].measured:
-        estimates = [state.measured[name] for state in states]
-        columns[f"z_{name}"] = [z.value for z in estimates]
-        columns[f"z_{name}_error"] = [z.standard_error for z in estimates]
-        columns[f"z_{name}_degrees_of_freedom"] = [z.degrees_of_freedom for z in estimates]
-        columns[f"z_{name}_deviation"] = [state.deviation(name) for state in states]
-    columns["theory"] = [next(iter(state.theories), "") for state in states]
-    columns["z_theory"] = [float(state.best.value) for state in states]
-    columns["z_theory_error"] = [float(state.best.uncertainty) for state in states]
-    others = dict.fromkeys(name for state in states for name in list(state.theories)[1:])
-    for name in others:
-        predictions = [state.theories.get(name) for state in states]
-        columns[f"{_slug(name)}"] = [math.nan if p is None else float(p.value) for p in predictions]
-        columns[f"{_slug(name)}_error"] = [
-            math.nan if p is None else float(p.uncertainty) for p in predictions
+    for name in dict.fromkeys(name for state in states for name in state.measured):
+        known = [state.measured.get(name, UNKNOWN) for state in states]
+        table[f"z_{name}"] = [z.value for z in known]
+        table[f"z_{name}_error"] = [z.standard_error for z in known]
+        table[f"z_{name}_degrees_of_freedom"] = [z.degrees_of_freedom for z in known]
+        table[f"z_{name}_deviation"] = [
+            state.deviation(name) if name in state.measured else math.nan for state in states
         ]
-    return columns
+    table["theory"] = [next(iter(state.theories), "") for state in states]
+    table["z_theory"] = [float(state.best.value) for state in states]
+    table["z_theory_error"] = [float(state.best.uncertainty) for state in states]
+    others = dict.fromkeys(name for state in states for name in list(state.theories)[1:])
+    nothing = Prediction(math.nan, math.nan)
+    for name in others:
+        predictions = [state.theories.get(name, nothing) for state in states]
+        table[_slug(name)] = [float(p.value) for p in predictions]
+        table[f"{_slug(name)}_error"] = [float(p.uncertainty) for p in predictions]
+    return table
 
 
 def _slug(name: str) -> str:
     return name.lower().replace(" ", "_").replace("-", "_")
-
-
-def _collisions(study: EquationOfState) -> int:
-    return study.replicas * round(study.collisions_per_particle * study.fluid.n / 2)
 
 
 def _summary(
@@ -377,12 +415,13 @@ def _summary(
             "mass_ratio": fluid.mass_ratio,
             "fraction": fluid.fraction if fluid.mixed else None,
             "collisions_per_particle": study.collisions_per_particle,
+            "precision": study.precision,
             "replicas": study.replicas,
         },
         "workers": available_cores() if study.workers is None else study.workers,
         "n": fluid.n,
         "dim": fluid.dim,
-        "states": [_state_summary(state) for state in states],
+        "states": [state_summary(state) for state in states],
         "collisions": collisions,
         "collisions_per_second_and_core": collisions / sum(run.seconds for run in runs),
         "checks": checks_of(statuses, failures) | {"alarm_in_standard_errors": ALARM},
@@ -392,10 +431,12 @@ def _summary(
     }
 
 
-def _state_summary(state: State) -> dict[str, Any]:
+def state_summary(state: State) -> dict[str, Any]:
+    """Return what a summary tells of one state."""
     return {
         "packing_fraction": state.fluid.packing_fraction,
         "start": "compressed" if state.fluid.dense else "random",
+        "collisions": state.collisions,
         "discarded_collisions_per_particle": state.discarded,
         "bond_order": state.order,
         "measured": {
@@ -419,10 +460,17 @@ def _print(
     summary: dict[str, Any],
     out: OutputFolder,
 ) -> None:
-    screen.say(f"{study.replicas} x {study.fluid}, {len(states)} packing fractions")
+    print_states(screen, f"{study.replicas} x {study.fluid}, {len(states)} packing fractions", states)
+    say_notes(screen, states)
+    say_checks(screen, summary, out)
+
+
+def print_states(screen: Screen, title: str, states: Sequence[State]) -> None:
+    """Print a title and the table of some states of one kind of fluid."""
+    screen.say(title)
     screen.say()
     names = list(states[0].measured)
-    order = "Q6" if study.fluid.dim == 3 else "psi6"
+    order = "Q6" if states[0].fluid.dim == 3 else "psi6"
     header = ["packing fraction", "discarded", order]
     for name in names:
         header += [f"Z, {name}", "z"]
@@ -438,25 +486,27 @@ def _print(
         rows.append([*row, "u" if state.better_than_theory else ""])
     screen.table("", header, rows)
     screen.say()
+
+
+def say_notes(screen: Screen, states: Sequence[State]) -> None:
+    """Print what the columns of the tables mean and what the estimators had to say."""
+    fluids = [state.fluid for state in states]
     named = dict.fromkeys(next(iter(state.theories)) for state in states if state.theories)
     if named:
-        finite = (
-            f" with the finite-size correction for {study.fluid.n} particles" if study.fluid.periodic else ""
-        )
+        sizes = {fluid.n for fluid in fluids if fluid.periodic}
+        finite = f" with the finite-size correction for {min(sizes)} particles" if sizes else ""
         screen.say(f"theory: {', '.join(named)}{finite}; its uncertainty in parentheses")
     screen.say("z: deviation from theory in standard errors, the theory's own uncertainty in it")
     if any(state.better_than_theory for state in states):
         screen.say(
             "u: the measurement is better than the theory, whose uncertainty exceeds two standard errors"
         )
-    placed = ["placed at random"] * any(not state.fluid.dense for state in states)
-    grown = ["grown to their size"] * any(state.fluid.dense for state in states)
+    placed = ["placed at random"] * any(not fluid.dense for fluid in fluids)
+    grown = ["grown to their size"] * any(fluid.dense for fluid in fluids)
     screen.say(
         f"start: {' or '.join([*placed, *grown])}; discarded: collisions per particle before the "
-        "measurement, "
-        "with what the rule of Chodera 2016 drops from its start"
+        "measurement, with what the rule of Chodera 2016 drops from its start"
     )
     for state in states:
         for note in state.notes:
             screen.say(f"packing fraction {state.fluid.packing_fraction:g}: {note}")
-    say_checks(screen, summary, out)

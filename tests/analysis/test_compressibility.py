@@ -36,16 +36,3 @@ def test_compressibility_of_a_small_gas(dim, eta):
     # Siblings: a packing fraction 2 % larger is told apart, and so is a gas that is too small by a tenth in radius.
     assert abs(deviation(z, 500, 1.02 * eta, dim)) > 3
     assert abs(deviation(z, 500, 0.9**dim * eta, dim)) > 10
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("eta", "infinite", "collisions"), [(0.1, 1.521647, 2e6), (0.3, 3.983983, 4e6), (0.45, 9.404114, 8e6)]
-)
-def test_compressibility_to_a_thousandth(eta, infinite, collisions):
-    n = 4000
-    assert float(theory.compressibility_factor(eta, 3).value) == pytest.approx(infinite, abs=1e-6)
-    z = measure(n, eta, 400, int(collisions))
-    assert z.standard_error / z.value < 1e-3
-    assert abs(deviation(z, n, eta)) < 3
-    assert abs(deviation(z, n, 1.005 * eta)) > 3  # sibling

@@ -82,7 +82,7 @@ def test_error_of_a_ratio_follows_students_t():
 
 def test_short_series_warn_and_carry_the_estimate():
     series = ar1(np.random.default_rng(4), 0.95, 400, 1)[0]
-    with pytest.warns(ShortSeriesWarning, match="400 samples .* are too few") as caught:
+    with pytest.warns(ShortSeriesWarning, match="400 samples are too few") as caught:
         estimate = estimate_from_series(series)
     assert caught[0].message.estimate == estimate
     assert estimate.degrees_of_freedom == 7

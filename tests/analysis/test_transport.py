@@ -63,6 +63,14 @@ def test_a_known_walk(scene):
     measured = diffusion.diffusion(window)
     assert abs(measured.deviation(expected)) < 4
     assert measured.standard_error / measured.value < 0.03
+    # the same from velocities: D(t) = (1 - exp(-gamma t))/gamma by Green and Kubo, Simpson's error far below
+    for until in (8 * STEP, 32 * STEP):
+        from_velocities = diffusion.diffusion_from_velocities(until)
+        assert abs(from_velocities.deviation((1 - math.exp(-GAMMA * until)) / GAMMA)) < 4
+        assert from_velocities.standard_error / from_velocities.value < 0.03
+    assert abs(diffusion.diffusion_from_velocities(4 * STEP).deviation(2.0)) > 10  # the tail is cut off
+    with pytest.raises(ValueError, match="expected at least 0.5, two spacings"):
+        diffusion.diffusion_from_velocities(0.1 * STEP)
     # siblings: the slope is not yet 2 kT/m/gamma at short times, and the unit of time matters
     assert abs(diffusion.diffusion((STEP, 4 * STEP)).deviation(2.0)) > 10
     assert abs(measured.deviation(2 * expected)) > 10

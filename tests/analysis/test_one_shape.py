@@ -1,0 +1,95 @@
+"""What holds for every estimator: asked too early it says what to call, and its memory does not grow with the frames."""
+
+import pickle
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scenes import gas as random_gas
+
+import hardspheres as hs
+from analysis.distributions import ComponentDistribution, EnergyDistribution, SpeedDistribution
+from analysis.estimator import NoDataError
+from analysis.order import BondOrder
+from analysis.pressure import Pressure
+from analysis.relaxation import RelaxationCurve
+from analysis.structure import PairDistribution
+from analysis.temperatures import AnisotropyDecay, TemperatureEquilibration
+from analysis.transport import Diffusion
+from analysis.velocities import FourthCumulant, HFunction, KolmogorovSmirnov
+
+STREAMING = [
+    SpeedDistribution,
+    ComponentDistribution,
+    EnergyDistribution,
+    FourthCumulant,
+    KolmogorovSmirnov,
+    HFunction,
+    BondOrder,
+    PairDistribution,
+    Diffusion,
+]
+REPLICAS = [RelaxationCurve, TemperatureEquilibration, AnisotropyDecay]
+WITHOUT_DATA = {"n_replicas", "n_blocks", "discarded_rows", "predictions"}  # true before anything is added
+
+
+def new(kind):
+    return kind(random_gas("3d", 32, 0.1)) if kind is Pressure else kind()
+
+
+@pytest.mark.parametrize("kind", [*STREAMING, *REPLICAS, Pressure])
+def test_asked_too_early_it_says_what_to_call(kind):
+    results = [
+        name
+        for name in dir(kind)
+        if not name.startswith("_") and isinstance(getattr(kind, name), property) and name not in WITHOUT_DATA
+    ]
+    assert results
+    for name in results:
+        with pytest.raises(NoDataError, match=r"has no .* yet; call .* first"):
+            getattr(new(kind), name)
+    with pytest.raises(NoDataError, match=r"has no .* yet; call .* first"):
+        new(kind).plot()
+
+
+def sizes(estimator, samples, add):
+    """Bytes of the pickled estimator after 1536 and 3072 samples, when block series are equally full."""
+    found = []
+    for index in range(3072):
+        add(estimator, samples(index))
+        if index + 1 in (1536, 3072):
+            found.append(len(pickle.dumps(estimator)))
+    return found
+
+
+@pytest.mark.parametrize("kind", STREAMING)
+def test_memory_does_not_grow_with_the_frames(kind):
+    """One number kept of each of 1536 more frames would be 12 000 bytes."""
+    rng = np.random.default_rng(1)
+    scene = random_gas("3d", 16, 0.02)
+    positions = rng.random((16, 3)) * scene.box
+
+    def frame(index):
+        return SimpleNamespace(
+            time=float(index),
+            collisions_per_particle=float(index),
+            positions=positions,
+            unwrapped_positions=positions,
+            velocities=rng.standard_normal((16, 3)),
+            scene=scene,
+        )
+
+    estimator = Diffusion(points=4) if kind is Diffusion else new(kind)
+    first, last = sizes(estimator, frame, lambda estimator, frame: estimator.add(frame))
+    # Diffusion keeps one more level of 4 snapshots and up to 256 rows: the logarithm of the number of frames
+    assert last - first < (40_000 if kind is Diffusion else 1000)
+
+
+def test_memory_of_the_pressure_does_not_grow_with_the_blocks():
+    sim = hs.Simulation(random_gas("3d", 32, 0.1))
+    sim.run(collisions=10)
+    tallies = sim.tallies
+    first, last = sizes(
+        Pressure(sim.scene), lambda index: tallies, lambda estimator, tallies: estimator.add(tallies)
+    )
+    assert last - first < 1000

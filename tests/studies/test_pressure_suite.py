@@ -1,0 +1,123 @@
+"""Equations of state of spheres, discs and mixtures together, to 1e-3 (slow) and 1e-4 (long)."""
+
+import csv
+import json
+import math
+import sys
+from dataclasses import replace
+
+import pytest
+
+from analysis import theory
+from analysis.memory import remembered, variance_growth
+from studies.cli import main
+from studies.fluid import Fluid
+from studies.pressure import EquationOfState
+from studies.pressure_suite import Suite, run_suite
+from studies.report import OutputFolder, Screen
+
+
+def small():
+    """The same kinds of fluid, few and small, that cost no kernels of their own."""
+    return Suite(
+        EquationOfState(precision=0.02, replicas=2, workers=1),
+        {
+            "spheres": (Fluid(n=108, packing_fraction=0.01), Fluid(n=108, packing_fraction=0.2)),
+            "discs": (Fluid(n=100, dim=2, packing_fraction=0.2),),
+            "mixtures": (Fluid(n=108, packing_fraction=0.1, diameter_ratio=2.0, mass_ratio=10.0),),
+        },
+    )
+
+
+def test_a_small_suite(tmp_path):
+    """Five standard errors of seven numbers: false once in 2e5 seeds."""
+    summary, sound = run_suite(small(), OutputFolder(tmp_path / "out"), Screen(json_output=True))
+    assert sound
+    names = {"summary.json", "equation_of_state.csv", "equation_of_state.png"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == names == set(summary["files"])
+    stored = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert stored["machine"]["processor"] and len(stored["date"]) == 10
+    assert [len(group) for group in stored["states"].values()] == [2, 1, 1]
+    with (tmp_path / "out" / "equation_of_state.csv").open() as handle:
+        rows = list(csv.DictReader(handle))
+    assert [row["dim"] for row in rows] == ["3", "3", "2", "3"]
+    assert math.isnan(float(rows[3]["z_rate"])) and float(rows[3]["diameter_ratio"]) == 2.0
+    for row in rows:
+        assert float(row["z_virial_error"]) / float(row["z_virial"]) < 0.03
+        assert abs(float(row["z_virial_deviation"])) < 5
+
+
+def precise(precision, tmp_path, alarm):
+    """Run the whole suite and return its states; every number within the precision and beside its theory."""
+    suite = Suite(EquationOfState(precision=precision, seed=7))
+    summary, sound = run_suite(suite, OutputFolder(tmp_path / "out"), Screen(json_output=True))
+    assert sound, summary["checks"]["failures"]
+    for group in summary["states"].values():
+        for state in group:
+            best = next(iter(state["theories"].values()))
+            virial = state["measured"]["virial"]
+            for measured in state["measured"].values():
+                assert measured["standard_error"] < 1.2 * precision * measured["value"], state
+                assert abs(measured["deviation"]) < alarm, state
+            if best["uncertainty"] > 2 * virial["standard_error"] and "rate" in state["measured"]:
+                rate = state["measured"]["rate"]
+                both = math.hypot(rate["standard_error"], virial["standard_error"])
+                assert abs(rate["value"] - virial["value"]) < alarm * both
+    return summary["states"]
+
+
+@pytest.mark.slow
+def test_equations_of_state_to_one_part_in_a_thousand(tmp_path):
+    """31 numbers of some 20 degrees of freedom: one beyond 4.5 standard errors once in 150 seeds."""
+    states = precise(1e-3, tmp_path, 4.5)
+    assert [len(states[name]) for name in ("spheres", "discs", "mixtures")] == [9, 5, 3]
+    # siblings: the formulas that everyone knows, a packing fraction 0.5 % off, and one species for a mixture
+    spheres, discs, mixtures = (states[name] for name in ("spheres", "discs", "mixtures"))
+    dense = spheres[-1]["measured"]["rate"]
+    other = float(theory.compressibility_factor(0.49 * 1.005, 3).value)
+    assert abs(dense["value"] - other) > 5 * dense["standard_error"]
+    disc = discs[3]["measured"]["rate"]
+    assert float(theory.henderson(0.55)) - disc["value"] > 5 * disc["standard_error"]
+    mixed = mixtures[1]["measured"]["virial"]
+    assert float(theory.compressibility_factor(0.3, 3).value) - mixed["value"] > 50 * mixed["standard_error"]
+
+
+@pytest.mark.long
+def test_equations_of_state_to_one_part_in_ten_thousand(tmp_path):
+    """`hardspheres pressure --suite --until-error 1e-4 --seed 7`."""
+    precise(1e-4, tmp_path, 4.5)
+
+
+def test_a_run_is_as_long_as_its_precision_and_its_memory_ask():
+    study = EquationOfState(precision=1e-3)
+    thin, dense = Fluid(packing_fraction=0.01), Fluid(packing_fraction=0.49)
+    assert study.length(thin) == 40.0
+    assert study.length(dense) == pytest.approx(3000.0) == pytest.approx(10 * remembered(0.49, 3))
+    collisions = 2 * 4000 / 2 * replace(study, precision=1e-4).length(dense)
+    assert collisions == pytest.approx(variance_growth(0.49, 3) * (1.25e4 * (1 - 1 / 12.17)) ** 2, rel=0.01)
+    assert EquationOfState().length(thin) == 300.0 and EquationOfState().length(dense) == pytest.approx(
+        3000.0
+    )
+    assert EquationOfState(collisions_per_particle=50.0).length(dense) == 50.0
+    assert remembered(0.1, 3) == 0.0 and remembered(0.69, 2) == pytest.approx(2000)
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["--suite", "--n", "500"], "--suite has gases of its own"),
+        (["--suite", "--until-error", "0"], "--until-error 0; expected 1e-6 to 0.1"),
+        (
+            ["--suite", "--until-error", "1e-3", "--collisions-per-particle", "50"],
+            "both say how long; give one",
+        ),
+    ],
+)
+def test_bad_input_is_one_sentence(options, sentence, tmp_path, monkeypatch, capsys):
+    out = tmp_path / "out"
+    monkeypatch.setattr(sys, "argv", ["hardspheres", "pressure", *options, "--out", str(out)])
+    with pytest.raises(SystemExit) as end:
+        main()
+    told = capsys.readouterr()
+    assert end.value.code == 2 and told.out == "" and not out.exists()
+    assert told.err.startswith("error: ") and sentence in told.err and told.err.count("\n") == 1
