@@ -41,7 +41,10 @@ rebound_from_wall = jit(growth.rebound_from_wall)
 # two, where the spacing of doubles changes and the quotient's rounding prefers one side: energy would grow by 1e-17 a
 # collision, always. Three quarters of r keeps away from there; where it does not, r as it is does.
 THREE_QUARTERS = 0.75
-AVOIDED = (4.0 / 3.0, 4.0 / 3.0 * math.sqrt(2.0))  # of these, times powers of two, three quarters squared is 2^k
+AVOIDED = (
+    4.0 / 3.0,
+    4.0 / 3.0 * math.sqrt(2.0),
+)  # of these, times powers of two, three quarters squared is 2^k
 NEAR = 1e-3
 FRACTION_BITS = (1 << 52) - 1  # of a float64
 ONE_BITS = 0x3FF << 52

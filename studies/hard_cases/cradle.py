@@ -53,7 +53,9 @@ def rack(rows: int) -> hs.Scene:
 
 def into_the_gap() -> hs.Scene:
     """Return a disc that hits two others, 3 above and below its path, at one moment."""
-    return hs.Scene([(12.0, 40.0), (20.0, 37.0), (20.0, 43.0)], [(1.0, 0.0), (0, 0), (0, 0)], 2.5, box=(80.0, 80.0))
+    return hs.Scene(
+        [(12.0, 40.0), (20.0, 37.0), (20.0, 43.0)], [(1.0, 0.0), (0, 0), (0, 0)], 2.5, box=(80.0, 80.0)
+    )
 
 
 def outcome(name: str, scene: hs.Scene, until: float) -> Case:
@@ -79,7 +81,9 @@ def conserved(name: str, scene: hs.Scene, until: float) -> Case:
     """Check momentum and energy of an impact without a unique outcome, and tell how far from symmetric it is."""
     simulation = hs.Simulation(scene)
     simulation.run(time=until)
-    momentum = total_momentum(simulation.velocities, scene.masses) - total_momentum(scene.velocities, scene.masses)
+    momentum = total_momentum(simulation.velocities, scene.masses) - total_momentum(
+        scene.velocities, scene.masses
+    )
     energy = kinetic_energy(simulation.velocities, scene.masses) / scene.kinetic_energy - 1.0
     sideways = float(np.abs(simulation.velocities[0, 1]))
     return Case(

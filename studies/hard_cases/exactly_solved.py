@@ -75,7 +75,9 @@ def three_balls(masses: tuple[float, float, float], starts: int) -> Case:
         simulation = hs.Simulation(line(masses, rng.uniform(1e-4, 0.5, 2), velocities))
         simulation.run(time=100.0)
         seen = max(seen, simulation.collisions)
-    return counted(f"three balls on a line, masses {m1:g}, {m2:g}, {m3:g}", most, seen, "collisions at most, and reached")
+    return counted(
+        f"three balls on a line, masses {m1:g}, {m2:g}, {m3:g}", most, seen, "collisions at most, and reached"
+    )
 
 
 def rods(n: int, walls: bool, seed: int) -> hs.Scene:
@@ -105,7 +107,9 @@ def tonks(n: int, walls: bool, time: float) -> Iterator[Case]:
     velocities, duration = fractions(scene.velocities[:, 1]), Fraction(time)
     where = "between walls" if walls else "on a ring"
     if walls:
-        hits = sum(abs(math.floor((x + v * duration) / free)) for x, v in zip(points, velocities, strict=True))
+        hits = sum(
+            abs(math.floor((x + v * duration) / free)) for x, v in zip(points, velocities, strict=True)
+        )
         yield counted(f"{n} rods {where}, time {time:g}", hits, simulation.wall_collisions, "hits of walls")
     else:
         pairs = 0
@@ -120,12 +124,18 @@ def tonks(n: int, walls: bool, time: float) -> Iterator[Case]:
 def one_ball(time: float) -> Iterator[Case]:
     """Follow one ball in a box with incommensurate speeds: hits and place by unfolding the box."""
     box = (3.0, 4.0, 5.0)
-    scene = hs.Scene([[0.75, 1.25, 2.5]], [[math.sqrt(2.0), math.sqrt(3.0), math.pi]], box=box, boundary="wall")
+    scene = hs.Scene(
+        [[0.75, 1.25, 2.5]], [[math.sqrt(2.0), math.sqrt(3.0), math.pi]], box=box, boundary="wall"
+    )
     simulation = hs.Simulation(scene)
     simulation.run(time=time)
     hits, off = 0, 0.0
     for x, v, edge, end in zip(
-        fractions(scene.positions[0]), fractions(scene.velocities[0]), box, fractions(simulation.positions[0]), strict=True
+        fractions(scene.positions[0]),
+        fractions(scene.velocities[0]),
+        box,
+        fractions(simulation.positions[0]),
+        strict=True,
     ):
         free = Fraction(edge) - 1
         unfolded = x - Fraction(1, 2) + v * Fraction(time)

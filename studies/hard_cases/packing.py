@@ -19,7 +19,11 @@ ROUNDINGS = 1e-12
 def crystal(dim: int, gap: float) -> hs.Scene:
     """Return a periodic crystal, triangular or face-centred cubic, at 1 - gap of its close packing."""
     return hs.lattice_gas(
-        n=PARTICLES[dim], packing_fraction=CLOSE_PACKED[dim] * (1.0 - gap), dim=dim, velocities="maxwell", seed=1
+        n=PARTICLES[dim],
+        packing_fraction=CLOSE_PACKED[dim] * (1.0 - gap),
+        dim=dim,
+        velocities="maxwell",
+        seed=1,
     )
 
 
@@ -47,7 +51,9 @@ def pressed(dim: int, gap: float, collisions: int) -> Case:
     simulation.reset_tallies()
     simulation.run(collisions=collisions)
     late = int(simulation.status()["late_events"])
-    broken = max(abs(simulation.energy_drift), simulation.worst_overlap, float(np.abs(simulation.momentum_drift).max()))
+    broken = max(
+        abs(simulation.energy_drift), simulation.worst_overlap, float(np.abs(simulation.momentum_drift).max())
+    )
     off = abs(simulation.compressibility_factor * gap / dim - 1.0)
     return Case(
         f"crystal at 1 - {gap:.0e} of close packing, {dim}D",
@@ -67,7 +73,9 @@ def cases(size: Size) -> Iterator[Case]:
         simulation = hs.Simulation(cluster(dim))
         simulation.run(time=2.0)
         broken = max(
-            abs(simulation.energy_drift), simulation.worst_overlap, float(np.abs(simulation.momentum_drift).max())
+            abs(simulation.energy_drift),
+            simulation.worst_overlap,
+            float(np.abs(simulation.momentum_drift).max()),
         )
         yield Case(
             f"{4**dim} touching spheres in open space, {dim}D",
@@ -82,5 +90,8 @@ def cases(size: Size) -> Iterator[Case]:
     except hs.SimulationError as error:
         said = str(error).split(":")[0]
     yield Case(
-        "six touching discs on a full ring", "time cannot advance", f'"{said}"', float("stands still" not in said)
+        "six touching discs on a full ring",
+        "time cannot advance",
+        f'"{said}"',
+        float("stands still" not in said),
     )

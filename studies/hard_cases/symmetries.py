@@ -53,10 +53,14 @@ def mirrored(scene: hs.Scene, rng: np.random.Generator) -> tuple[hs.Scene, NDArr
 
 def shifted(scene: hs.Scene, rng: np.random.Generator) -> tuple[hs.Scene, NDArray[np.int64]]:
     """Return the gas moved by some vector, and back into the box."""
-    return _same(scene, (scene.positions + rng.normal(size=scene.dim) * scene.box) % scene.box, scene.velocities)
+    return _same(
+        scene, (scene.positions + rng.normal(size=scene.dim) * scene.box) % scene.box, scene.velocities
+    )
 
 
-def shifted_by_lattice_vector(scene: hs.Scene, rng: np.random.Generator) -> tuple[hs.Scene, NDArray[np.int64]]:
+def shifted_by_lattice_vector(
+    scene: hs.Scene, rng: np.random.Generator
+) -> tuple[hs.Scene, NDArray[np.int64]]:
     """Return the gas moved by whole boxes, and back."""
     shift = rng.integers(-9, 10, scene.dim) * scene.box
     return _same(scene, (scene.positions + shift) % scene.box, scene.velocities)
@@ -76,10 +80,12 @@ def boosted(scene: hs.Scene, rng: np.random.Generator) -> tuple[hs.Scene, NDArra
     return _same(scene, scene.positions, scene.velocities + rng.normal(size=scene.dim))
 
 
-def _same(scene: hs.Scene, positions: NDArray[np.float64], velocities: NDArray[np.float64]) -> tuple[
-    hs.Scene, NDArray[np.int64]
-]:
-    inside = np.where(positions < scene.box, positions, 0.0)  # a rounding below 0 comes back as the edge itself
+def _same(
+    scene: hs.Scene, positions: NDArray[np.float64], velocities: NDArray[np.float64]
+) -> tuple[hs.Scene, NDArray[np.int64]]:
+    inside = np.where(
+        positions < scene.box, positions, 0.0
+    )  # a rounding below 0 comes back as the edge itself
     return hs.Scene(inside, velocities, scene.radii, scene.masses, scene.box), np.arange(scene.n)
 
 
@@ -142,12 +148,17 @@ def cases(size: Size) -> Iterator[Case]:
     units = ((2.0, 1.0), (1.0, 0.5), (2.0**-40, 1.0), (2.0**20, 2.0**-30))
     same = sum(same_bits(scene, length, time, pick(size, (1000, 10**5, 10**7))) for length, time in units)
     yield Case(
-        "units of length and time by powers of two", "the same bits", f"{same} of {len(units)}", float(len(units) - same)
+        "units of length and time by powers of two",
+        "the same bits",
+        f"{same} of {len(units)}",
+        float(len(units) - same),
     )
     collisions, seeds = int(HALF_HORIZON * n / 2), pick(size, (1, 6, 30))
     long = pick(size, (20_000, 400_000, 10**7))
     reference = compressibility(scene, long)
-    allowed = 4.5 * math.sqrt(2.0) * 1.3 / math.sqrt(long)  # the error of Z - 1 is 1.0 to 1.3 / sqrt(collisions)
+    allowed = (
+        4.5 * math.sqrt(2.0) * 1.3 / math.sqrt(long)
+    )  # the error of Z - 1 is 1.0 to 1.3 / sqrt(collisions)
     for number, name in enumerate(TRANSFORMATIONS):
         agreed = min(agreement(scene, name, collisions, seed) for seed in range(seeds))
         yield Case(
@@ -159,6 +170,9 @@ def cases(size: Size) -> Iterator[Case]:
         twin, _ = TRANSFORMATIONS[name](scene, np.random.default_rng(number))
         off = abs(compressibility(twin, long) / reference - 1.0)
         yield Case(
-            f"{name}, after the horizon", f"the same Z - 1 to {allowed:.1e} (4.5 standard errors)", f"off by {off:.1e}",
-            off, allowed,
+            f"{name}, after the horizon",
+            f"the same Z - 1 to {allowed:.1e} (4.5 standard errors)",
+            f"off by {off:.1e}",
+            off,
+            allowed,
         )
