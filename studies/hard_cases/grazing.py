@@ -55,7 +55,7 @@ def depth(scene: hs.Scene) -> float:
         r = [mpmath.mpf(a) - mpmath.mpf(b) for a, b in zip(*scene.positions.tolist(), strict=True)]
         v = [-mpmath.mpf(u) for u in scene.velocities[1].tolist()]
         vv = sum(u * u for u in v)
-        return float(1 - mpmath.sqrt((vv - discriminant_3d(*r, *v, mpmath.mpf(1))) / vv))
+        return float(1 - mpmath.sqrt((vv - discriminant_3d(r[0], r[1], r[2], v[0], v[1], v[2], 1)) / vv))
 
 
 def contact_error(scene: hs.Scene) -> float:
@@ -74,7 +74,7 @@ def formula_error(distance: float, offset: float) -> float:
     across = np.array([0.8, -0.64, 0.0]) / math.hypot(0.8, 0.64)
     r, v = (along * distance + across * offset).tolist(), (-1.37 * along).tolist()
     b, c = sum(x * u for x, u in zip(r, v, strict=True)), sum(x * x for x in r) - 1.0
-    t = contact_time(b, c, math.sqrt(max(discriminant_3d(*r, *v, 1.0), 0.0)))
+    t = contact_time(b, c, math.sqrt(max(discriminant_3d(r[0], r[1], r[2], v[0], v[1], v[2], 1.0), 0.0)))
     with mpmath.workdps(50):
         end = [mpmath.mpf(x) + mpmath.mpf(u) * mpmath.mpf(t) for x, u in zip(r, v, strict=True)]
         return float(abs(mpmath.sqrt(sum(x * x for x in end)) - 1))
