@@ -109,7 +109,7 @@ class Engine:
         number[at.SIGMA2] = sigma * sigma
         number[at.CORE] = scene.radii[0]
         number[at.MASS] = scene.masses[0]
-        number[at.REDUCED] = 1.0 / (1.0 / scene.masses[0] + 1.0 / scene.masses[0])
+        number[at.REDUCED] = 0.5 * scene.masses[0]
         number[at.LATE_BY] = 4.0 * math.ulp(length)
         number[at.STANDSTILL] = -length
         number[at.SCALE], number[at.GROWTH] = growth or (1.0, 0.0)

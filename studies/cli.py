@@ -513,6 +513,33 @@ def calibration(
     _finish(screen, run(Calibrations(runs, seed, workers), folder, screen))
 
 
+@app.command("hard-cases")
+def hard_cases(
+    size: Annotated[
+        str, typer.Option(help="small (a minute), full (some minutes) or long (hours).")
+    ] = "full",
+    only: Annotated[
+        list[str] | None,
+        typer.Option(help="One group of cases; may be given several times.", show_default="all nine"),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the results.", show_default="runs/hard-cases-<size>")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Try the engine on hard cases whose answer is exact.
+
+    Collisions that count out pi, cradles, wide ratios of mass and size, grazing collisions, close packing, huge and tiny boxes,
+    reversal, symmetries, solved gases. Writes a table of what is exact, what the engine gave, and how many digits are right.
+    """
+    from studies.hard_cases import groups_named, size_named
+    from studies.hard_cases import hard_cases as run
+    from studies.report import OutputFolder, Screen
+
+    chosen, groups, screen = size_named(size), groups_named(only), Screen(json)
+    _finish(screen, run(chosen, groups, OutputFolder(out or Path("runs") / f"hard-cases-{size}"), screen))
+
+
 def _finish(screen: Any, result: tuple[dict[str, Any], bool]) -> None:
     """Print the JSON that was asked for, and exit with 1 if a check failed."""
     summary, sound = result

@@ -4,7 +4,7 @@ import math
 
 from hardspheres import collision, growth
 
-from .compiler import jit, part
+from .compiler import bits, from_bits, jit, part
 from .flags import DIM, FLIGHTS, GROWS, MASSES, SIZES, SPARSE
 from .flights import end_flight, tally_encounter
 from .layout import (
@@ -37,12 +37,28 @@ from .prediction import full_contact, rint
 from .tallies import tally_pair, tally_stress, tally_wall
 
 impulse = jit(collision.impulse)
+impulse_of_masses = jit(collision.impulse_of_masses)
 rebound_from_wall = jit(growth.rebound_from_wall)
 
 # dp = -2 mu (b / r.r) r holds for r of any length. With diameters of 1, 2 or 1/2, r.r itself would scatter round a power of
 # two, where the spacing of doubles changes and the quotient's rounding prefers one side: energy would grow by 1e-17 a
-# collision, always. Three quarters of r keeps away from there.
+# collision, always. Three quarters of r keeps away from there; where it does not, r as it is does.
 THREE_QUARTERS = 0.75
+AVOIDED = (
+    4.0 / 3.0,
+    4.0 / 3.0 * math.sqrt(2.0),
+)  # of these, times powers of two, three quarters squared is 2^k
+NEAR = 1e-3
+FRACTION_BITS = (1 << 52) - 1  # of a float64
+ONE_BITS = 0x3FF << 52
+
+
+@jit
+def stretch(sigma):
+    """Return the factor of r for spheres with this contact distance: three quarters, or 1."""
+    mantissa = from_bits((bits(sigma) & FRACTION_BITS) | ONE_BITS)
+    near = (abs(mantissa - AVOIDED[0]) < NEAR) | (abs(mantissa - AVOIDED[1]) < NEAR)
+    return 1.0 if near else THREE_QUARTERS
 
 
 @jit
@@ -67,26 +83,27 @@ def collide_pair(s, i, j, t):
         path_low, path_high = end_flight(s, low, t), end_flight(s, high, t)
         tally_encounter(s, low, high)
     ri, rj = i * ROW, j * ROW
-    x = THREE_QUARTERS * nearest(s, 0, row[ri + X] - row[rj + X])
-    y = THREE_QUARTERS * nearest(s, 1, row[ri + X + 1] - row[rj + X + 1])
+    factor = stretch(full_contact(s, i, j))
+    x = factor * nearest(s, 0, row[ri + X] - row[rj + X])
+    y = factor * nearest(s, 1, row[ri + X + 1] - row[rj + X + 1])
     u = row[ri + V] - row[rj + V]
     v = row[ri + V + 1] - row[rj + V + 1]
     b = x * u + y * v
     rr = x * x + y * y
     z, w = 0.0, 0.0
     if DIM == 3:
-        z = THREE_QUARTERS * nearest(s, 2, row[ri + X + 2] - row[rj + X + 2])
+        z = factor * nearest(s, 2, row[ri + X + 2] - row[rj + X + 2])
         w = row[ri + V + 2] - row[rj + V + 2]
         b += z * w
         rr += z * z
     if GROWS:
         b -= math.sqrt(rr) * (full_contact(s, i, j) * s.number[GROWTH])
-    mi, mj = s.number[MASS], s.number[MASS]
-    reduced = s.number[REDUCED]
     if MASSES:
         mi, mj = s.mass[i], s.mass[j]
-        reduced = 1.0 / (1.0 / mi + 1.0 / mj)
-    push = impulse(b, rr, reduced)
+        push = impulse_of_masses(b, rr, mi, mj)
+    else:
+        mi, mj = s.number[MASS], s.number[MASS]
+        push = impulse(b, rr, s.number[REDUCED])
     if FLIGHTS and s.counter[LOG_ROOM] > 0:
         sign = 1.0 if i == low else -1.0
         log_pair(s, low, high, t, push, rr, sign * x, sign * y, sign * z, path_low, path_high)
@@ -101,7 +118,7 @@ def collide_pair(s, i, j, t):
         w += row[ri + V + 2] - row[rj + V + 2]
     u += row[ri + V] - row[rj + V]
     v += row[ri + V + 1] - row[rj + V + 1]
-    tally_pair(s, push, t, x, y, z, u, v, w, 1.0 / THREE_QUARTERS)
+    tally_pair(s, push, t, x, y, z, u, v, w, 1.0 if factor == 1.0 else 1.0 / THREE_QUARTERS)
     s.version[i] += 1
     s.version[j] += 1
     s.counter[PAIRS] += 1

@@ -1,0 +1,79 @@
+"""One line of the table of hard cases: what is exact, what the engine gave, how many digits of it are right."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeVar
+
+__all__ = ["SIZES", "Case", "Size", "counted", "pick"]
+
+Size = Literal["small", "full", "long"]
+T = TypeVar("T")
+SIZES: tuple[Size, ...] = ("small", "full", "long")
+
+MOST_DIGITS = 16.0  # that a float64 has
+
+
+@dataclass(frozen=True)
+class Case:
+    """A hard case and how it went.
+
+    Attributes
+    ----------
+    name : str
+        What was tried.
+    exact : str
+        What is exact, and by what.
+    engine : str
+        What the engine gave.
+    error : float
+        Deviation from the exact answer, relative to its natural scale; 0: every digit is right. NaN fails.
+    allowed : float
+        The largest error that passes.
+    """
+
+    name: str
+    exact: str
+    engine: str
+    error: float
+    allowed: float = 0.0
+
+    @property
+    def passed(self) -> bool:
+        """Whether the error is within what is allowed."""
+        return self.error <= self.allowed
+
+    @property
+    def digits(self) -> float:
+        """Decimal digits that are right: minus the logarithm of the error, from 0 to 16."""
+        if self.error == 0.0:
+            return MOST_DIGITS
+        return min(max(-math.log10(self.error), 0.0), MOST_DIGITS) if self.error > 0.0 else 0.0
+
+    @property
+    def digits_text(self) -> str:
+        """The digits as the table shows them."""
+        return "all" if self.error == 0.0 else f"{self.digits:.1f}"
+
+
+def counted(name: str, exact: int, measured: int, what: str) -> Case:
+    """Return the case of a number that must be hit exactly.
+
+    Parameters
+    ----------
+    name : str
+        What was tried.
+    exact, measured : int
+        The number, and what the engine counted.
+    what : str
+        What is counted.
+    """
+    off = abs(measured - exact) / max(abs(exact), 1)
+    return Case(name, f"{exact} {what}", str(measured), float(off))
+
+
+def pick(size: Size, choices: Sequence[T]) -> T:
+    """Return the one of three choices that belongs to a size, small, full or long."""
+    return choices[SIZES.index(size)]

@@ -1,0 +1,137 @@
+"""The hard cases pass as miniatures, in full in the slow tier; a gas with a flaw fails every group."""
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import hardspheres as hs
+from studies import hard_cases
+from studies.cli import app
+from studies.hard_cases import GROUPS, cradle, symmetries
+from studies.hard_cases.case import Case
+from studies.hard_cases.grazing import meets, passing
+
+
+def failed(cases):
+    return [f"{case.name}: {case.engine}" for case in cases if not case.passed]
+
+
+@pytest.mark.parametrize("name", GROUPS)
+def test_miniatures(name):
+    assert not failed(GROUPS[name].cases("small"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", GROUPS)
+def test_in_full(name):
+    assert not failed(GROUPS[name].cases("full"))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", GROUPS)
+def test_at_length(name):
+    assert not failed(GROUPS[name].cases("long"))
+
+
+class Lossy(hs.Simulation):
+    """A gas of which some particles that have just changed get a part of their old velocity back."""
+
+    LOSS = 1e-2
+
+    def run(self, *, time=None, collisions=None):
+        pieces = 32
+        for piece in range(pieces):
+            before = self.velocities
+            if time is not None:
+                super().run(time=time / pieces)
+            else:
+                super().run(collisions=collisions * (piece + 1) // pieces - collisions * piece // pieces)
+            at, dim = self._at, self.scene.dim
+            self._rows[:, at.V : at.V + dim] += self.LOSS * (before - self.velocities)
+            self._engine._afresh = True
+
+
+@pytest.mark.parametrize(
+    "name", ["galperin", "cradle", "ratios", "packing", "distances", "reversal", "exactly-solved"]
+)
+def test_a_lossy_gas_fails(name, monkeypatch):
+    """Sibling of every group that has a conserved or counted answer."""
+    monkeypatch.setattr(hs, "Simulation", Lossy)
+    done = []
+    for case in GROUPS[name].cases("small"):
+        done.append(case)
+        if not case.passed:
+            return
+    pytest.fail(f"all of {len(done)} passed")
+
+
+def test_a_wrong_size_misses_grazing_collisions():
+    """Sibling of grazing: spheres 1e-12 larger meet where they should not."""
+    scene = passing(13, False, np.random.default_rng(1))
+    larger = hs.Simulation(scene.replace(radii=scene.radii * (1 + 1e-12)))
+    larger.run(time=6.0)
+    assert not meets(scene) and larger.collisions == 1
+
+
+def test_a_symmetry_that_is_none_is_seen():
+    """Sibling of symmetries: a gas seen by somebody who speeds up; units that are no power of two."""
+    scene = hs.random_gas(n=16, packing_fraction=0.2, seed=3)
+    assert not symmetries.same_bits(scene, 3.0, 1.0, 100)
+    other = scene.replace(velocities=scene.velocities * (1 + 1e-4 * np.arange(16)[:, None]))
+    one, two = symmetries.sequence(scene, 136), symmetries.sequence(other, 136)
+    assert one != two
+
+
+@pytest.mark.parametrize("name", symmetries.TRANSFORMATIONS)
+def test_symmetries_of_other_gases(name):
+    scene = hs.random_gas(n=12, packing_fraction=0.2, seed=17)
+    assert symmetries.agreement(scene, name, 60, 5) == 60
+
+
+def test_the_tangent_is_the_difference_of_two_gases():
+    """One deviation carried through 20 collisions, against two gases 1e-7 apart."""
+    scene = hs.random_gas(n=12, packing_fraction=0.2, seed=2)
+    rng, small = np.random.default_rng(1), 1e-8
+    dx, dv = rng.normal(size=(2, *scene.positions.shape))
+    from studies.hard_cases.tangent import Tangent, step
+
+    sim, tangent = hs.Simulation(scene), Tangent(scene, dx, dv)
+    for _ in range(12):
+        step(sim, tangent)
+    tangent.fly(1e-3)
+    time = sim.time + 1e-3
+    ends = []
+    for sign in (-1, 1):
+        moved = scene.replace(
+            positions=(scene.positions + sign * small * dx) % scene.box,
+            velocities=scene.velocities + sign * small * dv,
+        )
+        ends.append(hs.Simulation(moved))
+        ends[-1].run(time=time)
+    difference = (ends[1].velocities - ends[0].velocities) / (2 * small)
+    assert np.abs(difference - tangent.velocities).max() < 1e-4 * np.abs(tangent.velocities).max()
+
+
+def test_command(tmp_path):
+    done = CliRunner().invoke(
+        app, ["hard-cases", "--size", "small", "--only", "cradle", "--out", str(tmp_path)]
+    )
+    assert done.exit_code == 0, done.output
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["checks"]["passed"] and len(summary["cases"]) == 5
+    assert (tmp_path / "hard_cases.csv").read_text().startswith("group,case,exact,engine,error")
+
+
+def test_a_failed_case_is_exit_code_1(tmp_path, monkeypatch):
+    monkeypatch.setattr(cradle, "cases", lambda size: [Case("a", "1", "2", 1.0)])
+    done = CliRunner().invoke(app, ["hard-cases", "--only", "cradle", "--out", str(tmp_path)])
+    assert done.exit_code == 1 and "FAILED" in done.output
+
+
+def test_unknown_names_are_refused():
+    with pytest.raises(hs.HardSpheresError, match="not a group"):
+        hard_cases.groups_named(["nonsense"])
+    with pytest.raises(hs.HardSpheresError, match="not known"):
+        hard_cases.size_named("huge")
