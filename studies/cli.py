@@ -1,6 +1,6 @@
 """The console script `hardspheres`: options in, a study run, an exit code out.
 
-Exit codes: 0 done, 1 a check failed, 2 bad input, 130 interrupted, 143 terminated. Nothing heavy is imported
+Exit codes: 0 done, 1 a check failed, 2 bad input or output that cannot be written, 130 interrupted, 143 terminated. Nothing heavy is imported
 before a study starts, so that `hardspheres --help` answers at once.
 """
 
@@ -27,6 +27,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+
+ENDED = {130: "interrupted", 143: "terminated"}
 
 
 class Velocities(StrEnum):
@@ -62,6 +65,16 @@ Seed = Annotated[
 Workers = Annotated[
     int | None,
     typer.Option(min=1, help="Processes; the results do not depend on it.", show_default="all cores"),
+]
+CheckpointEvery = Annotated[
+    float,
+    typer.Option(min=0, help="Seconds of wall time between two checkpoints of a run.", metavar="SECONDS"),
+]
+Resume = Annotated[
+    bool,
+    typer.Option(
+        "--resume", help="Go on with the unfinished run in the folder, begun with the same options."
+    ),
 ]
 Json = Annotated[
     bool, typer.Option("--json", help="Print summary.json on standard output, the rest on standard error.")
@@ -117,6 +130,8 @@ def thermalise(
         bool, typer.Option("--animate", help="Write gas.gif, the first replica in motion.")
     ] = False,
     out: Out = None,
+    checkpoint_every: CheckpointEvery = 60.0,
+    resume: Resume = False,
     json: Json = False,
 ) -> None:
     """Watch a gas relax to Maxwell and Boltzmann's velocities.
@@ -125,7 +140,7 @@ def thermalise(
     particle, averaged over replicas, beside the Boltzmann equation. Writes a summary, a table, pictures and a
     trajectory.
     """
-    from studies.report import OutputFolder, Screen
+    from studies.report import Screen
     from studies.thermalisation import Recipe, Thermalisation, thermalise
 
     made = {"n": n, "dim": dim, "packing_fraction": packing_fraction, "boundary": _boundary(boundary)}
@@ -156,10 +171,7 @@ def thermalise(
         given |= {} if temperature is None else {"temperature": temperature}
         study = Thermalisation(recipe=Recipe(**given), **common)  # type: ignore[arg-type]
     screen = Screen(json)
-    summary, sound = thermalise(study, OutputFolder(out or Path("runs") / f"thermalise-{seed}"), screen)
-    screen.finish(summary)
-    if not sound:
-        raise typer.Exit(1)
+    _finish(screen, thermalise(study, _folder(out, "thermalise", seed, checkpoint_every, resume), screen))
 
 
 @app.command()
@@ -277,6 +289,8 @@ def pressure(
     seed: Seed = 1,
     workers: Workers = None,
     out: Out = None,
+    checkpoint_every: CheckpointEvery = 60.0,
+    resume: Resume = False,
     json: Json = False,
 ) -> None:
     """Measure the equation of state of the fluid, beside theory.
@@ -287,7 +301,7 @@ def pressure(
     from studies.fluid import Fluid
     from studies.pressure import EquationOfState, equation_of_state
     from studies.pressure import packing_fractions as parsed
-    from studies.report import OutputFolder, Screen
+    from studies.report import Screen
 
     _require_two(diameter_ratio, mass_ratio, fraction)
     walls = _boundary(boundary) or "periodic"
@@ -296,7 +310,9 @@ def pressure(
         parsed(packing_fractions), fluid, collisions_per_particle, replicas, seed, workers
     )
     screen = Screen(json)
-    _finish(screen, equation_of_state(study, OutputFolder(out or Path("runs") / f"pressure-{seed}"), screen))
+    _finish(
+        screen, equation_of_state(study, _folder(out, "pressure", seed, checkpoint_every, resume), screen)
+    )
 
 
 @app.command()
@@ -311,6 +327,8 @@ def diffusion(
     seed: Seed = 1,
     workers: Workers = None,
     out: Out = None,
+    checkpoint_every: CheckpointEvery = 60.0,
+    resume: Resume = False,
     json: Json = False,
 ) -> None:
     """Measure self-diffusion in a periodic box, beside Enskog's theory.
@@ -321,12 +339,12 @@ def diffusion(
     from studies.diffusion import SelfDiffusion, self_diffusion
     from studies.fluid import Fluid
     from studies.pressure import packing_fractions as parsed
-    from studies.report import OutputFolder, Screen
+    from studies.report import Screen
 
     fluid = Fluid(n=n, dim=dim)
     study = SelfDiffusion(parsed(packing_fractions), fluid, collisions_per_particle, replicas, seed, workers)
     screen = Screen(json)
-    _finish(screen, self_diffusion(study, OutputFolder(out or Path("runs") / f"diffusion-{seed}"), screen))
+    _finish(screen, self_diffusion(study, _folder(out, "diffusion", seed, checkpoint_every, resume), screen))
 
 
 @app.command()
@@ -347,6 +365,8 @@ def mixture(
     seed: Seed = 1,
     workers: Workers = None,
     out: Out = None,
+    checkpoint_every: CheckpointEvery = 60.0,
+    resume: Resume = False,
     json: Json = False,
 ) -> None:
     """Watch two species of different temperatures come to one, beside kinetic theory.
@@ -357,13 +377,48 @@ def mixture(
     from studies.fluid import Fluid
     from studies.mixture import Mixture
     from studies.mixture import mixture as run
-    from studies.report import OutputFolder, Screen
+    from studies.report import Screen
 
     share = 0.5 if fraction is None else fraction
     fluid = Fluid(n, dim, packing_fraction, "periodic", diameter_ratio, mass_ratio, share)
     study = Mixture(fluid, temperature_ratio, relaxation_times, replicas, seed, workers)
     screen = Screen(json)
-    _finish(screen, run(study, OutputFolder(out or Path("runs") / f"mixture-{seed}"), screen))
+    _finish(screen, run(study, _folder(out, "mixture", seed, checkpoint_every, resume), screen))
+
+
+@app.command()
+def soak(
+    collisions: Annotated[
+        int, typer.Option(min=1000, help="Pair collisions of the fluid; the mixture gets a tenth.")
+    ] = 1_000_000_000,
+    n: Annotated[int, typer.Option(min=2, help="Particles in each gas.")] = 4000,
+    seed: Seed = 1,
+    workers: Workers = None,
+    out: Out = None,
+    checkpoint_every: CheckpointEvery = 60.0,
+    resume: Resume = False,
+    json: Json = False,
+) -> None:
+    """Run two gases for very long and watch what must not change.
+
+    Energy, momentum, overlaps, late events and resident memory of a fluid at packing fraction 0.3, and of a mixture
+    between walls. Takes about half an hour on two cores. Writes a summary and a table.
+    """
+    from studies.report import Screen
+    from studies.soak import Soak
+    from studies.soak import soak as run
+
+    screen = Screen(json)
+    study = Soak.of(n, collisions, seed, workers)
+    _finish(screen, run(study, _folder(out, "soak", seed, checkpoint_every, resume), screen))
+
+
+def _folder(out: Path | None, study: str, seed: int, checkpoint_every: float, resume: bool) -> Any:
+    """Return the output folder of a study."""
+    from studies.report import OutputFolder
+
+    path = out or Path("runs") / f"{study}-{seed}"
+    return OutputFolder(path, checkpoint_every=checkpoint_every, resume=resume)
 
 
 def _finish(screen: Any, result: tuple[dict[str, Any], bool]) -> None:
@@ -401,11 +456,23 @@ def main() -> None:
     try:
         app()
     except HardSpheresError as error:
-        print(f"error: {error}", file=sys.stderr)
+        print(f"error: {error}{_notes(error)}", file=sys.stderr)
         raise SystemExit(2) from None
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
+    except KeyboardInterrupt as error:
+        print(f"interrupted{_notes(error)}", file=sys.stderr)
         raise SystemExit(130) from None
+    except SystemExit as error:
+        if error.code in ENDED:
+            print(f"{ENDED[error.code]}{_notes(error)}", file=sys.stderr)
+        raise
+
+
+def _notes(error: BaseException | None) -> str:
+    """Return what was noted on an error's way here, and on that of those which it came from."""
+    if error is None:
+        return ""
+    own = "".join(f"; {note}" for note in getattr(error, "__notes__", ()))
+    return own or _notes(error.__cause__ or error.__context__)
 
 
 if __name__ == "__main__":
