@@ -103,7 +103,7 @@ class Engine:
             event_float=event.view(np.float64),
             version=np.zeros(n, dtype=np.int32),
             mass=np.array(scene.masses if masses else scene.masses[:1]),
-            turns=np.zeros(n * dim, dtype=np.int32),
+            turns=np.zeros(n * dim, dtype=np.int64),
             where=np.zeros(n, dtype=np.int32),
             scratch=scratch,
             scratch_int=scratch.view(np.int64),
@@ -263,6 +263,31 @@ class Engine:
     def rows(self) -> Any:
         """The canonical state, one row for each particle (a view)."""
         return self.arrays.row.reshape(-1, self.layout.ROW)[: self.scene.n]
+
+    def state(self) -> dict[str, Any]:
+        """Return the arrays from which everything else can be found again (views): see `kernel.layout`."""
+        at = self.layout
+        arrays = {name: getattr(self.arrays, name) for name in at.STATE_ARRAYS}
+        numbers, counters = list(at.STATE_NUMBERS), list(at.STATE_COUNTERS)
+        return arrays | {
+            "row": self.rows,
+            "numbers": self.arrays.number[numbers],
+            "counters": self.arrays.counter[counters],
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Take over a state as `state` gives it, checked by the caller; what follows from it is found again."""
+        at, arrays = self.layout, self.arrays
+        for name, array in self.state().items():
+            array[...] = state[name]
+        arrays.number[list(at.STATE_NUMBERS)] = state["numbers"]
+        arrays.counter[list(at.STATE_COUNTERS)] = state["counters"]
+        # The search begins in the bucket of the last event: whatever is to come lies there or later.
+        last = int(arrays.counter[at.EPOCH_BUCKETS]) - 1
+        arrays.counter[at.BUCKET] = min(
+            int(max(arrays.number[at.NOW], 0.0) * arrays.number[at.INVERSE_WIDTH]), last
+        )
+        self._afresh = True
 
     @property
     def method(self) -> str:

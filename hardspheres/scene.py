@@ -17,6 +17,9 @@ Bools = NDArray[np.bool_]
 
 BOUNDARIES = ("periodic", "wall")
 AXES = "xyz"
+LEFT_BY_ROUNDING = (
+    1e-6  # of the largest diameter: more than the engine ever leaves, and less than matters to it
+)
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -86,6 +89,19 @@ class Scene:
         box: ArrayLike = (10, 10, 10),
         boundary: str | Sequence[str] = "periodic",
     ) -> None:
+        self._fill(positions, velocities, radii, masses, box, boundary)
+
+    def _fill(
+        self,
+        positions: ArrayLike,
+        velocities: ArrayLike,
+        radii: ArrayLike,
+        masses: ArrayLike,
+        box: ArrayLike,
+        boundary: str | Sequence[str],
+        spare: float = 0.0,
+    ) -> None:
+        """Check everything and store it; overlaps by `spare` largest diameters count as rounding."""
         places = _numbers(positions, "positions")
         if places.ndim != 2 or places.shape[1] not in (2, 3):
             raise SceneError(
@@ -109,8 +125,9 @@ class Scene:
         places = _wrapped(places, edges, periodic)
         _require_representable(places, speeds, sizes, weights, edges)
         _require_long_axes(sizes, edges, periodic)
-        _require_inside(places, sizes, edges, periodic)
-        _require_no_overlap(places, sizes, edges, periodic)
+        tolerance = max(contact_tolerance(edges), spare * 2.0 * float(sizes.max()))
+        _require_inside(places, sizes, edges, periodic, tolerance)
+        _require_no_overlap(places, sizes, edges, periodic, tolerance)
         self._store(places, speeds, sizes, weights, edges, words, periodic, _kinds(weights, sizes))
 
     def _store(self, *values: Any) -> None:
@@ -226,6 +243,37 @@ class Scene:
             )
         sizes = self.radii if radii is None else np.array(radii, dtype=np.float64)
         scene._store(here, there, sizes, self.masses, self.box, self.boundary, self.periodic, self.species)
+        return scene
+
+    @classmethod
+    def as_left(
+        cls,
+        positions: Floats,
+        velocities: Floats,
+        radii: Floats,
+        masses: Floats,
+        box: Floats,
+        boundary: tuple[str, ...],
+    ) -> "Scene":
+        """Return a scene checked as the constructor does, except that contacts may be as the engine left them.
+
+        Parameters
+        ----------
+        positions, velocities, radii, masses, box, boundary
+            As in the constructor; overlaps up to `LEFT_BY_ROUNDING` largest diameters are taken for rounding.
+
+        Returns
+        -------
+        Scene
+            The scene.
+
+        Raises
+        ------
+        SceneError
+            As the constructor does.
+        """
+        scene = object.__new__(cls)
+        scene._fill(positions, velocities, radii, masses, box, boundary, LEFT_BY_ROUNDING)
         return scene
 
     @classmethod
@@ -421,9 +469,9 @@ def _require_long_axes(radii: Floats, box: Floats, periodic: Bools) -> None:
             )
 
 
-def _require_inside(positions: Floats, radii: Floats, box: Floats, periodic: Bools) -> None:
+def _require_inside(positions: Floats, radii: Floats, box: Floats, periodic: Bools, tolerance: float) -> None:
     depth, particle, axis = worst_beyond_wall(positions, radii, box, periodic)
-    if depth > contact_tolerance(box):
+    if depth > tolerance:
         raise SceneError(
             f"particle {particle} reaches {depth:.6g} beyond a wall along {AXES[axis]}: its coordinate is "
             f"{positions[particle, axis]}, and a radius {radii[particle]:.6g} leaves room from "
@@ -444,9 +492,11 @@ def worst_beyond_wall(
     return worst
 
 
-def _require_no_overlap(positions: Floats, radii: Floats, box: Floats, periodic: Bools) -> None:
+def _require_no_overlap(
+    positions: Floats, radii: Floats, box: Floats, periodic: Bools, tolerance: float
+) -> None:
     i, j, depth = worst_overlap(positions, radii, box, periodic)
-    if depth > contact_tolerance(box):
+    if depth > tolerance:
         contact = float(radii[i] + radii[j])
         raise SceneError(
             f"particles {i} and {j} overlap by {depth / contact:.4g} diameters (the worst overlap): they are "

@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -408,6 +409,48 @@ class Simulation:
         from hardspheres.trajectory import to_atoms
 
         return to_atoms(self.frame())
+
+    # Stopping and going on.
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write a checkpoint, from which `load` goes on to the last bit.
+
+        Parameters
+        ----------
+        path : path
+            The file. It is replaced whole once the new one is safely on disk, so a crash leaves the old one or the new one.
+
+        Raises
+        ------
+        CheckpointError
+            When the file cannot be written; an older one is then as it was.
+        """
+        from hardspheres.checkpoint import save
+
+        save(self, path)
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> "Simulation":
+        """Return the simulation in a checkpoint: running on from it gives what running on would have given, bit for bit.
+
+        Parameters
+        ----------
+        path : path
+            A file written by `save`. Nothing in it is executed.
+
+        Returns
+        -------
+        Simulation
+            With the scene, clock, tallies and counters of the one that was saved.
+
+        Raises
+        ------
+        CheckpointError
+            When the file is missing, torn, altered, of another format version, or holds what no simulation leaves.
+        """
+        from hardspheres.checkpoint import load
+
+        return load(cls, path)
 
     # Tallies.
 

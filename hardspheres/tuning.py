@@ -106,7 +106,7 @@ def shell_width(scene: Scene) -> float:
         return ball * scene.number_density * pairs
 
     largest = 2.0 * float(scene.radii.max())
-    low, high = 0.0, float(np.linalg.norm(scene.box))
+    low, high = 0.0, math.hypot(*scene.box.tolist())
     edges = scene.box[scene.periodic]
     if edges.size:
         high = min(high, 0.5 * (float(edges.min()) - largest) / (1.0 + 10.0 * SLACK))

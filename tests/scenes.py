@@ -41,3 +41,18 @@ def state(sim):
         sim.wall_collisions,
         int(a.counter[at.EPOCH]),
     )
+
+
+def everything(sim):
+    """All that a user can see of a simulation, to the last bit, but what the search for events alone decides."""
+    t = sim.tallies
+    own = ("stale_events", "list_renewals", "bytes_per_particle")
+    return (
+        state(sim),
+        sim.time,
+        sim.positions.tobytes(),
+        sim.unwrapped_positions.tobytes(),
+        (t.time, t.collisions, t.wall_collisions),
+        tuple(a.tobytes() for a in (t.virial, t.kinetic, t.wall_impulses, t.wall_radius_impulses)),
+        repr({name: value for name, value in sim.status().items() if name not in own}),
+    )

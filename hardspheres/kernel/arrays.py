@@ -15,7 +15,7 @@ class Arrays(NamedTuple):
     event_float: object  # the same memory as float64
     version: object  # int32 (n): how often a particle's row has changed through events
     mass: object  # float64 (n), or one element where all are equal
-    turns: object  # int32 (n * DIM): how often the row was wrapped back into the box
+    turns: object  # int64 (n * DIM): how often the row was wrapped back into the box
     neighbours: object  # int32 (n * LIST_ROOM): ids, then n in all slots that are left
     images: object  # int32 (n * LIST_ROOM * DIM): image of each neighbour, where IMAGES
     where: object  # int32 (n): slot in the cells

@@ -100,6 +100,11 @@ LARGE_CELLS = 35  # coarse cells per axis, 3 slots
 BEYOND_CACHE = 38  # 1: the gas is larger than the caches, so what is needed soon is fetched ahead
 COUNTERS = 39
 
+# What a checkpoint keeps of the arrays, numbers and counters. All else follows from these and the scene.
+STATE_ARRAYS = ("row", "turns", "total")
+STATE_NUMBERS = (NOW, STANDSTILL)
+STATE_COUNTERS = (EPOCH, PAIRS, WALL_HITS, LATE, STALE, RENEWALS, LONE, LAST_PAIR_EPOCH)
+
 # Calendar: chunks of 8 int64: the next chunk (-1: none) and how many entries, then 7 entries id << 32 | stamp.
 CHUNK = 8
 STAMP_BITS = 0xFFFFFFFF

@@ -1,0 +1,210 @@
+"""Sealed archives: named arrays in one NumPy .npz file, written whole or not at all, and read without trusting a byte.
+
+The file is a plain zip of .npy members, uncompressed (random digits do not compress), so `numpy.load` opens it too. The comment at
+its end is the SHA-256 of every byte before. Members are float64, int64 or uint8, little-endian; nothing is ever unpickled, and no
+size that the file declares is believed before the bytes are there.
+"""
+
+import contextlib
+import hashlib
+import io
+import math
+import os
+import re
+import secrets
+import stat
+import zipfile
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hardspheres.errors import CheckpointError
+
+Arrays = dict[str, NDArray[Any]]
+
+SEAL = b"sha256 "
+DIGEST = 64  # hexadecimal digits
+TYPES = ("<f8", "<i8", "|u1")
+MOST_MEMBERS = 100
+LEFTOVER = re.compile(r"\.checkpoint-(\d+)-[0-9a-f]{8}\.tmp")
+
+
+def write_archive(path: str | os.PathLike[str], arrays: Arrays) -> None:
+    """Write named arrays to a file that a crash leaves either old or new.
+
+    They go to a temporary file in the same folder, which is flushed to the disk and renamed. What writers that were killed have
+    left in the folder is removed.
+
+    Parameters
+    ----------
+    path : path
+        The file, replaced if it exists.
+    arrays : dict of str to array
+        Arrays of float64, int64 or uint8.
+
+    Raises
+    ------
+    CheckpointError
+        When the file cannot be written; nothing is then left behind, and an older file is as it was.
+    """
+    target = _as_path(path)
+    if target.exists() and not target.is_file():
+        raise CheckpointError(f"{target} is no ordinary file; give the checkpoint another name")
+    temporary = target.parent / f".checkpoint-{os.getpid()}-{secrets.token_hex(4)}.tmp"
+    try:
+        _remove_leftovers(target.parent)
+        with open(temporary, "x+b") as file:
+            _write_members(file, arrays)
+            _seal(file)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, target)
+        _sync_folder(target.parent)
+    except OSError as error:
+        raise CheckpointError(
+            f"the checkpoint {target} cannot be written: {error.strerror or error}; make room, or choose another folder"
+        ) from error
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink()
+
+
+def read_archive(path: str | os.PathLike[str]) -> Arrays:
+    """Read the arrays of an archive, after its checksum.
+
+    Parameters
+    ----------
+    path : path
+        A file that `write_archive` wrote.
+
+    Returns
+    -------
+    dict of str to array
+        Read-only arrays.
+
+    Raises
+    ------
+    CheckpointError
+        When the file cannot be read, is no such archive, is cut short or altered, or holds anything but plain arrays.
+    """
+    source = _as_path(path)
+    try:
+        if not stat.S_ISREG(os.stat(source).st_mode):
+            raise CheckpointError(f"{source} is no ordinary file; name a checkpoint")
+        content = source.read_bytes()
+    except OSError as error:
+        raise CheckpointError(f"the checkpoint {source} cannot be read: {error.strerror or error}") from error
+    _require_seal(source, content)
+    try:
+        return _members(content)
+    except (
+        Exception
+    ) as error:  # a sealed file is ours, or made to deceive: whatever fails in it, it is not to be used
+        reason = str(error) or type(error).__name__
+        raise CheckpointError(
+            f"{source} is not a checkpoint as this package writes them: {reason}"
+        ) from error
+
+
+def _as_path(path: str | os.PathLike[str]) -> Path:
+    try:
+        name = os.fspath(path)
+        if not isinstance(name, str) or not name or "\0" in name:
+            raise TypeError
+    except TypeError:
+        raise CheckpointError(f"a checkpoint needs the name of a file, not {path!r}") from None
+    return Path(name)
+
+
+def _write_members(file: BinaryIO, arrays: Arrays) -> None:
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
+        archive.comment = SEAL + b"0" * DIGEST
+        for name, array in arrays.items():
+            plain = np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("<"))
+            # Without a time of writing, the same arrays give the same file.
+            with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as member:
+                np.lib.format.write_array(member, plain, version=(1, 0), allow_pickle=False)
+
+
+def _seal(file: BinaryIO) -> None:
+    """Write the digest of all bytes before it over the last ones."""
+    size = file.seek(0, os.SEEK_END)
+    file.seek(0)
+    digest, left = hashlib.sha256(), size - DIGEST
+    while left > 0:
+        part = file.read(min(left, 1 << 20))
+        digest.update(part)
+        left -= len(part)
+    file.seek(size - DIGEST)
+    file.write(digest.hexdigest().encode())
+
+
+def _sync_folder(folder: Path) -> None:
+    """Have the new name on disk too, where the system can do that."""
+    with contextlib.suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+def _remove_leftovers(folder: Path) -> None:
+    """Remove temporary files of processes that are no more."""
+    if os.name != "posix":
+        return
+    for entry in folder.glob(".checkpoint-*.tmp"):
+        writer = LEFTOVER.fullmatch(entry.name)
+        if writer is None:
+            continue
+        try:
+            os.kill(int(writer[1]), 0)  # signal 0 only asks
+        except (ProcessLookupError, OverflowError):
+            with contextlib.suppress(OSError):
+                entry.unlink()
+        except OSError:
+            pass
+
+
+def _require_seal(source: Path, content: bytes) -> None:
+    if not content:
+        raise CheckpointError(f"{source} is empty, not a checkpoint")
+    if not content.startswith(b"PK"):
+        raise CheckpointError(f"{source} is not a checkpoint: it does not begin as one")
+    body, digest = content[:-DIGEST], content[-DIGEST:]
+    if not body.endswith(SEAL):
+        raise CheckpointError(f"{source} is not a checkpoint, or its end is missing; use an older one")
+    if hashlib.sha256(body).hexdigest().encode() != digest:
+        raise CheckpointError(
+            f"{source} is damaged: its checksum does not match its content; use an older one"
+        )
+
+
+def _members(content: bytes) -> Arrays:
+    """Return the arrays; raises whatever goes wrong."""
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        members = archive.infolist()
+        if len(members) > MOST_MEMBERS or len({member.filename for member in members}) < len(members):
+            raise ValueError("too many members, or two of the same name")
+        if any(member.compress_type != zipfile.ZIP_STORED for member in members):
+            raise ValueError("a member is compressed")
+        if sum(member.file_size for member in members) > len(content):
+            raise ValueError("its members are larger than the file")
+        return {
+            member.filename.removesuffix(".npy"): _array(member.filename, archive.read(member))
+            for member in members
+        }
+
+
+def _array(name: str, content: bytes) -> NDArray[Any]:
+    stream = io.BytesIO(content)
+    if np.lib.format.read_magic(stream) != (1, 0):
+        raise ValueError(f"{name} is of another version of .npy")
+    shape, by_columns, dtype = np.lib.format.read_array_header_1_0(stream)
+    if dtype.str not in TYPES or by_columns:
+        raise ValueError(f"{name} holds {dtype}, not plain numbers row by row")
+    if math.prod(shape) * dtype.itemsize != len(content) - stream.tell():
+        raise ValueError(f"{name} declares the shape {shape}, which is not what it holds")
+    return np.frombuffer(content, dtype, math.prod(shape), stream.tell()).reshape(shape)

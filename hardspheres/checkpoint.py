@@ -1,0 +1,207 @@
+"""Checkpoints: a simulation in a file, to go on from later, elsewhere, to the last bit.
+
+The rows are the canonical state (`hardspheres.kernel`), so pending events, neighbour lists and windows need not be stored: they are
+found again from the rows. Stored are the scene that the simulation began with (from which epochs, shells and windows follow), the
+state that `kernel.layout` names, the clock, and where the tallies began. Every number is checked before a kernel sees it.
+
+A checkpoint of another version of the package is taken as long as the version of the format is the same: that version changes
+with the content of the file and with whatever changes the bits of a trajectory.
+"""
+
+import json
+import math
+from os import PathLike
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from hardspheres.archive import Arrays, read_archive, write_archive
+from hardspheres.errors import CheckpointError, SceneError
+from hardspheres.scene import LEFT_BY_ROUNDING, Scene, contact_tolerance
+
+if TYPE_CHECKING:
+    from hardspheres.simulation import Simulation
+
+    AnySimulation = TypeVar("AnySimulation", bound=Simulation)
+
+FORMAT = "hardspheres checkpoint"
+VERSION = 1
+SCENE = ("positions", "velocities", "radii", "masses", "box")
+MOST = 2**62  # no clock or counter gets that far
+
+
+def save(sim: "Simulation", path: str | PathLike[str]) -> None:
+    """Write a simulation to a file; see `Simulation.save`.
+
+    Parameters
+    ----------
+    sim : Simulation
+        Any; it stays as it is.
+    path : path
+        The file, replaced whole.
+
+    Raises
+    ------
+    CheckpointError
+        When the file cannot be written.
+    """
+    from hardspheres import __version__
+
+    sim._keep_clock()
+    about = {
+        "format": FORMAT,
+        "version": VERSION,
+        "package": __version__,
+        "boundary": list(sim.scene.boundary),
+        "epoch_length": sim._length,
+        "clock": [sim._epoch, sim._moment],
+        "tallied_since": list(sim._since),
+    }
+    text = np.frombuffer(json.dumps(about).encode(), dtype=np.uint8)
+    scene = {name: getattr(sim.scene, name) for name in SCENE}
+    write_archive(path, {"about": text} | scene | sim._engine.state())
+
+
+def load(cls: "type[AnySimulation]", path: str | PathLike[str]) -> "AnySimulation":
+    """Return the simulation in a file; see `Simulation.load`.
+
+    Parameters
+    ----------
+    cls : type
+        `Simulation`.
+    path : path
+        A file written by `save`.
+
+    Returns
+    -------
+    Simulation
+        As it was.
+
+    Raises
+    ------
+    CheckpointError
+        When the file cannot be used.
+    """
+    arrays = read_archive(path)
+    try:
+        about = _read_about(arrays)
+        sim = cls(_scene(arrays, about))
+        _require_like(arrays, sim._engine.state())
+        _require_state(sim, arrays, about)
+        sim._engine.restore(arrays)
+        sim._epoch, sim._moment = about["clock"]
+        sim._since = tuple(about["tallied_since"])
+        _require_as_left(sim)
+    except CheckpointError as error:
+        raise CheckpointError(f"{path} cannot be used: {error}") from None
+    return sim
+
+
+def _read_about(arrays: Arrays) -> dict[str, Any]:
+    """Return what the file says about itself, every value checked by type and range."""
+    try:
+        about = json.loads(arrays["about"].tobytes())
+        if about["format"] != FORMAT:
+            raise ValueError
+    except (KeyError, TypeError, ValueError, RecursionError):
+        raise CheckpointError("it does not say that it is a checkpoint of hardspheres") from None
+    if about.get("version") != VERSION:
+        raise CheckpointError(
+            f"its format is version {about.get('version')!r}, written by hardspheres {about.get('package')!r}; this one reads "
+            f"version {VERSION}"
+        )
+    clock, since = about.get("clock"), about.get("tallied_since")
+    if not _is_list(about.get("boundary"), str, str, str) and not _is_list(about.get("boundary"), str, str):
+        raise CheckpointError("its boundary is not a list of words")
+    if not _is_list(clock, int, float) or not _is_list(since, int, float, int, int):
+        raise CheckpointError("its clock or the beginning of its tallies is not what it should be")
+    if not _is_list([about.get("epoch_length")], float):
+        raise CheckpointError("its epoch has no length")
+    return dict(about)
+
+
+def _is_list(values: Any, *types: type) -> bool:
+    """Whether this is a list of these types, whole numbers in the range of counters and others finite and not negative."""
+    if not isinstance(values, list) or [type(value) for value in values] != list(types):
+        return False
+    return all(isinstance(value, str) or (0 <= value < MOST and math.isfinite(value)) for value in values)
+
+
+def _scene(arrays: Arrays, about: dict[str, Any]) -> Scene:
+    missing = [name for name in SCENE if name not in arrays]
+    if missing:
+        raise CheckpointError(f"it has no {missing[0]}")
+    try:
+        positions, velocities, radii, masses, box = (arrays[name] for name in SCENE)
+        return Scene.as_left(positions, velocities, radii, masses, box, tuple(about["boundary"]))
+    except SceneError as error:
+        raise CheckpointError(f"its scene is impossible: {error}") from None
+
+
+def _require_like(arrays: Arrays, fresh: Arrays) -> None:
+    """Require just the arrays that a fresh simulation of the scene has, in type and shape."""
+    names = {"about", *SCENE, *fresh}
+    if set(arrays) != names:
+        raise CheckpointError(f"it holds {sorted(set(arrays) ^ names)} too much or too little")
+    for name, array in fresh.items():
+        given = arrays[name]
+        if given.dtype != array.dtype or given.shape != array.shape:
+            raise CheckpointError(
+                f"{name} is {given.dtype} of shape {given.shape}; this scene has {array.dtype} of shape {array.shape}"
+            )
+        if given.dtype.kind == "f" and not np.isfinite(given).all():
+            raise CheckpointError(f"{name} holds a value that is not finite")
+
+
+def _require_state(sim: "Simulation", arrays: Arrays, about: dict[str, Any]) -> None:
+    """Require rows, clocks and counters that runs of this scene can reach, as far as the kernels rely on it."""
+    at, scene, length = sim._at, sim.scene, sim._length
+    if about["epoch_length"] != length:
+        raise CheckpointError(
+            f"its epochs are {about['epoch_length']!r} long, but this scene's are {length!r}"
+        )
+    counters = dict(zip(at.STATE_COUNTERS, arrays["counters"].tolist(), strict=True))
+    numbers = dict(zip(at.STATE_NUMBERS, arrays["numbers"].tolist(), strict=True))
+    epoch, moment = about["clock"]
+    if not all(0 <= count < MOST for count in counters.values()) or not np.all(abs(arrays["turns"]) < MOST):
+        raise CheckpointError("a counter is out of range")
+    now = max(numbers[at.NOW], 0.0)
+    if counters[at.EPOCH] != epoch or not now <= moment <= length or numbers[at.STANDSTILL] > now:
+        raise CheckpointError("its clocks contradict each other")
+    since = about["tallied_since"]
+    if since[:2] > [epoch, moment] or since[2] > counters[at.PAIRS] or since[3] > counters[at.WALL_HITS]:
+        raise CheckpointError("its tallies begin after its time")
+    _require_rows(scene, sim._engine.rows, arrays["row"], at, now)
+
+
+def _require_rows(scene: Scene, fresh: Any, rows: Any, at: Any, now: float) -> None:
+    """Require times of this epoch, energy as at the start, and places that flights from within the box can reach."""
+    x, v, t = rows[:, at.X : at.X + scene.dim], rows[:, at.V : at.V + scene.dim], rows[:, at.T]
+    used = at.T + 1
+    if not np.array_equal(rows[:, used:], fresh[:, used:]):
+        raise CheckpointError("its rows have other radii than its scene")
+    if not np.all((t >= 0.0) & (t <= now)):
+        raise CheckpointError("a row is of a time outside of the present epoch")
+    with np.errstate(over="ignore"):
+        energy = 0.5 * float(np.sum(scene.masses * np.sum(v * v, axis=1)))
+    if not abs(energy - scene.kinetic_energy) <= 1e-6 * scene.kinetic_energy:
+        raise CheckpointError(
+            f"its kinetic energy is {energy:.6g}, that of its scene {scene.kinetic_energy:.6g}"
+        )
+    fastest = np.sqrt(2.0 * energy / scene.masses)
+    spare = _spare(scene)
+    flown = np.where(scene.periodic, (1.0 + 1e-6) * (fastest * t)[:, None], 0.0)
+    margin = np.where(scene.periodic, 0.0, scene.radii[:, None])
+    if not np.all((x >= margin - flown - spare) & (x <= scene.box - margin + flown + spare)):
+        raise CheckpointError("a particle is further from the box than it can have flown")
+
+
+def _spare(scene: Scene) -> float:
+    """How far a coordinate may be off by rounding, with room to spare."""
+    return max(4.0 * contact_tolerance(scene.box), LEFT_BY_ROUNDING * 2.0 * float(scene.radii.max()))
+
+
+def _require_as_left(sim: "Simulation") -> None:
+    overlap = sim.worst_overlap
+    if not overlap <= max(LEFT_BY_ROUNDING, _spare(sim.scene) / (2.0 * float(sim.scene.radii.min()))):
+        raise CheckpointError(f"its particles overlap by {overlap:.3g} diameters")

@@ -1,0 +1,278 @@
+"""Checkpoints: a run that is saved, and goes on in another process, ends with the same bits; a file is whole or refused."""
+
+import errno
+import json
+import os
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import KINDS, everything, gas, one_to_ten, state
+
+import hardspheres as hs
+from hardspheres import archive, tuning
+from hardspheres.engine import Engine
+
+LISTS, WINDOWS = {2: 0.0, 3: 0.0}, {2: 1.0, 3: 1.0}
+STEPS = [{"collisions": 501}, {"time": 3.3}, {"collisions": 700}]
+GO_ON = """
+import json, pickle, sys
+sys.path.insert(0, {tests!r})
+from scenes import everything
+import hardspheres as hs
+from hardspheres import tuning
+done = []
+for path, below, steps in json.load(sys.stdin):
+    tuning.SPARSE_BELOW = {{2: below, 3: below}}
+    sim = hs.Simulation.load(path)
+    for step in steps:
+        sim.run(**step)
+    done.append(everything(sim))
+pickle.dump(done, sys.stdout.buffer)
+"""
+
+
+def scenes():
+    """Every kind by both searches; boxes so small that lists name the image; two grids."""
+    for kind in KINDS:
+        yield f"{kind} lists", lambda kind=kind: gas(kind, 300, 0.1, seed=5), LISTS
+        yield f"{kind} windows", lambda kind=kind: gas(kind, 300, 0.1, seed=5), WINDOWS
+    yield "images", lambda: gas("3d", 12, 0.2, seed=5), LISTS
+    yield "two grids", lambda: one_to_ten("3d_mixture", n=500, large=5, packing_fraction=0.05), WINDOWS
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """Each scene run in one go, and saved after one or two steps of it for a child to go on with."""
+    folder = tmp_path_factory.mktemp("checkpoints")
+    expected, orders = {}, []
+    with pytest.MonkeyPatch.context() as patch:
+        for name, scene, method in scenes():
+            patch.setattr(tuning, "SPARSE_BELOW", method)
+            sim = hs.Simulation(scene())
+            sim.run(collisions=100)
+            sim.reset_tallies()
+            for k, step in enumerate(STEPS):
+                if k:
+                    sim.save(folder / f"{name} {k}")
+                    orders.append((str(folder / f"{name} {k}"), method[3], STEPS[k:]))
+                sim.run(**step)
+            expected[name] = everything(sim)
+    program = GO_ON.format(tests=str(Path(__file__).parent.parent))
+    child = subprocess.run(
+        [sys.executable, "-W", "error", "-c", program],
+        input=json.dumps(orders).encode(),
+        capture_output=True,
+        check=False,
+    )
+    assert child.returncode == 0, child.stderr.decode()[-2000:]
+    resumed = dict(zip([Path(path).name for path, *_ in orders], pickle.loads(child.stdout), strict=True))
+    return expected, resumed
+
+
+@pytest.mark.parametrize("cut", [1, 2])
+@pytest.mark.parametrize("name", [name for name, *_ in scenes()])
+def test_another_process_goes_on_with_the_same_bits(runs, name, cut):
+    expected, resumed = runs
+    assert resumed[f"{name} {cut}"] == expected[name]
+
+
+@pytest.fixture(scope="module")
+def half_way():
+    """A gas between walls, half way through an epoch and a tally."""
+    sim = hs.Simulation(gas("3d_walls", 60, 0.1, seed=5))
+    sim.run(collisions=300)
+    sim.reset_tallies()
+    sim.run(time=5.3)
+    return sim
+
+
+@pytest.fixture
+def path(half_way, tmp_path):
+    half_way.save(tmp_path / "checkpoint")
+    return tmp_path / "checkpoint"
+
+
+@pytest.mark.parametrize("lost", ["row", "turns", "total", "numbers", "counters"])
+def test_whatever_is_lost_is_missed(path, lost, monkeypatch):
+    """Sibling: each part of the state matters; without it something that a user sees is another."""
+    expected = everything(hs.Simulation.load(path))
+    restore = Engine.restore
+    monkeypatch.setattr(
+        Engine, "restore", lambda self, state: restore(self, state | {lost: self.state()[lost]})
+    )
+    monkeypatch.setattr("hardspheres.checkpoint._require_as_left", lambda sim: None)
+    sim = hs.Simulation.load(path)
+    at = sim._at
+    if lost == "numbers":
+        assert sim._engine.arrays.number[at.STANDSTILL] == -sim._length
+    else:
+        assert everything(sim) != expected
+
+
+def test_a_search_method_of_another_version_changes_nothing(path, half_way, monkeypatch):
+    """Saved with windows, gone on with lists: the method is no part of the state."""
+    assert half_way.status()["method"] == "windows of time"
+    monkeypatch.setattr(tuning, "SPARSE_BELOW", LISTS)
+    other = hs.Simulation.load(path)
+    assert "lists" in other.status()["method"]
+    monkeypatch.undo()
+    same = hs.Simulation.load(path)
+    for sim in (same, other):
+        sim.run(collisions=500)
+    assert state(same) == state(other)
+
+
+def test_the_same_state_gives_the_same_file(half_way, path, tmp_path):
+    """So files can be compared; loading and saving again changes no byte either, and neither touches the simulation."""
+    before = everything(half_way)
+    half_way.save(tmp_path / "again")
+    hs.Simulation.load(path).save(tmp_path / "loaded")
+    assert path.read_bytes() == (tmp_path / "again").read_bytes() == (tmp_path / "loaded").read_bytes()
+    assert everything(half_way) == before
+
+
+def test_numpy_opens_it_without_pickle(path, half_way):
+    with np.load(path, allow_pickle=False) as file:
+        assert np.array_equal(file["positions"], half_way.scene.positions)
+
+
+def test_a_scene_with_contacts_as_the_engine_left_them(tmp_path):
+    """What `to_scene` gives may overlap by rounding; its simulation is saved and loaded all the same."""
+    scene = hs.lattice_gas(n=32, packing_fraction=0.7, seed=2)
+    sim = hs.Simulation(scene)
+    sim.run(collisions=997)
+    later = hs.Simulation(sim.to_scene())
+    later.save(tmp_path / "checkpoint")
+    loaded = hs.Simulation.load(tmp_path / "checkpoint")
+    assert np.array_equal(loaded.scene.positions, later.scene.positions)
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        hs.Scene([[1.0, 1, 1]], [[0.3, 0, 0]], box=(3, 3, 3)),
+        hs.Scene([[1.0, 1, 1], [2.0, 1, 1]], np.zeros((2, 3)), box=(4, 4, 4)),
+    ],
+    ids=["one particle", "no motion"],
+)
+def test_scenes_without_events(scene, tmp_path):
+    sim = hs.Simulation(scene)
+    sim.run(time=1e4)
+    sim.save(tmp_path / "checkpoint")
+    loaded = hs.Simulation.load(tmp_path / "checkpoint")
+    sim.run(time=2.5)
+    loaded.run(time=2.5)
+    assert everything(loaded) == everything(sim)
+
+
+# The file.
+
+
+def test_any_changed_bit_and_any_missing_end_is_refused(path):
+    whole = path.read_bytes()
+    rng = np.random.default_rng(1)
+    for k in [0, 5, *rng.integers(0, len(whole), 200).tolist(), len(whole) - 65, len(whole) - 1]:
+        altered = bytearray(whole)
+        altered[k] ^= 1 << int(rng.integers(8))
+        path.write_bytes(altered)
+        with pytest.raises(hs.CheckpointError, match="damaged|not a checkpoint"):
+            hs.Simulation.load(path)
+    for length in [0, 1, 64, *rng.integers(0, len(whole), 50).tolist(), len(whole) - 1]:
+        path.write_bytes(whole[:length])
+        with pytest.raises(hs.CheckpointError, match="empty|not a checkpoint"):
+            hs.Simulation.load(path)
+
+
+def no_room(*_, **__):
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def interrupted(*_, **__):
+    raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("what", ["numpy.lib.format.write_array", "os.fsync", "os.replace"])
+@pytest.mark.parametrize("how", [no_room, interrupted])
+def test_a_failed_save_leaves_the_old_file_and_nothing_else(half_way, path, what, how, monkeypatch):
+    old = path.read_bytes()
+    monkeypatch.setattr(what, how)
+    with pytest.raises(hs.CheckpointError if how is no_room else KeyboardInterrupt) as error:
+        half_way.save(path)
+    if how is no_room:
+        assert "No space left on device" in str(error.value)
+    assert path.read_bytes() == old
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_the_new_file_is_on_disk_before_it_has_the_name(half_way, path, monkeypatch):
+    calls = []
+    fsync, replace = os.fsync, os.replace
+    monkeypatch.setattr(os, "fsync", lambda handle: calls.append("fsync") or fsync(handle))
+    monkeypatch.setattr(os, "replace", lambda *names: calls.append("replace") or replace(*names))
+    half_way.save(path)
+    assert calls == ["fsync", "replace", "fsync"]  # the folder last
+
+
+@pytest.mark.skipif(os.name != "posix", reason="asks the system for processes")
+def test_what_a_killed_writer_left_is_removed(half_way, path):
+    done = subprocess.run(
+        [sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True, text=True, check=True
+    )
+    dead = path.parent / f".checkpoint-{done.stdout.strip()}-00000000.tmp"
+    alive = path.parent / f".checkpoint-{os.getpid()}-00000000.tmp"
+    dead.touch()
+    alive.touch()
+    half_way.save(path)
+    assert set(path.parent.iterdir()) == {path, alive}
+
+
+# Files that are sealed, and lie: made with `forged`, which writes what no simulation leaves.
+
+
+def forged(path, **changes):
+    """Write the checkpoint anew with some of its arrays replaced, taken out (None) or added, and a valid checksum."""
+    arrays = {name: array.copy() for name, array in archive.read_archive(path).items()}
+    for name, change in changes.items():
+        arrays[name] = change(arrays[name]) if callable(change) else change
+    archive.write_archive(path, {name: array for name, array in arrays.items() if array is not None})
+
+
+@settings(max_examples=150)
+@given(data=st.data())
+def test_a_sealed_file_with_any_bytes_is_refused_or_runs(half_way, tmp_path_factory, data):
+    """Found nothing that gets past the checks and then breaks: what is taken runs on, or says why not."""
+    path = tmp_path_factory.mktemp("forged") / "checkpoint"
+    half_way.save(path)
+    if data.draw(st.booleans()):
+        content = bytearray(path.read_bytes()[: -archive.DIGEST])
+        for _ in range(data.draw(st.integers(1, 4))):
+            content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
+        with open(path, "w+b") as file:
+            file.write(bytes(content) + b"0" * archive.DIGEST)
+            archive._seal(file)
+    else:
+        arrays = archive.read_archive(path)
+        name = data.draw(st.sampled_from(sorted(set(arrays) - {"about"})))
+        strange = [0, -1, 1, 2**31, 2**62, -(2**63)] + [np.nan, np.inf, -1e300, 1e300, 1e-300, 3.7] * (
+            arrays[name].dtype.kind == "f"
+        )
+
+        def change(array):
+            flat = array.ravel()
+            flat[data.draw(st.integers(0, len(flat) - 1))] = data.draw(st.sampled_from(strange))
+            return array
+
+        forged(path, **{name: change})
+    try:
+        sim = hs.Simulation.load(path)
+        sim.run(time=0.01)
+        sim.run(collisions=3)
+    except (hs.CheckpointError, hs.SimulationError):
+        return
+    assert np.isfinite(sim.positions).all()
