@@ -392,6 +392,7 @@ def soak(
         int, typer.Option(min=1000, help="Pair collisions of the fluid; the mixture gets a tenth.")
     ] = 1_000_000_000,
     n: Annotated[int, typer.Option(min=2, help="Particles in each gas.")] = 4000,
+    dim: Annotated[int, typer.Option(min=2, max=3, help="Dimension.")] = 3,
     seed: Seed = 1,
     workers: Workers = None,
     out: Out = None,
@@ -409,7 +410,7 @@ def soak(
     from studies.soak import soak as run
 
     screen = Screen(json)
-    study = Soak.of(n, collisions, seed, workers)
+    study = Soak(n, dim, collisions, seed, workers)
     _finish(screen, run(study, _folder(out, "soak", seed, checkpoint_every, resume), screen))
 
 

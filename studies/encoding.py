@@ -1,23 +1,17 @@
 """Values to files and back: numbers, texts, arrays, containers, and objects of our own classes; nothing else.
 
-A file is an uncompressed ``.npz`` without pickles: the arrays, a tree in JSON that says what they are parts of, and a
-SHA-256 of both. Reading one executes nothing and imports nothing: objects are made of classes that are loaded already
-and that this module knows (dataclasses, estimators, scenes, simulations), without calling their constructors.
-What is read equals what was written to the last bit; an array that appeared in several places is one array again.
+A file is a sealed archive (`hardspheres.archive`) of two members: a tree in JSON, and the bytes of all arrays in it. Reading
+one executes nothing and imports nothing: objects are made of classes that are loaded already and that this module knows
+(dataclasses, estimators, scenes, simulations), without calling their constructors. What is read equals what was written to
+the last bit; an array that appeared in several places is one array again.
 """
 
 from __future__ import annotations
 
-import contextlib
-import hashlib
-import io
 import json
-import os
+import math
 import sys
-import tempfile
-import zipfile
 from collections import deque
-from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -28,9 +22,11 @@ from numpy.typing import NDArray
 import hardspheres as hs
 from analysis.estimator import Estimator
 from analysis.series import BlockSeries
+from hardspheres.archive import Arrays, read_archive, write_archive
+from hardspheres.checkpoint import from_arrays, to_arrays
 from hardspheres.errors import CheckpointError
 
-__all__ = ["decode", "encode", "read", "write", "write_whole"]
+__all__ = ["decode", "encode", "read", "write"]
 
 OURS = {"hardspheres", "analysis", "studies"}
 PLAIN = (type(None), bool, int, float, str)
@@ -79,7 +75,7 @@ class _Encoder:
         if isinstance(value, np.generic):
             return {"scalar": self._place(np.asarray(value))}
         if kind is hs.Simulation:
-            return {"simulation": self._place(_simulation_bytes(value))}
+            return {"simulation": {name: self._place(array) for name, array in to_arrays(value).items()}}
         if _known(_name(kind)) is kind:
             parts = {name: self.tree(part) for name, part in _contents(value).items()}
             return {"object": [_name(kind), parts]}
@@ -117,7 +113,7 @@ def _decoded(tree: Any, arrays: list[NDArray[Any]]) -> Any:
     if kind == "scalar":
         return arrays[content][()]
     if kind == "simulation":
-        return _simulation(arrays[content])
+        return from_arrays(hs.Simulation, {name: arrays[index] for name, index in content.items()})
     if kind == "object":
         return _object(content[0], {name: _decoded(part, arrays) for name, part in content[1].items()})
     raise CheckpointError(f"it holds a {kind!r}, which this version does not know")
@@ -141,35 +137,8 @@ def _object(name: str, parts: dict[str, Any]) -> Any:
     return new
 
 
-def _simulation_bytes(simulation: hs.Simulation) -> NDArray[np.uint8]:
-    with _scratch() as path:
-        simulation.save(path)
-        return np.frombuffer(path.read_bytes(), dtype=np.uint8)
-
-
-def _simulation(content: NDArray[np.uint8]) -> hs.Simulation:
-    with _scratch() as path:
-        path.write_bytes(content.tobytes())
-        return hs.Simulation.load(path)
-
-
-@contextlib.contextmanager
-def _scratch() -> Iterator[Path]:
-    with tempfile.TemporaryDirectory(prefix="hardspheres-") as folder:
-        yield Path(folder) / "simulation.npz"
-
-
-def _digest(tree: bytes, arrays: list[NDArray[Any]]) -> NDArray[np.uint8]:
-    """Return the SHA-256 of everything in a file."""
-    total = hashlib.sha256(tree)
-    for array in arrays:
-        total.update(f"{array.dtype.str} {array.shape} {array.flags.f_contiguous}".encode())
-        total.update(array.tobytes("A"))
-    return np.frombuffer(total.digest(), dtype=np.uint8)
-
-
-def encode(value: Any) -> bytes:
-    """Return a value as the content of a file.
+def encode(value: Any) -> Arrays:
+    """Return a value as the members of an archive.
 
     Parameters
     ----------
@@ -183,70 +152,54 @@ def encode(value: Any) -> bytes:
         If something else is in it.
     """
     encoder = _Encoder()
-    tree = json.dumps(encoder.tree(value)).encode()
-    arrays = [np.asarray(array, order="A") for array in encoder.arrays]
-    whole = io.BytesIO()
-    members: dict[str, Any] = {"tree": np.frombuffer(tree, dtype=np.uint8), "digest": _digest(tree, arrays)}
-    members |= {f"a{index}": array for index, array in enumerate(arrays)}
-    np.savez(whole, **members)
-    return whole.getvalue()
+    whole = {"tree": encoder.tree(value), "arrays": [_described(array) for array in encoder.arrays]}
+    data = b"".join(array.tobytes("A") for array in encoder.arrays)
+    return {
+        "tree": np.frombuffer(json.dumps(whole).encode(), dtype=np.uint8),
+        "data": np.frombuffer(data, dtype=np.uint8),
+    }
 
 
-def decode(content: bytes) -> Any:
-    """Return the value that `encode` turned into these bytes.
+def _described(array: NDArray[Any]) -> list[Any]:
+    by_columns = array.flags.f_contiguous and not array.flags.c_contiguous
+    return [array.dtype.newbyteorder("<").str, list(array.shape), by_columns]
+
+
+def decode(members: Arrays) -> Any:
+    """Return the value that `encode` turned into these members.
 
     Raises
     ------
     CheckpointError
-        If the bytes were altered, are not all there, or hold what this version does not know.
+        If they hold what this version does not know.
     """
     try:
-        with np.load(io.BytesIO(content), allow_pickle=False) as members:
-            tree = members["tree"].tobytes()
-            arrays = [members[f"a{index}"] for index in range(len(members.files) - 2)]
-            if members["digest"].tobytes() != _digest(tree, arrays).tobytes():
-                raise CheckpointError("its checksum is wrong")
-        return _decoded(json.loads(tree), arrays)
+        whole = json.loads(members["tree"].tobytes())
+        data, arrays, place = members["data"].tobytes(), [], 0
+        for name, shape, by_columns in whole["arrays"]:
+            dtype = np.dtype(name)
+            if dtype.kind not in KINDS:
+                raise CheckpointError(f"it holds an array of {dtype}")
+            count = math.prod(shape)
+            array = np.frombuffer(data, dtype, count, place) if count else np.zeros(0, dtype)
+            arrays.append(array.reshape(shape, order="F" if by_columns else "C").copy(order="K"))
+            place += count * dtype.itemsize
+        return _decoded(whole["tree"], arrays)
     except CheckpointError:
         raise
-    except (zipfile.BadZipFile, EOFError, OSError) as error:
-        raise CheckpointError("it is damaged or not all there") from error
     except Exception as error:  # a crafted file fails in its own way
         raise CheckpointError(f"it cannot be understood ({type(error).__name__})") from error
 
 
-def write_whole(path: Path, content: bytes, *, durable: bool) -> None:
-    """Write a file under another name and rename it: there is the old one or the new one, never a torn one.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    content : bytes
-        What it shall hold.
-    durable : bool
-        Wait until the disk has it, so that a power failure cannot tear it either.
+def write(path: Path, value: Any) -> None:
+    """Write a value into a file, which a crash leaves either old or new, see `encode`.
 
     Raises
     ------
-    OSError
-        If it cannot be written; the old one stays.
+    CheckpointError
+        If the file cannot be written; the old one stays.
     """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with temporary.open("wb") as handle:
-            handle.write(content)
-            if durable:
-                handle.flush()
-                os.fsync(handle.fileno())
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def write(path: Path, value: Any, *, durable: bool = False) -> None:
-    """Write a value into a file, see `encode` and `write_whole`."""
-    write_whole(path, encode(value), durable=durable)
+    write_archive(path, encode(value))
 
 
 def read(path: Path) -> Any:
@@ -255,12 +208,10 @@ def read(path: Path) -> Any:
     Raises
     ------
     CheckpointError
-        If the file is damaged, or holds what this version does not know.
-    FileNotFoundError
-        If there is none.
+        If there is none, or it is damaged, or holds what this version does not know.
     """
-    content = path.read_bytes()
+    members = read_archive(path)
     try:
-        return decode(content)
+        return decode(members)
     except CheckpointError as error:
         raise CheckpointError(f"{path} cannot be used: {error}") from error

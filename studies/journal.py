@@ -14,6 +14,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import os
 import shutil
 import warnings
 from collections.abc import Iterator
@@ -23,7 +24,7 @@ from typing import Any
 
 import hardspheres as hs
 from hardspheres.errors import CheckpointError, HardSpheresError
-from studies.encoding import read, write, write_whole
+from studies.encoding import read, write
 from studies.locking import Lock
 
 __all__ = ["FOLDER", "Journal", "OutputError", "Shelf", "options_of"]
@@ -60,9 +61,8 @@ class Shelf:
 
     def store(self, index: int, result: Any) -> None:
         """Keep the result of an item; its state is no longer needed."""
-        with _said():  # not durable: the checksum finds what a power failure tears
-            write(self._path("done", index), result)
-            self._path("running", index).unlink(missing_ok=True)
+        write(self._path("done", index), result)
+        self._path("running", index).unlink(missing_ok=True)
 
     def state(self, index: int) -> Any:
         """Return the state of an item that was running, None where there is none, or its file is damaged."""
@@ -71,16 +71,15 @@ class Shelf:
 
     def save(self, index: int, state: Any) -> None:
         """Keep the state of an item that is running, in place of the one before."""
-        with _said():
-            write(self._path("running", index), state, durable=True)
+        write(self._path("running", index), state)
 
 
 def _whole(path: Path) -> tuple[Any] | None:
     """Return what a file holds in a tuple, None where it is missing or damaged: then that item is run again."""
+    if not path.exists():
+        return None
     try:
         return (read(path),)
-    except FileNotFoundError:
-        return None
     except CheckpointError as error:
         warnings.warn(f"{error}; what it held is computed again", stacklevel=2)
         return None
@@ -246,7 +245,9 @@ class Journal:
             for path in self.shelf.folder.iterdir():  # left by a run that was killed while it removed them
                 if path != self._lock.path:
                     path.unlink()
-            write_whole(self._manifest_path, json.dumps(self._manifest, indent=2).encode(), durable=True)
+            temporary = self._manifest_path.with_suffix(".partial")
+            temporary.write_text(json.dumps(self._manifest, indent=2), encoding="utf-8")
+            os.replace(temporary, self._manifest_path)
 
     def _remove(self) -> None:
         with _said():

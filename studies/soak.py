@@ -6,7 +6,7 @@ import datetime
 import math
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -41,21 +41,26 @@ class Soak:
 
     Attributes
     ----------
-    gases : tuple of Gas
-        Each runs in a process of its own.
+    n, dim : int
+        Particles in each gas, and the dimension.
+    collisions : int
+        Pair collisions of the fluid.
     seed, workers
         As in `studies.ensemble`.
     """
 
-    gases: tuple[Gas, ...]
+    n: int = 4000
+    dim: int = 3
+    collisions: int = 1_000_000_000
     seed: int = 1
     workers: int | None = None
 
-    @classmethod
-    def of(cls, n: int, collisions: int, seed: int, workers: int | None) -> Soak:
-        """Return the two gases of the command line: a fluid, and for a tenth as long a mixture between walls."""
-        mixture = Fluid(n, boundary="wall", packing_fraction=0.25, diameter_ratio=2.0, mass_ratio=10.0)
-        return cls((Gas(Fluid(n), collisions), Gas(mixture, collisions // 10)), seed, workers)
+    @property
+    def gases(self) -> tuple[Gas, ...]:
+        """A fluid, and for a tenth as long a mixture between walls."""
+        fluid = Fluid(self.n, self.dim)
+        mixture = Fluid(self.n, self.dim, 0.25, "wall", diameter_ratio=2.0, mass_ratio=10.0)
+        return Gas(fluid, self.collisions), Gas(mixture, self.collisions // 10)
 
 
 COLUMNS = (
@@ -120,7 +125,7 @@ class Soaking(Resumable[tuple[Gas, np.random.SeedSequence], _Soaking, Soaked]):
             yield from until(simulation, total * sample // SAMPLES)
             overlap, status, failure = simulation.worst_overlap, simulation.status(), broken(simulation)
             if math.isnan(before) and simulation.collisions >= warm:
-                encode(state.samples)  # nothing that is needed once in a process shall count as growth
+                encode(state)  # nothing that is needed once in a process shall count as growth
                 before = resident()
             row = [simulation.collisions, simulation.time, status["energy_drift"], status["momentum_drift"]]
             state.samples.append((*row, overlap, status["late_events"], resident() - before))
@@ -201,7 +206,7 @@ def _summary(study: Soak, runs: Sequence[Soaked], out: OutputFolder) -> dict[str
         "study": "soak",
         "version": hs.__version__,
         "seed": study.seed,
-        "options": {"gases": [asdict(gas) for gas in study.gases]},
+        "options": {"n": study.n, "dim": study.dim, "collisions": study.collisions},
         "workers": available_cores() if study.workers is None else study.workers,
         "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
         "machine": machine(),
