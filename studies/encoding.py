@@ -178,8 +178,8 @@ def decode(members: Arrays) -> Any:
         data, arrays, place = members["data"].tobytes(), [], 0
         for name, shape, by_columns in whole["arrays"]:
             dtype = np.dtype(name)
-            if dtype.kind not in KINDS:
-                raise CheckpointError(f"it holds an array of {dtype}")
+            if dtype.kind not in KINDS or min(shape, default=0) < 0:
+                raise CheckpointError(f"it holds an array of {dtype} of shape {shape}")
             count = math.prod(shape)
             array = np.frombuffer(data, dtype, count, place) if count else np.zeros(0, dtype)
             arrays.append(array.reshape(shape, order="F" if by_columns else "C").copy(order="K"))
@@ -191,15 +191,15 @@ def decode(members: Arrays) -> Any:
         raise CheckpointError(f"it cannot be understood ({type(error).__name__})") from error
 
 
-def write(path: Path, value: Any) -> None:
-    """Write a value into a file, which a crash leaves either old or new, see `encode`.
+def write(path: Path, value: Any, *, durable: bool = True) -> None:
+    """Write a value into a file, which a crash leaves either old or new, see `encode` and `write_archive`.
 
     Raises
     ------
     CheckpointError
         If the file cannot be written; the old one stays.
     """
-    write_archive(path, encode(value))
+    write_archive(path, encode(value), durable=durable)
 
 
 def read(path: Path) -> Any:

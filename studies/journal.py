@@ -61,7 +61,7 @@ class Shelf:
 
     def store(self, index: int, result: Any) -> None:
         """Keep the result of an item; its state is no longer needed."""
-        write(self._path("done", index), result)
+        write(self._path("done", index), result, durable=False)  # there are many, and the checksum tells
         self._path("running", index).unlink(missing_ok=True)
 
     def state(self, index: int) -> Any:
