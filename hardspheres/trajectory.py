@@ -275,9 +275,9 @@ class TrajectoryWriter:
         if self.path.suffix == ".traj":
             self._binary = _binary_after(self.path, keep)
         else:
+            end = _end_of_frames(self.path, keep) if keep else 0
             self._text = self.path.open("a" if keep else "w", encoding="utf-8", newline="\n")
-            if keep:
-                self._text.truncate(_end_of_frames(self.path, keep))
+            self._text.truncate(end)
 
     def write(self, frame: Scene | FrameLike) -> None:
         """Append a frame or a scene.

@@ -147,7 +147,7 @@ class Journal:
         self.out, self.resume = out, resume
         self.shelf = Shelf((out / FOLDER).absolute(), every)
         self._lock = Lock(self.shelf.folder / "lock")
-        name = type(study).__name__
+        name = type(study).__module__.rpartition(".")[2]
         self._manifest = {"study": name, "version": hs.__version__, "options": options_of(study)}
 
     @property

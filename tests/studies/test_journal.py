@@ -71,7 +71,7 @@ def test_what_is_kept_is_found_again(tmp_path):
         (replace(STUDY, packing_fractions=(0.1,)), "--packing-fractions 0.1,0.3, not 0.1;"),
         (replace(STUDY, fluid=Fluid(n=500, boundary="wall")), "--boundary periodic, not wall"),
         (replace(STUDY, collisions_per_particle=50.5), "--collisions-per-particle 50.0, not 50.5"),
-        (Mixture(), "of another study: EquationOfState, not Mixture"),
+        (Mixture(), "of another study: pressure, not mixture"),
     ],
 )
 def test_other_options_are_refused_by_name(other, sentence, tmp_path):
