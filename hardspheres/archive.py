@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hardspheres.errors import CheckpointError
+from hardspheres.memory import require_memory
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -52,10 +53,10 @@ def write_archive(path: str | os.PathLike[str], arrays: Arrays, *, durable: bool
         When the file cannot be written; nothing is then left behind, and an older file is as it was.
     """
     target = _as_path(path)
-    if target.exists() and not target.is_file():
-        raise CheckpointError(f"{target} is no ordinary file; give the checkpoint another name")
     temporary = target.parent / f".checkpoint-{os.getpid()}-{secrets.token_hex(4)}.tmp"
     try:
+        if target.exists() and not target.is_file():
+            raise CheckpointError(f"{target} is no ordinary file; give the checkpoint another name")
         _remove_leftovers(target.parent)
         with open(temporary, "x+b") as file:
             _write_members(file, arrays)
@@ -68,7 +69,7 @@ def write_archive(path: str | os.PathLike[str], arrays: Arrays, *, durable: bool
             _sync_folder(target.parent)
     except OSError as error:
         raise CheckpointError(
-            f"the checkpoint {target} cannot be written: {error.strerror or error}; make room, or choose another folder"
+            f"the checkpoint {target} cannot be written: {error.strerror or error}; make room, or give another path"
         ) from error
     finally:
         with contextlib.suppress(OSError):
@@ -95,8 +96,10 @@ def read_archive(path: str | os.PathLike[str]) -> Arrays:
     """
     source = _as_path(path)
     try:
-        if not stat.S_ISREG(os.stat(source).st_mode):
+        found = os.stat(source)
+        if not stat.S_ISREG(found.st_mode):
             raise CheckpointError(f"{source} is no ordinary file; name a checkpoint")
+        require_memory(4 * found.st_size, f"{source} and its arrays", CheckpointError, "use a larger machine")
         content = source.read_bytes()
     except OSError as error:
         raise CheckpointError(f"the checkpoint {source} cannot be read: {error.strerror or error}") from error

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from hardspheres.errors import SimulationError
+from hardspheres.memory import require_memory
 from hardspheres.scene import Scene
 from hardspheres.tuning import (
     SLACK,
@@ -20,6 +21,7 @@ from hardspheres.tuning import (
 
 EVENTS_PER_BUCKET = {False: 8, True: 32}  # more of them, where what they need is fetched ahead
 CACHED = 16000  # particles that the processor's own caches hold
+MOST_ENTRIES = 2**31 - 1  # of a table: its places are kept in 32 bits
 LINE_MARGIN = 1e-4  # in cells, of boxes that are not many cells long: single precision is off by a few 1e-6
 
 
@@ -188,6 +190,17 @@ class Engine:
         lines, candidates = int(count[at.LINE_ROOM]), int(count[at.CANDIDATE_ROOM])
         agenda = int(count[at.AGENDA_ROOM])
         coarse = math.prod(count[at.LARGE_CELLS : at.LARGE_CELLS + 3].tolist())
+        places, nodes = self.cells * cell_room, int(count[at.NODE_ROOM])
+        if max(places, lines, nodes, candidates, n + 6) >= MOST_ENTRIES:
+            raise SimulationError(
+                f"{n} particles in {self.cells} cells need a table of {max(places, lines, nodes, candidates, n)} entries, more "
+                f"than the {MOST_ENTRIES} that are counted; take fewer particles, or spread them more evenly"
+            )
+        listed = n * room * (1 + dim * int(count[at.IMAGES])) + places * (1 + at.CELL_COLUMNS)
+        needed = (
+            4 * listed + 32 * (lines + nodes + candidates) + 64 * chunks + n * (8 * (at.ROW + at.EVENT) + 32)
+        )
+        require_memory(needed, f"the tables to search among {n} particles", SimulationError)
         return {
             "neighbours": aligned(n * room + 1, np.int32),
             "images": np.zeros(n * room * dim * int(count[at.IMAGES]) + 1, dtype=np.int32),

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hardspheres.errors import SceneError
+from hardspheres.memory import require_room_for
 from hardspheres.placement import place_at_random
 from hardspheres.scene import Scene, boundary_words, contact_tolerance, one_per_particle, sphere_volume
 from hardspheres.velocities import POSITIONS, Seed, draw_velocities, stream
@@ -107,7 +108,7 @@ def lattice_gas(
     """
     n, dim, filled, sizes, weights = checked_arguments(n, packing_fraction, dim, radii, masses)
     kinds = LATTICES[dim]
-    if lattice is not None and lattice not in kinds:
+    if lattice is not None and not (isinstance(lattice, str) and lattice in kinds):
         names = " or ".join(f'"{name}"' for name in kinds)
         raise SceneError(f"lattice is {lattice!r}; in {dim}D it must be {names}")
     chosen = kinds[lattice] if lattice is not None else next(iter(kinds.values()))
@@ -242,10 +243,11 @@ def checked_arguments(
         raise SceneError(f"n is {n!r}; the number of particles is an integer >= 1") from None
     if n < 1:
         raise SceneError(f"n is {n}; a scene needs at least one particle")
-    if dim not in (2, 3):
+    if type(dim) is not int or dim not in (2, 3):
         raise SceneError(f"dim is {dim!r}; it must be 2 or 3")
     if not (isinstance(packing_fraction, Real) and 0 < packing_fraction < 1):
         raise SceneError(f"packing_fraction is {packing_fraction!r}; it must be a number between 0 and 1")
+    require_room_for(n)
     sizes = one_per_particle(radii, "radii", n)
     weights = one_per_particle(masses, "masses", n)
     return n, dim, float(np.sum(sphere_volume(sizes, dim))), sizes, weights

@@ -42,7 +42,7 @@ class Scene:
         Masses, positive.
     box : (d,) array_like
         Edge lengths. A periodic axis is at least two largest diameters long (so that no pair meets through two images at
-        once), a wall axis at least one.
+        once), a wall axis at least one; the longest at most 1e9 smallest diameters (so that coordinates resolve contacts).
     boundary : str or sequence of str
         ``"periodic"`` or ``"wall"`` (elastic, smooth), for all axes or one word for each.
 
@@ -66,7 +66,7 @@ class Scene:
     ------
     SceneError
         For the first thing that is wrong: shape, type, a value that is not finite or not positive, a particle beyond a
-        wall, a box too short, an overlap (the worst is named). Spheres may touch. They may also overlap, or reach beyond a
+        wall, a box too short or too long, an overlap (the worst is named). Spheres may touch. They may also overlap, or reach beyond a
         wall, by the rounding of coordinates in a box of this size, `contact_tolerance`: four units in the last place of
         the longest edge (9e-15 in a box of edge 10).
     """
@@ -125,6 +125,7 @@ class Scene:
         places = _wrapped(places, edges, periodic)
         _require_representable(places, speeds, sizes, weights, edges)
         _require_long_axes(sizes, edges, periodic)
+        _require_resolved(sizes, edges)
         tolerance = max(contact_tolerance(edges), spare * 2.0 * float(sizes.max()))
         _require_inside(places, sizes, edges, periodic, tolerance)
         _require_no_overlap(places, sizes, edges, periodic, tolerance)
@@ -467,6 +468,17 @@ def _require_long_axes(radii: Floats, box: Floats, periodic: Bools) -> None:
                 f"the box edge along {AXES[axis]} is {edge}, but a {kind} axis must be at least {times} largest "
                 f"diameter{plural} long, {needed}"
             )
+
+
+def _require_resolved(radii: Floats, box: Floats) -> None:
+    """Refuse a box in which coordinates are too coarse for its particles."""
+    smallest, rounding = 2.0 * float(radii.min()), contact_tolerance(box)
+    if rounding > LEFT_BY_ROUNDING * smallest:
+        axis = int(np.argmax(box))
+        raise SceneError(
+            f"the box edge along {AXES[axis]} is {box[axis]:.6g}, where rounding moves a coordinate by up to {rounding:.2g}: more "
+            f"than a millionth of the smallest diameter, {smallest:.6g}; take a smaller box (a higher packing fraction)"
+        )
 
 
 def _require_inside(positions: Floats, radii: Floats, box: Floats, periodic: Bools, tolerance: float) -> None:

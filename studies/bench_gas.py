@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 import hardspheres as hs
 from analysis import theory
+from hardspheres.memory import require_room_for
 from studies.fluid import FREEZING, RELAXED, THEORY_UP_TO, is_dense, maker, two_species
 
 __all__ = ["STARTS", "Gas"]
@@ -111,6 +112,7 @@ class Gas:
         SceneError
             If there is none.
         """
+        require_room_for(self.n)
         return self._repeated(seed) if self.repeated else self._piece(self.n, self.packing_fraction, seed)
 
     def _piece(self, n: int, packing_fraction: float, seed: int) -> hs.Scene:

@@ -6,6 +6,7 @@ before a study starts, so that `hardspheres --help` answers at once.
 
 from __future__ import annotations
 
+import math
 import signal
 import sys
 from dataclasses import replace
@@ -30,6 +31,10 @@ app = typer.Typer(
 
 
 ENDED = {130: "interrupted", 143: "terminated"}
+
+
+class OptionError(HardSpheresError):
+    """An option that makes no sense."""
 
 
 class Velocities(StrEnum):
@@ -58,7 +63,19 @@ def _everywhere(
     pass
 
 
-Out = Annotated[Path | None, typer.Option(help="Folder for the results.", show_default="runs/<study>-<seed>")]
+def _out(name: str) -> Path:
+    """Return the folder that --out names; an empty name is a mistake, not the present folder."""
+    if not name.strip():
+        raise OptionError("--out is empty; name a folder for the results")
+    return Path(name)
+
+
+Out = Annotated[
+    Path | None,
+    typer.Option(
+        help="Folder for the results.", show_default="runs/<study>-<seed>", parser=_out, metavar="PATH"
+    ),
+]
 Seed = Annotated[
     int, typer.Option(min=0, help="Source of every random choice: the same seed gives the same results.")
 ]
@@ -418,6 +435,8 @@ def _folder(out: Path | None, study: str, seed: int, checkpoint_every: float, re
     """Return the output folder of a study."""
     from studies.report import OutputFolder
 
+    if math.isnan(checkpoint_every):
+        raise OptionError("--checkpoint-every nan is no time; give seconds, inf for never")
     path = out or Path("runs") / f"{study}-{seed}"
     return OutputFolder(path, checkpoint_every=checkpoint_every, resume=resume)
 
@@ -458,6 +477,12 @@ def main() -> None:
         app()
     except HardSpheresError as error:
         print(f"error: {error}{_notes(error)}", file=sys.stderr)
+        raise SystemExit(2) from None
+    except MemoryError as error:
+        print(
+            f"error: there is not enough memory ({error}); ask for fewer particles{_notes(error)}",
+            file=sys.stderr,
+        )
         raise SystemExit(2) from None
     except KeyboardInterrupt as error:
         print(f"interrupted{_notes(error)}", file=sys.stderr)

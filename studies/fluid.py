@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 import hardspheres as hs
 from hardspheres.compression import order_of_crystal
+from hardspheres.memory import require_room_for
 from studies.ensemble import replica_seeds, run_replicas
 from studies.journal import Shelf
 from studies.report import Screen
@@ -82,9 +83,15 @@ def two_species(
     -------
     radii, masses : (n,) arrays
         Single numbers where both ratios are 1.
+
+    Raises
+    ------
+    SceneError
+        If there is not enough memory for so many.
     """
     if diameter_ratio == mass_ratio == 1.0:
         return 0.5, 1.0
+    require_room_for(n)
     second = np.arange(n) >= n - round(fraction * n)
     return np.where(second, 0.5 * diameter_ratio, 0.5), np.where(second, mass_ratio, 1.0)
 

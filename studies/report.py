@@ -160,6 +160,12 @@ class OutputFolder:
         CheckpointError
             If it holds an unfinished run that is not to be resumed, or none where one is.
         """
+        try:
+            self.path.exists()
+        except OSError as error:
+            raise OutputError(
+                f"{self.path} cannot be a folder: {error.strerror}; give another one with --out"
+            ) from error
         if self.path.exists() and not self.path.is_dir():
             raise OutputError(f"{self.path} exists and is not a folder; give another one with --out")
         parent = next(p for p in [self.path, *self.path.absolute().parents] if p.exists())

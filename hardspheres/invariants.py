@@ -1,0 +1,334 @@
+"""What holds at every moment of a simulation: conservation, no overlap, clocks that agree, and no coming event forgotten.
+
+The search for events is held against an exhaustive one, with the same formulas in NumPy: every event that the engine has written
+down is what the two rows say, to the last bit, and no contact comes before what is written down for its two particles.
+"""
+
+import itertools
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hardspheres.cells import CellGrid, distances
+from hardspheres.collision import discriminant_2d, discriminant_3d
+from hardspheres.errors import InvariantError
+from hardspheres.scene import contact_tolerance, returned_to_box
+
+if TYPE_CHECKING:
+    from hardspheres.simulation import Simulation
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+ALL_PAIRS_UP_TO = 512  # particles whose pairs are all looked at
+STAMP_BITS = 0xFFFFFFFF
+
+
+def verify(sim: "Simulation") -> None:
+    """Raise InvariantError for the first invariant that does not hold; see `Simulation.check`.
+
+    Parameters
+    ----------
+    sim : Simulation
+        At any moment; it stays as it is.
+
+    Raises
+    ------
+    InvariantError
+        Naming what broke, by how much, and what is allowed.
+    """
+    _counters_make_sense(sim)
+    _energy_and_momentum_are_kept(sim)
+    _nobody_overlaps(sim)
+    if not sim._engine._afresh:  # otherwise all that follows is found from the rows before the next event
+        search = _Search(sim)
+        if sim._engine.arrays.counter[sim._at.WINDOW_BUCKETS] == 0:
+            search.lists_are_complete()
+        if sim.scene.n <= ALL_PAIRS_UP_TO:
+            search.nothing_is_forgotten()
+
+
+def _require(holds: Any, sentence: str) -> None:
+    if not holds:
+        raise InvariantError(sentence)
+
+
+def _counters_make_sense(sim: "Simulation") -> None:
+    at, engine = sim._at, sim._engine
+    count, number, rows = engine.arrays.counter, engine.arrays.number, engine.rows
+    for name in ("EPOCH", "PAIRS", "WALL_HITS", "LATE", "STALE", "RENEWALS", "LONE"):
+        value = int(count[getattr(at, name)])
+        _require(0 <= value < 2**62, f"the counter {name} is {value}; it must lie between 0 and 2^62")
+    _require(np.isfinite(rows).all(), "a row holds a value that is not finite")
+    now = max(float(number[at.NOW]), 0.0)
+    _require(
+        (int(count[at.EPOCH]), now) <= (sim._epoch, sim._moment),
+        f"the last event, at {now} of epoch {count[at.EPOCH]}, lies after the simulation's time, {sim._moment} of epoch "
+        f"{sim._epoch}",
+    )
+    t = rows[:, at.T]
+    late = int(np.argmax(t))
+    _require(
+        t.min() >= 0.0 and t[late] <= now, f"row {late} is of time {t[late]}, after the last event at {now}"
+    )
+
+
+def _energy_and_momentum_are_kept(sim: "Simulation") -> None:
+    events = (sim.collisions + sim.wall_collisions) / sim.scene.n
+    allowed = max(1e-12, 0.5 * float(np.finfo(np.float64).eps) * events)
+    energy = sim.energy_drift
+    _require(
+        abs(energy) <= allowed,
+        f"kinetic energy changed by {energy:.3g} relative to the start; {allowed:.3g} is allowed",
+    )
+    for axis, momentum in zip("xyz", sim.momentum_drift.tolist(), strict=False):
+        _require(
+            abs(momentum) <= allowed,
+            f"momentum along {axis} changed by {momentum:.3g} of sum m |v|; {allowed:.3g} is allowed",
+        )
+
+
+def _nobody_overlaps(sim: "Simulation") -> None:
+    allowed = max(1e-11, contact_tolerance(sim.scene.box) / float(sim.scene.radii.min()))
+    overlap = sim.worst_overlap
+    _require(overlap <= allowed, f"particles overlap by {overlap:.3g} diameters; {allowed:.3g} is allowed")
+
+
+class _Search:
+    """What the engine has written down about coming events, and what follows from its rows."""
+
+    def __init__(self, sim: "Simulation") -> None:
+        self.at, self.arrays, self.scene = sim._at, sim._engine.arrays, sim.scene
+        at, rows, dim = self.at, sim._engine.rows, self.scene.dim
+        self.n = self.scene.n
+        self.x, self.v, self.t = rows[:, at.X : at.X + dim], rows[:, at.V : at.V + dim], rows[:, at.T]
+        self.now = max(float(self.arrays.number[at.NOW]), 0.0)
+        self.one_size = bool(np.all(self.scene.radii == self.scene.radii[0]))
+
+    # Lists.
+
+    def lists_are_complete(self) -> None:
+        """Every pair of centres that two shells and the contact distance reach is in both lists."""
+        at, scene = self.at, self.scene
+        events = self.arrays.event_float[: self.n * at.EVENT].reshape(self.n, at.EVENT)
+        centres = returned_to_box(events[:, at.CENTRE : at.CENTRE + scene.dim], scene.box, scene.periodic)
+        lists = self.arrays.neighbours[: self.n * int(self.arrays.counter[at.LIST_ROOM])].reshape(self.n, -1)
+        _require(
+            lists.min() >= 0 and lists.max() <= self.n, "a neighbour list names a particle that there is not"
+        )
+        shells = 2.0 * float(self.arrays.number[at.SHELL])
+        grid = CellGrid(centres, scene.box, scene.periodic, shells + 2.0 * float(scene.radii.max()))
+        for i, j in grid.pairs():
+            gap = distances(centres, centres, i, j, scene.box, scene.periodic)
+            near = gap < shells + scene.radii[i] + scene.radii[j]
+            i, j = i[near], j[near]
+            for one, other in ((i, j), (j, i)):
+                missing = np.flatnonzero(~np.any(lists[one] == other[:, None], axis=1))
+                if len(missing):
+                    a, b = int(one[missing[0]]), int(other[missing[0]])
+                    raise InvariantError(
+                        f"particle {b} is within reach of {a}, but not in its neighbour list"
+                    )
+
+    # Contacts.
+
+    def times(self, i: Ints, j: Ints, image: Floats) -> Floats:
+        """Contact times of pairs in given images, as `kernel.prediction` computes them."""
+        x, u, later = self._apart(i, j)
+        x = x - self.scene.box * image
+        sigma = 2.0 * self.scene.radii[i] if self.one_size else self.scene.radii[i] + self.scene.radii[j]
+        sigma2 = sigma * sigma
+        b, rr = x[:, 0] * u[:, 0] + x[:, 1] * u[:, 1], x[:, 0] * x[:, 0] + x[:, 1] * x[:, 1]
+        if self.scene.dim == 3:
+            b, rr = b + x[:, 2] * u[:, 2], rr + x[:, 2] * x[:, 2]
+            d = discriminant_3d(x[:, 0], x[:, 1], x[:, 2], u[:, 0], u[:, 1], u[:, 2], sigma2)
+        else:
+            d = discriminant_2d(x[:, 0], x[:, 1], u[:, 0], u[:, 1], sigma2)
+        root, c = np.sqrt(np.maximum(d, 0.0)), rr - sigma2
+        meet = (b < 0.0) & ((c <= 0.0) | (root > 0.0))
+        wait = np.full(len(b), math.inf)
+        np.divide(np.maximum(c, 0.0), root - b, out=wait, where=meet)
+        times: Floats = later + wait
+        return times
+
+    def _apart(self, i: Ints, j: Ints) -> tuple[Floats, Floats, Floats]:
+        """Separation and relative velocity at the later of the two local times, and that time."""
+        later = np.maximum(self.t[i], self.t[j])
+        there_i = self.x[i] + self.v[i] * (later - self.t[i])[:, None]
+        there_j = self.x[j] + self.v[j] * (later - self.t[j])[:, None]
+        return there_i - there_j, self.v[i] - self.v[j], later
+
+    def nearest_image(self, i: Ints, j: Ints, when: Any) -> Floats:
+        """Image, in boxes, in which a pair is nearest at some time; 0 on wall axes."""
+        x, u, later = self._apart(i, j)
+        ago = np.asarray(when - later)
+        image: Floats = np.where(self.scene.periodic, np.rint((x + u * ago[:, None]) / self.scene.box), 0.0)
+        return image
+
+    def images_around(self) -> list[tuple[int, ...]]:
+        """Return the steps from an image to those beside it."""
+        return list(itertools.product(*[(-1, 0, 1) if p else (0,) for p in self.scene.periodic]))
+
+    def all_contacts(self, until: float) -> tuple[Ints, Ints, Floats]:
+        """Every contact of two particles before a time, in the nearest image and those beside it that they can reach."""
+        i, j = np.triu_indices(self.n, 1)
+        nearest = self.nearest_image(i, j, np.full(len(i), self.now))
+        x, u, later = self._apart(i, j)
+        x = x + u * (self.now - later)[:, None] - self.scene.box * nearest
+        sigma = self.scene.radii[i] + self.scene.radii[j]
+        path = np.abs(u) * max(until - self.now, 0.0) + 1.001 * sigma[:, None]
+        reached = {step: np.abs(x - self.scene.box * step) <= path for step in (-1, 0, 1)}
+        found = []
+        for steps in self.images_around():
+            some = np.flatnonzero(
+                np.logical_and.reduce([reached[step][:, axis] for axis, step in enumerate(steps)])
+            )
+            times = self.times(i[some], j[some], nearest[some] + np.array(steps))
+            soon = times < until
+            found.append((i[some][soon], j[some][soon], times[soon]))
+        first, second, time = (np.concatenate(part) for part in zip(*found, strict=True))
+        return first, second, time
+
+    def walls(self) -> tuple[Floats, Ints]:
+        """When each particle meets its next wall, and which (n + 2 axis + side)."""
+        best, which = np.full(self.n, math.inf), np.full(self.n, -2)
+        radii, box = self.scene.radii, self.scene.box
+        for axis in np.flatnonzero(~self.scene.periodic):
+            x, v = self.x[:, axis], self.v[:, axis]
+            gap = np.where(v > 0.0, (box[axis] - radii) - x, x - radii)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                times = np.where(v != 0.0, self.t + np.maximum(gap, 0.0) / np.abs(v), math.inf)
+            sooner = times < best
+            best = np.where(sooner, times, best)
+            which = np.where(sooner, self.n + 2 * axis + (v > 0.0), which)
+        return best, which
+
+    def are_what_the_rows_say(self, i: Ints, partner: Ints, time: Floats) -> None:
+        """Every event that is written down is a contact, or a wall, at the time that the rows give, to the last bit."""
+        walls, which = self.walls()
+        is_pair = partner < self.n
+        right = ~is_pair & (time == walls[i]) & (partner == which[i])
+        pairs = np.flatnonzero(is_pair)
+        a, b, when = i[pairs], partner[pairs], time[pairs]
+        image = self.nearest_image(a, b, when)
+        for steps in self.images_around():
+            right[pairs] |= self.times(a, b, image + np.array(steps)) == when
+        if not right.all():
+            k = int(np.argmin(right))
+            raise InvariantError(
+                f"the event of {i[k]} with {partner[k]} is written down for {time[k]}, but their rows say otherwise"
+            )
+
+    # Pending events.
+
+    def nothing_is_forgotten(self) -> None:
+        """Compare all that is written down with all that is to come."""
+        if self.arrays.counter[self.at.WINDOW_BUCKETS]:
+            self._windows()
+        else:
+            self._lists()
+
+    def chain(self, slot: int) -> list[int]:
+        """Entries of a bucket."""
+        found, chunk = [], int(self.arrays.buckets[slot])
+        while chunk >= 0:
+            line = self.arrays.chunks[chunk * self.at.CHUNK : (chunk + 1) * self.at.CHUNK].tolist()
+            found += line[1 : 1 + (line[0] & 7)]
+            chunk = line[0] >> 3
+        return found
+
+    def _lists(self) -> None:
+        at, arrays = self.at, self.arrays
+        events = arrays.event[: self.n * at.EVENT].reshape(self.n, at.EVENT)
+        time = arrays.event_float[: self.n * at.EVENT].reshape(self.n, at.EVENT)[:, at.TIME]
+        partner = events[:, at.PARTNER]
+        known = np.where((partner >= 0) & (partner < self.n), partner, 0)
+        counts = (partner >= self.n) | (
+            (partner >= 0) & (arrays.version[known] == events[:, at.PARTNER_VERSION])
+        )
+        some = np.flatnonzero(counts)
+        self.are_what_the_rows_say(some, partner[some], time[some])
+        until = float(arrays.number[at.EPOCH_LENGTH])
+        first, second, contact = self.all_contacts(until)
+        for i, j, t in zip(first, second, contact, strict=True):
+            _require(
+                min(time[i], time[j]) <= t,
+                f"particles {i} and {j} meet at {t}, but neither has an event before {min(time[i], time[j])}",
+            )
+        walls, _ = self.walls()
+        _require(
+            np.all(time <= np.maximum(walls, time * (walls >= until))), "a wall comes before the next event"
+        )
+        self._shells(time, until)
+        self._calendar(time, events[:, at.STAMP], until)
+
+    def _shells(self, time: Floats, until: float) -> None:
+        """Nobody leaves the shell of its list before its next event."""
+        at, dim = self.at, self.scene.dim
+        centres = self.arrays.event_float[: self.n * at.EVENT].reshape(self.n, at.EVENT)
+        centres = centres[:, at.CENTRE : at.CENTRE + dim]
+        there = self.x + self.v * (np.minimum(time, until) - self.t)[:, None]
+        gone = np.sqrt(np.sum((there - centres) ** 2, axis=1))
+        shell = float(self.arrays.number[at.SHELL])
+        slack = 1e-7 * shell + contact_tolerance(self.scene.box)
+        far = int(np.argmax(gone))
+        _require(
+            gone[far] <= shell + slack, f"particle {far} leaves the shell of its list before its next event"
+        )
+
+    def _calendar(self, time: Floats, stamp: Ints, until: float) -> None:
+        """Each particle's event stands in its bucket."""
+        at, arrays = self.at, self.arrays
+        count = arrays.counter
+        year, bucket = int(count[at.BUCKETS]), int(count[at.BUCKET])
+        places: dict[int, set[int]] = {}
+        for entry in arrays.agenda_entry[: int(count[at.AGENDA_LENGTH])].tolist():
+            places.setdefault(entry, set()).add(-1)
+        for slot in range(year + 1):
+            for entry in self.chain(slot):
+                places.setdefault(entry, set()).add(slot)
+        for i in np.flatnonzero(time < until).tolist():
+            due = int(max(time[i], 0.0) * float(arrays.number[at.INVERSE_WIDTH]))
+            allowed = {-1} if due <= bucket else {due & (year - 1)}
+            if due >= (bucket // year + 1) * year:
+                allowed.add(year)
+            _require(
+                places.get(i << 32 | int(stamp[i]), set()) & allowed,
+                f"the next event of particle {i}, at {time[i]}, is not in the calendar where it should be",
+            )
+
+    def _windows(self) -> None:
+        at, arrays = self.at, self.arrays
+        count, number = arrays.counter, arrays.number
+        size, bucket = int(count[at.WINDOW_BUCKETS]), int(count[at.BUCKET])
+        last = bucket | (size - 1)
+        pending = [(c, -1) for c in arrays.agenda_entry[: int(count[at.AGENDA_LENGTH])].tolist()]
+        for slot in range((bucket & (size - 1)) + 1, size):
+            pending += [(c, slot) for c in self.chain(slot)]
+        numbers = np.array([c for c, _ in pending], dtype=np.int64)
+        entries = arrays.candidates[: int(count[at.CANDIDATES]) * at.CANDIDATE].reshape(-1, at.CANDIDATE)[
+            numbers
+        ]
+        when, pair, versions = entries[:, 0].view(np.float64), entries[:, 1], entries[:, 2]
+        i, j = pair >> 32, pair & STAMP_BITS
+        now = arrays.version[i].astype(np.int64) << 32
+        now |= np.where(
+            j < self.n, arrays.version[np.minimum(j, self.n - 1)].astype(np.int64) & STAMP_BITS, 0
+        )
+        valid = np.flatnonzero(now == versions)
+        self.are_what_the_rows_say(i[valid], j[valid], when[valid])
+        due = np.minimum((np.maximum(when, 0.0) * float(number[at.INVERSE_WIDTH])).astype(np.int64), last)
+        slots = np.array([slot for _, slot in pending], dtype=np.int64)
+        wrong = (slots >= 0) & ((due <= bucket) | (due & (size - 1) != slots)) | (slots < 0) & (due > bucket)
+        _require(not wrong[valid].any(), "a contact of this window is not in the bucket where it should be")
+        noted = set(zip(i[valid].tolist(), j[valid].tolist(), when[valid].tolist(), strict=True))
+        until = float(number[at.MIDDLE] + number[at.HALF_WINDOW])
+        to_come = list(zip(*(part.tolist() for part in self.all_contacts(until)), strict=True))
+        walls, which = self.walls()
+        to_come += [(k, int(which[k]), float(walls[k])) for k in np.flatnonzero(walls < until).tolist()]
+        for a, b, t in to_come:
+            _require(
+                (a, b, t) in noted, f"{a} and {b} meet at {t}, within this window, but that is not noted"
+            )
