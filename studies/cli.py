@@ -6,7 +6,6 @@ before a study starts, so that `hardspheres --help` answers at once.
 
 from __future__ import annotations
 
-import math
 import signal
 import sys
 from dataclasses import replace
@@ -435,8 +434,6 @@ def _folder(out: Path | None, study: str, seed: int, checkpoint_every: float, re
     """Return the output folder of a study."""
     from studies.report import OutputFolder
 
-    if math.isnan(checkpoint_every):
-        raise OptionError("--checkpoint-every nan is no time; give seconds, inf for never")
     path = out or Path("runs") / f"{study}-{seed}"
     return OutputFolder(path, checkpoint_every=checkpoint_every, resume=resume)
 
