@@ -122,7 +122,8 @@ class Recorded(Generic[Item, Result]):
             )
         else:
             result = self.task(item)
-        self.shelf.store(index, result)
+        with signals_held():
+            self.shelf.store(index, result)
         return result
 
 
