@@ -32,7 +32,7 @@ MOST_MEMBERS = 100
 LEFTOVER = re.compile(r"\.checkpoint-(\d+)-[0-9a-f]{8}\.tmp")
 
 
-def write_archive(path: str | os.PathLike[str], arrays: Arrays) -> None:
+def write_archive(path: str | os.PathLike[str], arrays: Arrays, *, durable: bool = True) -> None:
     """Write named arrays to a file that a crash leaves either old or new.
 
     They go to a temporary file in the same folder, which is flushed to the disk and renamed. What writers that were killed have
@@ -44,6 +44,8 @@ def write_archive(path: str | os.PathLike[str], arrays: Arrays) -> None:
         The file, replaced if it exists.
     arrays : dict of str to array
         Arrays of float64, int64 or uint8.
+    durable : bool, default True
+        Wait for the disk. Without, a power failure may tear the file (its checksum tells); a crash of the process may not.
 
     Raises
     ------
@@ -59,10 +61,12 @@ def write_archive(path: str | os.PathLike[str], arrays: Arrays) -> None:
         with open(temporary, "x+b") as file:
             _write_members(file, arrays)
             _seal(file)
-            file.flush()
-            os.fsync(file.fileno())
+            if durable:
+                file.flush()
+                os.fsync(file.fileno())
         os.replace(temporary, target)
-        _sync_folder(target.parent)
+        if durable:
+            _sync_folder(target.parent)
     except OSError as error:
         raise CheckpointError(
             f"the checkpoint {target} cannot be written: {error.strerror or error}; make room, or give another path"

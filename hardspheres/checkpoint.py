@@ -45,21 +45,7 @@ def save(sim: "Simulation", path: str | PathLike[str]) -> None:
     CheckpointError
         When the file cannot be written.
     """
-    from hardspheres import __version__
-
-    sim._keep_clock()
-    about = {
-        "format": FORMAT,
-        "version": VERSION,
-        "package": __version__,
-        "boundary": list(sim.scene.boundary),
-        "epoch_length": sim._length,
-        "clock": [sim._epoch, sim._moment],
-        "tallied_since": list(sim._since),
-    }
-    text = np.frombuffer(json.dumps(about).encode(), dtype=np.uint8)
-    scene = {name: getattr(sim.scene, name) for name in SCENE}
-    write_archive(path, {"about": text} | scene | sim._engine.state())
+    write_archive(path, to_arrays(sim))
 
 
 def load(cls: "type[AnySimulation]", path: str | PathLike[str], log: Any = None) -> "AnySimulation":
@@ -86,21 +72,46 @@ def load(cls: "type[AnySimulation]", path: str | PathLike[str], log: Any = None)
     """
     arrays = read_archive(path)
     try:
-        about = _read_about(arrays)
-        flights = "flight" in arrays
-        if log is not None and not flights:
-            raise CheckpointError(
-                "log=... needs what only a simulation with free_paths=True or a log keeps, and this was none"
-            )
-        sim = cls(_scene(arrays, about), free_paths=flights and log is None, log=log)
-        _require_like(arrays, sim._engine.state())
-        _require_state(sim, arrays, about)
-        sim._engine.restore(arrays)
-        sim._epoch, sim._moment = about["clock"]
-        sim._since = tuple(about["tallied_since"])
-        _require_as_left(sim)
+        return from_arrays(cls, arrays, log)
     except CheckpointError as error:
         raise CheckpointError(f"{path} cannot be used: {error}") from None
+
+
+def to_arrays(sim: "Simulation") -> Arrays:
+    """Return what a checkpoint of a simulation consists of (views)."""
+    from hardspheres import __version__
+
+    sim._keep_clock()
+    about = {
+        "format": FORMAT,
+        "version": VERSION,
+        "package": __version__,
+        "boundary": list(sim.scene.boundary),
+        "epoch_length": sim._length,
+        "clock": [sim._epoch, sim._moment],
+        "tallied_since": list(sim._since),
+    }
+    text = np.frombuffer(json.dumps(about).encode(), dtype=np.uint8)
+    scene = {name: getattr(sim.scene, name) for name in SCENE}
+    arrays: Arrays = {"about": text} | scene | sim._engine.state()
+    return arrays
+
+
+def from_arrays(cls: "type[AnySimulation]", arrays: Arrays, log: Any = None) -> "AnySimulation":
+    """Return the simulation that consists of these arrays; CheckpointError where there is none."""
+    about = _read_about(arrays)
+    flights = "flight" in arrays
+    if log is not None and not flights:
+        raise CheckpointError(
+            "log=... needs what only a simulation with free_paths=True or a log keeps, and this was none"
+        )
+    sim = cls(_scene(arrays, about), free_paths=flights and log is None, log=log)
+    _require_like(arrays, sim._engine.state())
+    _require_state(sim, arrays, about)
+    sim._engine.restore(arrays)
+    sim._epoch, sim._moment = about["clock"]
+    sim._since = tuple(about["tallied_since"])
+    _require_as_left(sim)
     return sim
 
 

@@ -242,11 +242,14 @@ class TrajectoryWriter:
     ----------
     path : str or path-like
         ``.xyz`` or ``.extxyz`` for extended xyz, ``.traj`` for ASE's binary format; replaced if it exists.
+    keep : int, default 0
+        Keep so many frames of the file that exists and write on after them; what follows them, such as a frame that was
+        half written when a run was killed, is cut off.
 
     Raises
     ------
     TrajectoryError
-        When the extension is another one, or the file cannot be written.
+        When the extension is another one, the file cannot be written, or it has fewer frames than are to be kept.
 
     Examples
     --------
@@ -255,27 +258,26 @@ class TrajectoryWriter:
     ...         trajectory.write(frame)
     """
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
+    def __init__(self, path: str | os.PathLike[str], *, keep: int = 0) -> None:
         self.path = Path(path)
         if self.path.suffix not in (".xyz", ".extxyz", ".traj"):
             raise TrajectoryError(
                 f"{self.path} has the extension {self.path.suffix!r}; a trajectory ends in .xyz, .extxyz or .traj"
             )
         try:
-            self._open()
+            self._open(keep)
         except OSError as error:
             raise self._unwritable(error) from error
 
-    def _open(self) -> None:
+    def _open(self, keep: int) -> None:
         self._text: io.TextIOWrapper | None = None
         self._binary: Any = None
         if self.path.suffix == ".traj":
-            import ase.io.trajectory
-
-            binary: Any = ase.io.trajectory.TrajectoryWriter
-            self._binary = binary(str(self.path), "w")
+            self._binary = _binary_after(self.path, keep)
         else:
-            self._text = self.path.open("w", encoding="utf-8", newline="\n")
+            end = _end_of_frames(self.path, keep) if keep else 0
+            self._text = self.path.open("a" if keep else "w", encoding="utf-8", newline="\n")
+            self._text.truncate(end)
 
     def write(self, frame: Scene | FrameLike) -> None:
         """Append a frame or a scene.
@@ -326,6 +328,54 @@ class TrajectoryWriter:
         except TrajectoryError:
             if error is None:  # after a failed write the first error is the one to show
                 raise
+
+
+def _too_short(path: Path, there: int, keep: int) -> TrajectoryError:
+    return TrajectoryError(f"{path} has {there} whole frames, so {keep} of them cannot be kept")
+
+
+def _end_of_frames(path: Path, count: int) -> int:
+    """Return the length in bytes of the first frames of an xyz file."""
+    with path.open("rb") as handle:
+        for frame in range(count):
+            head = handle.readline()
+            rest = int(head) + 1 if head.strip().isdigit() else 0
+            lines = [handle.readline() for _ in range(rest)]
+            if not lines or not lines[-1].endswith(b"\n"):
+                raise _too_short(path, frame, count)
+        return handle.tell()
+
+
+def _binary_after(path: Path, keep: int) -> Any:
+    """Return ASE's writer after the first frames of a file, which are copied: the format cannot be cut."""
+    import ase.io.trajectory as ase_trajectory
+
+    open_writer: Any = ase_trajectory.TrajectoryWriter
+    if not keep:
+        return open_writer(str(path), "w")
+    copy = path.with_name(f".{path.name}.kept")
+    try:
+        with open_writer(str(copy), "w") as writer, _binary_frames(path) as frames:
+            if len(frames) < keep:
+                raise _too_short(path, len(frames), keep)
+            for index in range(keep):
+                writer.write(frames[index])
+        os.replace(copy, path)
+    finally:
+        copy.unlink(missing_ok=True)
+    return open_writer(str(path), "a")
+
+
+def _binary_frames(path: Path) -> Any:
+    import ase.io.trajectory as ase_trajectory
+
+    reader: Any = ase_trajectory.TrajectoryReader
+    try:
+        return reader(str(_existing(path)))
+    except TrajectoryError:
+        raise
+    except Exception as error:  # a torn header fails in its own way
+        raise _unreadable(str(path), error) from error
 
 
 def read_structure(path: str | os.PathLike[str], index: int = -1) -> Any:

@@ -146,43 +146,47 @@ def calibration(study: Calibrations, out: OutputFolder, screen: Screen) -> tuple
     """
     began = time.perf_counter()
     study.check()
-    out.check()
+    out.check(study)
     with screen.working("compiling the engine (once for each kind of gas on this machine)"):
         for name in study.families:
             calibration_runs.FAMILIES[name].load()
     ready = time.perf_counter()
-    out.create()
-    seeds = replica_seeds(study.seed, study.runs * len(study.families))
-    items = [
-        (name, seeds[k * study.runs + r]) for k, name in enumerate(study.families) for r in range(study.runs)
-    ]
-    with screen.progress("runs", len(items)) as advance:
-        results = run_replicas(calibration_runs.measure, items, workers=study.workers, done=advance)
-    ran = time.perf_counter()
-    rows = [
-        row
-        for k, name in enumerate(study.families)
-        for row in rows_of(name, results[k * study.runs : (k + 1) * study.runs])
-    ]
-    out.write_csv("calibration.csv", _columns(rows))
-    from studies.calibration_figure import figure
+    with out.running(study) as shelf:
+        seeds = replica_seeds(study.seed, study.runs * len(study.families))
+        items = [
+            (name, seeds[k * study.runs + r])
+            for k, name in enumerate(study.families)
+            for r in range(study.runs)
+        ]
+        with screen.progress("runs", len(items)) as advance:
+            results = run_replicas(
+                calibration_runs.measure, items, workers=study.workers, done=advance, shelf=shelf
+            )
+        ran = time.perf_counter()
+        rows = [
+            row
+            for k, name in enumerate(study.families)
+            for row in rows_of(name, results[k * study.runs : (k + 1) * study.runs])
+        ]
+        out.write_csv("calibration.csv", _columns(rows))
+        from studies.calibration_figure import figure
 
-    with screen.working("drawing"):
-        out.save_figure("calibration.png", figure(rows))
-    failures = [f"{row.family}, {row.name}: {row.result}" for row in rows if not row.result.passed]
-    summary = {
-        "study": "calibration",
-        "version": hs.__version__,
-        "seed": study.seed,
-        "options": {"runs": study.runs, "families": study.families},
-        "workers": available_cores() if study.workers is None else study.workers,
-        "families": {name: calibration_runs.FAMILIES[name].text for name in study.families},
-        "rows": [_row_summary(row) for row in rows],
-        "checks": {"passed": not failures, "failures": failures},
-        "files": sorted({*out.files, "calibration.csv", "summary.json"}),
-        "seconds": seconds_taken(began, ready, ran, work="runs"),
-    }
-    out.write_json("summary.json", summary)
+        with screen.working("drawing"):
+            out.save_figure("calibration.png", figure(rows))
+        failures = [f"{row.family}, {row.name}: {row.result}" for row in rows if not row.result.passed]
+        summary = {
+            "study": "calibration",
+            "version": hs.__version__,
+            "seed": study.seed,
+            "options": {"runs": study.runs, "families": study.families},
+            "workers": available_cores() if study.workers is None else study.workers,
+            "families": {name: calibration_runs.FAMILIES[name].text for name in study.families},
+            "rows": [_row_summary(row) for row in rows],
+            "checks": {"passed": not failures, "failures": failures},
+            "files": sorted({*out.files, "calibration.csv", "summary.json"}),
+            "seconds": seconds_taken(began, ready, ran, work="runs"),
+        }
+        out.write_json("summary.json", summary)
     _print(screen, study, rows, summary, out)
     return summary, not failures
 

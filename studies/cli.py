@@ -1,6 +1,6 @@
 """The console script `hardspheres`: options in, a study run, an exit code out.
 
-Exit codes: 0 done, 1 a check failed, 2 bad input, 130 interrupted, 143 terminated. Nothing heavy is imported
+Exit codes: 0 done, 1 a check failed, 2 bad input or output that cannot be written, 130 interrupted, 143 terminated. Nothing heavy is imported
 before a study starts, so that `hardspheres --help` answers at once.
 """
 
@@ -27,6 +27,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+
+ENDED = {130: "interrupted", 143: "terminated"}
 
 
 class OptionError(HardSpheresError):
@@ -78,6 +81,16 @@ Seed = Annotated[
 Workers = Annotated[
     int | None,
     typer.Option(min=1, help="Processes; the results do not depend on it.", show_default="all cores"),
+]
+CheckpointEvery = Annotated[
+    float,
+    typer.Option(min=0, help="Seconds of wall time between two checkpoints of a run.", metavar="SECONDS"),
+]
+Resume = Annotated[
+    bool,
+    typer.Option(
+        "--resume", help="Go on with the unfinished run in the folder, begun with the same options."
+    ),
 ]
 Json = Annotated[
     bool, typer.Option("--json", help="Print summary.json on standard output, the rest on standard error.")
@@ -142,6 +155,8 @@ def thermalise(
         bool, typer.Option("--animate", help="Write gas.gif, the first replica in motion.")
     ] = False,
     out: Out = None,
+    checkpoint_every: CheckpointEvery = 60.0,
+    resume: Resume = False,
     json: Json = False,
 ) -> None:
     """Watch a gas relax to Maxwell and Boltzmann's velocities.
@@ -150,7 +165,7 @@ def thermalise(
     particle, averaged over replicas, beside the Boltzmann equation. Writes a summary, a table, pictures and a
     trajectory.
     """
-    from studies.report import OutputFolder, Screen
+    from studies.report import Screen
     from studies.thermalisation import Recipe, Thermalisation, thermalise
 
     made = {"n": n, "dim": dim, "packing_fraction": packing_fraction, "boundary": _boundary(boundary)}
@@ -181,7 +196,7 @@ def thermalise(
         given |= {} if temperature is None else {"temperature": temperature}
         study = Thermalisation(recipe=Recipe(**given), **common)  # type: ignore[arg-type]
     screen = Screen(json)
-    folder = OutputFolder(out or Path("runs") / f"thermalise-{seed}")
+    folder = _folder(out, "thermalise", seed, checkpoint_every, resume)
     _finish(screen, _precisely(thermalise, study, folder, screen, until_error))
 
 
@@ -313,6 +328,8 @@ def pressure(
     seed: Seed = 1,
     workers: Workers = None,
     out: Out = None,
+    checkpoint_every: CheckpointEvery = 60.0,
+    resume: Resume = False,
     json: Json = False,
 ) -> None:
     """Measure the equation of state of the fluid, beside theory.
@@ -323,7 +340,7 @@ def pressure(
     from studies.fluid import Fluid
     from studies.pressure import EquationOfState, equation_of_state
     from studies.pressure import packing_fractions as parsed
-    from studies.report import OutputFolder, Screen
+    from studies.report import Screen
 
     _require_two(diameter_ratio, mass_ratio, fraction)
     walls = _boundary(boundary) or "periodic"
@@ -331,7 +348,7 @@ def pressure(
     study = EquationOfState(
         parsed(packing_fractions), fluid, collisions_per_particle, replicas, seed, workers
     )
-    screen, folder = Screen(json), OutputFolder(out or Path("runs") / f"pressure-{seed}")
+    screen, folder = Screen(json), _folder(out, "pressure", seed, checkpoint_every, resume)
     if not suite:
         _finish(screen, _precisely(equation_of_state, study, folder, screen, until_error))
         return
@@ -362,6 +379,8 @@ def free_path(
     seed: Seed = 1,
     workers: Workers = None,
     out: Out = None,
+    checkpoint_every: CheckpointEvery = 60.0,
+    resume: Resume = False,
     json: Json = False,
 ) -> None:
     """Measure how far particles fly between collisions, beside kinetic theory.
@@ -373,14 +392,14 @@ def free_path(
     from studies.free_path import FreePaths
     from studies.free_path import free_path as run
     from studies.pressure import packing_fractions as parsed
-    from studies.report import OutputFolder, Screen
+    from studies.report import Screen
 
     _require_two(diameter_ratio, mass_ratio, fraction)
     share = 0.5 if fraction is None else fraction
     fluid = Fluid(n, dim, 0.3, "periodic", diameter_ratio, mass_ratio, share)
     study = FreePaths(parsed(packing_fractions), fluid, collisions_per_particle, replicas, seed, workers)
     screen = Screen(json)
-    _finish(screen, run(study, OutputFolder(out or Path("runs") / f"free-path-{seed}"), screen))
+    _finish(screen, run(study, _folder(out, "free-path", seed, checkpoint_every, resume), screen))
 
 
 @app.command()
@@ -396,6 +415,8 @@ def diffusion(
     seed: Seed = 1,
     workers: Workers = None,
     out: Out = None,
+    checkpoint_every: CheckpointEvery = 60.0,
+    resume: Resume = False,
     json: Json = False,
 ) -> None:
     """Measure self-diffusion in a periodic box, beside Enskog's theory.
@@ -406,12 +427,12 @@ def diffusion(
     from studies.diffusion import SelfDiffusion, self_diffusion
     from studies.fluid import Fluid
     from studies.pressure import packing_fractions as parsed
-    from studies.report import OutputFolder, Screen
+    from studies.report import Screen
 
     fluid = Fluid(n=n, dim=dim)
     study = SelfDiffusion(parsed(packing_fractions), fluid, collisions_per_particle, replicas, seed, workers)
     screen = Screen(json)
-    folder = OutputFolder(out or Path("runs") / f"diffusion-{seed}")
+    folder = _folder(out, "diffusion", seed, checkpoint_every, resume)
     _finish(screen, _precisely(self_diffusion, study, folder, screen, until_error))
 
 
@@ -434,6 +455,8 @@ def mixture(
     seed: Seed = 1,
     workers: Workers = None,
     out: Out = None,
+    checkpoint_every: CheckpointEvery = 60.0,
+    resume: Resume = False,
     json: Json = False,
 ) -> None:
     """Watch two species of different temperatures come to one, beside kinetic theory.
@@ -444,13 +467,13 @@ def mixture(
     from studies.fluid import Fluid
     from studies.mixture import Mixture
     from studies.mixture import mixture as run
-    from studies.report import OutputFolder, Screen
+    from studies.report import Screen
 
     share = 0.5 if fraction is None else fraction
     fluid = Fluid(n, dim, packing_fraction, "periodic", diameter_ratio, mass_ratio, share)
     study = Mixture(fluid, temperature_ratio, relaxation_times, replicas, seed, workers)
     screen = Screen(json)
-    folder = OutputFolder(out or Path("runs") / f"mixture-{seed}")
+    folder = _folder(out, "mixture", seed, checkpoint_every, resume)
     _finish(screen, _precisely(run, study, folder, screen, until_error))
 
 
@@ -498,6 +521,8 @@ def calibration(
     seed: Seed = 1,
     workers: Workers = None,
     out: Out = None,
+    checkpoint_every: CheckpointEvery = 60.0,
+    resume: Resume = False,
     json: Json = False,
 ) -> None:
     """Test the error bars: (value - truth) / standard error of every estimator, over many short runs.
@@ -507,9 +532,9 @@ def calibration(
     """
     from studies.calibration import Calibrations
     from studies.calibration import calibration as run
-    from studies.report import OutputFolder, Screen
+    from studies.report import Screen
 
-    screen, folder = Screen(json), OutputFolder(out or Path("runs") / f"calibration-{seed}")
+    screen, folder = Screen(json), _folder(out, "calibration", seed, checkpoint_every, resume)
     _finish(screen, run(Calibrations(runs, seed, workers), folder, screen))
 
 
@@ -538,6 +563,42 @@ def hard_cases(
 
     chosen, groups, screen = size_named(size), groups_named(only), Screen(json)
     _finish(screen, run(chosen, groups, OutputFolder(out or Path("runs") / f"hard-cases-{size}"), screen))
+
+
+@app.command()
+def soak(
+    collisions: Annotated[
+        int, typer.Option(min=1000, help="Pair collisions of the fluid; the mixture gets a tenth.")
+    ] = 1_000_000_000,
+    n: Annotated[int, typer.Option(min=2, help="Particles in each gas.")] = 4000,
+    dim: Annotated[int, typer.Option(min=2, max=3, help="Dimension.")] = 3,
+    seed: Seed = 1,
+    workers: Workers = None,
+    out: Out = None,
+    checkpoint_every: CheckpointEvery = 60.0,
+    resume: Resume = False,
+    json: Json = False,
+) -> None:
+    """Run two gases for very long and watch what must not change.
+
+    Energy, momentum, overlaps, late events and resident memory of a fluid at packing fraction 0.3, and of a mixture
+    between walls. Takes about half an hour on two cores. Writes a summary and a table.
+    """
+    from studies.report import Screen
+    from studies.soak import Soak
+    from studies.soak import soak as run
+
+    screen = Screen(json)
+    study = Soak(n, dim, collisions, seed, workers)
+    _finish(screen, run(study, _folder(out, "soak", seed, checkpoint_every, resume), screen))
+
+
+def _folder(out: Path | None, study: str, seed: int, checkpoint_every: float, resume: bool) -> Any:
+    """Return the output folder of a study."""
+    from studies.report import OutputFolder
+
+    path = out or Path("runs") / f"{study}-{seed}"
+    return OutputFolder(path, checkpoint_every=checkpoint_every, resume=resume)
 
 
 def _finish(screen: Any, result: tuple[dict[str, Any], bool]) -> None:
@@ -575,14 +636,29 @@ def main() -> None:
     try:
         app()
     except HardSpheresError as error:
-        print(f"error: {error}", file=sys.stderr)
+        print(f"error: {error}{_notes(error)}", file=sys.stderr)
         raise SystemExit(2) from None
     except MemoryError as error:
-        print(f"error: there is not enough memory ({error}); ask for fewer particles", file=sys.stderr)
+        print(
+            f"error: there is not enough memory ({error}); ask for fewer particles{_notes(error)}",
+            file=sys.stderr,
+        )
         raise SystemExit(2) from None
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
+    except KeyboardInterrupt as error:
+        print(f"interrupted{_notes(error)}", file=sys.stderr)
         raise SystemExit(130) from None
+    except SystemExit as error:
+        if error.code in ENDED:
+            print(f"{ENDED[error.code]}{_notes(error)}", file=sys.stderr)
+        raise
+
+
+def _notes(error: BaseException | None) -> str:
+    """Return what was noted on an error's way here, and on that of those which it came from."""
+    if error is None:
+        return ""
+    own = "".join(f"; {note}" for note in getattr(error, "__notes__", ()))
+    return own or _notes(error.__cause__ or error.__context__)
 
 
 if __name__ == "__main__":

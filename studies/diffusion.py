@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -26,10 +26,12 @@ from studies.report import (
     Screen,
     alarming,
     checks_of,
+    engine_of,
     estimate_json,
     say_checks,
     seconds_taken,
 )
+from studies.resuming import Resumable, until
 
 __all__ = ["DiffusionState", "SelfDiffusion", "Walks", "self_diffusion"]
 
@@ -109,8 +111,21 @@ class _Walk:
     seconds: float
 
 
+def _mean_free_time(fluid: Fluid) -> float:
+    return 1.0 / float(theory.collision_rate(fluid.packing_fraction, fluid.dim))
+
+
+@dataclass
+class _Walking:
+    """A replica on its way: `diffusion` has seen `done` moments."""
+
+    simulation: hs.Simulation
+    diffusion: Diffusion
+    done: int = 0
+
+
 @dataclass(frozen=True)
-class Walks:
+class Walks(Resumable[tuple[Fluid, np.random.SeedSequence], _Walking, _Walk]):
     """The task that turns a fluid and a seed into one measured replica.
 
     Attributes
@@ -121,17 +136,26 @@ class Walks:
 
     collisions_per_particle: float
 
-    def __call__(self, item: tuple[Fluid, np.random.SeedSequence]) -> _Walk:
-        """Run one replica."""
+    def begin(self, item: tuple[Fluid, np.random.SeedSequence]) -> _Walking:
+        """Make the gas."""
         fluid, seed = item
-        began = time.perf_counter()
-        simulation = hs.Simulation(fluid.scene(seed))
-        fluid.settle(simulation)
-        mean_free_time = 1.0 / float(theory.collision_rate(fluid.packing_fraction, fluid.dim))
-        diffusion = Diffusion(POINTS).add(simulation)
-        for _ in range(math.ceil(self.collisions_per_particle / SPACING)):
-            simulation.run(time=SPACING * mean_free_time)
-            diffusion.add(simulation)
+        return _Walking(hs.Simulation(fluid.scene(seed)), Diffusion(POINTS))
+
+    def steps(self, item: tuple[Fluid, np.random.SeedSequence], state: _Walking) -> Iterator[None]:
+        """Let it settle, then look at it at equally spaced times."""
+        fluid, simulation = item[0], state.simulation
+        yield from until(simulation, fluid.settled)
+        for moment in range(state.done, math.ceil(self.collisions_per_particle / SPACING) + 1):
+            if moment > 0:
+                simulation.run(time=SPACING * _mean_free_time(fluid))
+            state.diffusion.add(simulation)
+            state.done += 1
+            yield
+
+    def result(self, item: tuple[Fluid, np.random.SeedSequence], state: _Walking, seconds: float) -> _Walk:
+        """Return what was measured."""
+        fluid, simulation, diffusion = item[0], state.simulation, state.diffusion
+        mean_free_time = _mean_free_time(fluid)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SeriesWarning)  # the error comes from the replicas
             slope = diffusion.diffusion((WINDOW[0] * mean_free_time, WINDOW[1] * mean_free_time)).value
@@ -144,7 +168,7 @@ class Walks:
             ordered(simulation),
             broken(simulation),
             simulation.status(),
-            time.perf_counter() - began,
+            seconds,
         )
 
 
@@ -257,32 +281,33 @@ def self_diffusion(study: SelfDiffusion, out: OutputFolder, screen: Screen) -> t
     """
     began = time.perf_counter()
     study.check()
-    out.check()
+    out.check(study)
     fluids = study.fluids
     with screen.working("compiling the engine (once for each kind of gas on this machine)"):
         load_kernels(fluids)
     ready = time.perf_counter()
-    out.create()
-    walks = run_fluids(
-        Walks(study.collisions_per_particle),
-        fluids,
-        seed=study.seed,
-        replicas=study.replicas,
-        workers=study.workers,
-        screen=screen,
-    )
-    ran = time.perf_counter()
-    states = [combine(fluid, own) for fluid, own in zip(fluids, walks, strict=True)]
+    with out.running(study) as shelf:
+        walks = run_fluids(
+            Walks(study.collisions_per_particle),
+            fluids,
+            seed=study.seed,
+            replicas=study.replicas,
+            workers=study.workers,
+            screen=screen,
+            shelf=shelf,
+        )
+        ran = time.perf_counter()
+        states = [combine(fluid, own) for fluid, own in zip(fluids, walks, strict=True)]
 
-    out.write_csv("diffusion.csv", _columns(states))
-    out.write_csv("correlations.csv", _correlations(states))
-    from studies.diffusion_figure import figure
+        out.write_csv("diffusion.csv", _columns(states))
+        out.write_csv("correlations.csv", _correlations(states))
+        from studies.diffusion_figure import figure
 
-    with screen.working("drawing"):
-        out.save_figure("diffusion.png", figure(states))
-    summary = _summary(study, states, [walk for own in walks for walk in own], out)
-    summary["seconds"] = seconds_taken(began, ready, ran, work="runs")
-    out.write_json("summary.json", summary)
+        with screen.working("drawing"):
+            out.save_figure("diffusion.png", figure(states))
+        summary = _summary(study, states, [walk for own in walks for walk in own], out)
+        summary["seconds"] = seconds_taken(began, ready, ran, work="runs")
+        out.write_json("summary.json", summary)
     _print(screen, study, states, summary, out)
     return summary, bool(summary["checks"]["passed"])
 
@@ -354,7 +379,7 @@ def _summary(
         "collisions": collisions,
         "collisions_per_second_and_core": collisions / sum(walk.seconds for walk in walks),
         "checks": checks_of(statuses, failures) | {"alarm_in_standard_errors": ALARM},
-        "engine": statuses[0],
+        "engine": engine_of(statuses[0]),
         "files": sorted({*out.files, "summary.json"}),
         "seconds": {},
     }

@@ -6,18 +6,25 @@ import contextlib
 import multiprocessing
 import os
 import signal
-from collections.abc import Callable, Iterator, Sequence
+import threading
+import time
+from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, as_completed
+from multiprocessing.process import BaseProcess
 from typing import TypeVar
 
 import numpy as np
 
 from hardspheres.errors import SimulationError
+from studies.journal import Shelf
+from studies.resuming import Recorded
 
 __all__ = ["available_cores", "replica_seeds", "run_replicas", "spawned_processes"]
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+
+PATIENCE = 5.0  # seconds in which a worker may save what it has
 
 
 def replica_seeds(seed: int, count: int) -> list[np.random.SeedSequence]:
@@ -42,9 +49,10 @@ def available_cores() -> int:
 
 @contextlib.contextmanager
 def spawned_processes(workers: int) -> Iterator[Executor]:
-    """Yield a pool of spawned worker processes, none of which outlives the context.
+    """Yield a pool of spawned worker processes, none of which outlives the context or this process.
 
-    Ctrl-C reaches this process alone: workers ignore it and are ended from here.
+    Ctrl-C reaches this process alone: workers ignore it, and are asked from here to save what they have and to end. Who has
+    not done so after `PATIENCE` is ended.
 
     Parameters
     ----------
@@ -53,12 +61,11 @@ def spawned_processes(workers: int) -> Iterator[Executor]:
     """
     before = set(multiprocessing.active_children())
     context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_ignore_interrupts)
+    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_prepare_worker)
     try:
         yield pool
     except BaseException:
-        for child in set(multiprocessing.active_children()) - before:
-            child.terminate()
+        _end(set(multiprocessing.active_children()) - before)
         pool.shutdown(
             cancel_futures=True
         )  # a worker just being started is no child yet: it shall find nothing to do
@@ -66,8 +73,26 @@ def spawned_processes(workers: int) -> Iterator[Executor]:
     pool.shutdown()
 
 
-def _ignore_interrupts() -> None:
+def _prepare_worker() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _end(children: Collection[BaseProcess]) -> None:
+    deadline = time.monotonic() + PATIENCE
+    for child in children:
+        child.terminate()  # which waits for what is being saved, see `studies.resuming`
+    for child in children:
+        child.join(max(deadline - time.monotonic(), 0.0))
+    for child in children:
+        child.kill()
 
 
 def run_replicas(
@@ -77,6 +102,7 @@ def run_replicas(
     workers: int | None = None,
     executor: Executor | None = None,
     done: Callable[[], None] | None = None,
+    shelf: Shelf | None = None,
 ) -> list[Result]:
     """Apply a task to every item and return the results in the order of the items.
 
@@ -96,6 +122,9 @@ def run_replicas(
         Used instead of processes of our own; it is not shut down.
     done : callable, optional
         Called without arguments after each finished item.
+    shelf : Shelf, optional
+        Where results are kept; what is there already is not computed again, and a `Resumable` task goes on from where it
+        was left.
 
     Returns
     -------
@@ -113,17 +142,26 @@ def run_replicas(
     count = available_cores() if workers is None else workers
     if count < 1:
         raise ValueError(f"workers = {count}; expected at least 1")
+    if shelf is not None:
+        kept = [shelf.result(index) for index in range(len(items))]
+        rest = [(index, item) for index, item in enumerate(items) if kept[index] is None]
+        for _ in range(len(items) - len(rest)):
+            if done is not None:
+                done()
+        fresh = run_replicas(Recorded(task, shelf), rest, workers=workers, executor=executor, done=done)
+        results = iter(fresh)
+        return [next(results) if found is None else found[0] for found in kept]
     if executor is not None:
         return _collect(task, items, executor, done, cancel=True)
     if min(count, len(items)) > 1:
         with spawned_processes(min(count, len(items))) as pool:
             return _collect(task, items, pool, done, cancel=False)  # the pool is ended instead
-    results = []
+    found = []
     for item in items:
-        results.append(task(item))
+        found.append(task(item))
         if done is not None:
             done()
-    return results
+    return found
 
 
 def _collect(

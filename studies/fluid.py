@@ -20,6 +20,7 @@ from analysis.memory import remembered
 from hardspheres.compression import order_of_crystal
 from hardspheres.memory import require_room_for
 from studies.ensemble import replica_seeds, run_replicas
+from studies.journal import Shelf
 from studies.report import Screen
 
 __all__ = [
@@ -168,9 +169,14 @@ class Fluid:
             seed=seed,
         )
 
+    @property
+    def settled(self) -> int:
+        """Pair collisions after which a run that began with `scene` has come through `discarded`."""
+        return math.ceil(self.discarded * self.n / 2)
+
     def settle(self, simulation: hs.Simulation) -> int:
         """Run for `discarded` and return how many pair collisions that were."""
-        simulation.run(collisions=math.ceil(self.discarded * self.n / 2))
+        simulation.run(collisions=self.settled)
         return simulation.collisions
 
     def __str__(self) -> str:
@@ -227,6 +233,7 @@ def run_fluids(
     replicas: int,
     workers: int | None,
     screen: Screen,
+    shelf: Shelf | None = None,
 ) -> list[list[Result]]:
     """Apply a task to every fluid and a seed for each of its replicas.
 
@@ -242,6 +249,8 @@ def run_fluids(
         Processes, all cores by default; the results do not depend on it.
     screen : Screen
         Where progress is shown.
+    shelf : Shelf, optional
+        Where results are kept, see `run_replicas`.
 
     Returns
     -------
@@ -251,5 +260,5 @@ def run_fluids(
     seeds = replica_seeds(seed, len(fluids) * replicas)
     items = [(fluid, seeds[k * replicas + r]) for k, fluid in enumerate(fluids) for r in range(replicas)]
     with screen.progress("runs", len(items)) as advance:
-        results = run_replicas(task, items[::-1], workers=workers, done=advance)[::-1]
+        results = run_replicas(task, items[::-1], workers=workers, done=advance, shelf=shelf)[::-1]
     return [results[k * replicas : (k + 1) * replicas] for k in range(len(fluids))]

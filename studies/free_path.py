@@ -24,6 +24,7 @@ from studies.report import (
     Screen,
     alarming,
     checks_of,
+    engine_of,
     estimate_json,
     say_checks,
     seconds_taken,
@@ -285,32 +286,33 @@ def free_path(study: FreePaths, out: OutputFolder, screen: Screen) -> tuple[dict
     """
     began = time.perf_counter()
     study.check()
-    out.check()
+    out.check(study)
     fluids = study.fluids
     with screen.working("compiling the engine (once for each kind of gas on this machine)"):
         load_kernels(fluids, free_paths=True)
     ready = time.perf_counter()
-    out.create()
-    runs = run_fluids(
-        Runs(study.collisions_per_particle),
-        fluids,
-        seed=study.seed,
-        replicas=study.replicas,
-        workers=study.workers,
-        screen=screen,
-    )
-    ran = time.perf_counter()
-    states = [combine(fluid, own) for fluid, own in zip(fluids, runs, strict=True)]
+    with out.running(study) as shelf:
+        runs = run_fluids(
+            Runs(study.collisions_per_particle),
+            fluids,
+            seed=study.seed,
+            replicas=study.replicas,
+            workers=study.workers,
+            screen=screen,
+            shelf=shelf,
+        )
+        ran = time.perf_counter()
+        states = [combine(fluid, own) for fluid, own in zip(fluids, runs, strict=True)]
 
-    out.write_csv("free_path.csv", _numbers(states))
-    out.write_csv("free_path_curves.csv", _curves(states))
-    from studies.free_path_figure import figure
+        out.write_csv("free_path.csv", _numbers(states))
+        out.write_csv("free_path_curves.csv", _curves(states))
+        from studies.free_path_figure import figure
 
-    with screen.working("drawing"):
-        out.save_figure("free_path.png", figure(states))
-    summary = _summary(study, states, [run for own in runs for run in own], out)
-    summary["seconds"] = seconds_taken(began, ready, ran, work="runs")
-    out.write_json("summary.json", summary)
+        with screen.working("drawing"):
+            out.save_figure("free_path.png", figure(states))
+        summary = _summary(study, states, [run for own in runs for run in own], out)
+        summary["seconds"] = seconds_taken(began, ready, ran, work="runs")
+        out.write_json("summary.json", summary)
     _print(screen, study, states, summary, out)
     return summary, bool(summary["checks"]["passed"])
 
@@ -390,7 +392,7 @@ def _summary(
         "collisions": collisions,
         "collisions_per_second_and_core": collisions / sum(run.seconds for run in runs),
         "checks": checks_of(statuses, failures) | {"alarm_in_standard_errors": ALARM},
-        "engine": statuses[0],
+        "engine": engine_of(statuses[0]),
         "files": sorted({*out.files, "summary.json"}),
         "seconds": {},
     }

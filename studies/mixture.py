@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -26,10 +26,12 @@ from studies.report import (
     Screen,
     alarming,
     checks_of,
+    engine_of,
     estimate_json,
     say_checks,
     seconds_taken,
 )
+from studies.resuming import Resumable, until
 
 __all__ = ["Equilibrations", "Mixture", "Result", "mixture"]
 
@@ -105,8 +107,12 @@ class Mixture:
         SceneError
             If there is none.
         """
-        settled = hs.Simulation(self.fluid.scene(seed))
-        self.fluid.settle(settled)
+        settling = hs.Simulation(self.fluid.scene(seed))
+        settling.run(collisions=self.fluid.settled)
+        return self.heated(settling, seed)
+
+    def heated(self, settled: hs.Simulation, seed: np.random.SeedSequence) -> hs.Scene:
+        """Return a gas with new velocities, of two temperatures."""
         scene = settled.to_scene()
         hot_and_cold = hs.draw_velocities(
             scene, "two-temperatures", temperature_ratio=self.temperature_ratio, seed=seed
@@ -138,8 +144,17 @@ class _Run:
     seconds: float
 
 
+@dataclass
+class _Equilibrating:
+    """A replica on its way: measured `done` times, or settling still where that is None."""
+
+    simulation: hs.Simulation
+    decay: TemperatureEquilibration
+    done: int | None = None
+
+
 @dataclass(frozen=True)
-class Equilibrations:
+class Equilibrations(Resumable[np.random.SeedSequence, _Equilibrating, _Run]):
     """The task that turns a seed into one measured replica.
 
     Attributes
@@ -153,14 +168,26 @@ class Equilibrations:
     study: Mixture
     times: tuple[float, ...]
 
-    def __call__(self, seed: np.random.SeedSequence) -> _Run:
-        """Run one replica."""
-        began = time.perf_counter()
-        simulation = hs.Simulation(self.study.start(seed))
-        decay, labels = TemperatureEquilibration(), species_labels(simulation.frame())
-        for frame in simulation.frames(times=self.times):
-            decay.add(frame)
-        return _Run(decay, labels, broken(simulation), simulation.status(), time.perf_counter() - began)
+    def begin(self, item: np.random.SeedSequence) -> _Equilibrating:
+        """Make the gas, at one temperature."""
+        return _Equilibrating(hs.Simulation(self.study.fluid.scene(item)), TemperatureEquilibration())
+
+    def steps(self, item: np.random.SeedSequence, state: _Equilibrating) -> Iterator[None]:
+        """Let it settle, then give it two temperatures and watch them."""
+        if state.done is None:
+            yield from until(state.simulation, self.study.fluid.settled)
+            state.simulation = hs.Simulation(self.study.heated(state.simulation, item))
+            state.done = 0
+        for frame in state.simulation.frames(times=self.times[state.done :]):
+            state.decay.add(frame)
+            state.done += 1
+            yield
+
+    def result(self, item: np.random.SeedSequence, state: _Equilibrating, seconds: float) -> _Run:
+        """Return what was measured."""
+        simulation = state.simulation
+        labels = species_labels(simulation.frame())
+        return _Run(state.decay, labels, broken(simulation), simulation.status(), seconds)
 
 
 class Result:
@@ -308,26 +335,28 @@ def mixture(study: Mixture, out: OutputFolder, screen: Screen) -> tuple[dict[str
     """
     began = time.perf_counter()
     study.check()
-    out.check()
+    out.check(study)
     seeds = replica_seeds(study.seed, study.replicas)
     with screen.working("compiling the engine (once for each kind of gas on this machine)"):
         first = study.start(seeds[0])
     times = study.times(first)
     ready = time.perf_counter()
-    out.create()
-    with screen.progress("replicas", study.replicas) as advance:
-        runs = run_replicas(Equilibrations(study, times), seeds, workers=study.workers, done=advance)
-    ran = time.perf_counter()
-    result = Result([run.decay for run in runs], first, runs[0].labels)
+    with out.running(study) as shelf:
+        with screen.progress("replicas", study.replicas) as advance:
+            runs = run_replicas(
+                Equilibrations(study, times), seeds, workers=study.workers, done=advance, shelf=shelf
+            )
+        ran = time.perf_counter()
+        result = Result([run.decay for run in runs], first, runs[0].labels)
 
-    out.write_csv("mixture.csv", _columns(result))
-    from studies.mixture_figure import figure
+        out.write_csv("mixture.csv", _columns(result))
+        from studies.mixture_figure import figure
 
-    with screen.working("drawing"):
-        out.save_figure("mixture.png", figure(result))
-    summary = _summary(study, result, runs, out)
-    summary["seconds"] = seconds_taken(began, ready, ran)
-    out.write_json("summary.json", summary)
+        with screen.working("drawing"):
+            out.save_figure("mixture.png", figure(result))
+        summary = _summary(study, result, runs, out)
+        summary["seconds"] = seconds_taken(began, ready, ran)
+        out.write_json("summary.json", summary)
     _print(screen, study, result, summary, out)
     return summary, bool(summary["checks"]["passed"])
 
@@ -388,7 +417,7 @@ def _summary(study: Mixture, result: Result, runs: Sequence[_Run], out: OutputFo
         "collisions": collisions,
         "collisions_per_second_and_core": collisions / sum(run.seconds for run in runs),
         "checks": checks_of(statuses, [*failures, *result.failures]) | {"alarm_in_standard_errors": ALARM},
-        "engine": statuses[0],
+        "engine": engine_of(statuses[0]),
         "files": sorted({*out.files, "summary.json"}),
         "seconds": {},
     }

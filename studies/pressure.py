@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -25,10 +25,12 @@ from studies.report import (
     Screen,
     alarming,
     checks_of,
+    engine_of,
     estimate_json,
     say_checks,
     seconds_taken,
 )
+from studies.resuming import Resumable, until
 
 __all__ = ["EquationOfState", "State", "States", "equation_of_state", "packing_fractions"]
 
@@ -156,8 +158,17 @@ class _Run:
     seconds: float
 
 
+@dataclass
+class _Measuring:
+    """A replica on its way: after `done` blocks."""
+
+    simulation: hs.Simulation
+    pressure: Pressure
+    done: int = 0
+
+
 @dataclass(frozen=True)
-class States:
+class States(Resumable[tuple[Fluid, np.random.SeedSequence], _Measuring, _Run]):
     """The task that turns a fluid and a seed into one measured replica.
 
     Attributes
@@ -168,19 +179,34 @@ class States:
 
     study: EquationOfState
 
-    def __call__(self, item: tuple[Fluid, np.random.SeedSequence]) -> _Run:
-        """Run one replica."""
-        fluid, seed = item
-        began = time.perf_counter()
-        simulation = hs.Simulation(fluid.scene(seed))
-        fluid.settle(simulation)
-        settled, total = simulation.collisions, round(self.study.length(fluid) * fluid.n / 2)
-        pressure = Pressure(simulation.scene, discard=True)
+    def _ends(self, fluid: Fluid) -> list[int]:
+        """Return after how many collisions the blocks begin and end."""
+        total = round(self.study.length(fluid) * fluid.n / 2)
         blocks = min(BLOCKS, total // 8)
-        for size in np.diff(np.linspace(0, total, blocks + 1).round().astype(int)):
+        ends = fluid.settled + np.linspace(0, total, blocks + 1).round().astype(int)
+        return [int(end) for end in ends]
+
+    def begin(self, item: tuple[Fluid, np.random.SeedSequence]) -> _Measuring:
+        """Make the gas."""
+        fluid, seed = item
+        simulation = hs.Simulation(fluid.scene(seed))
+        return _Measuring(simulation, Pressure(simulation.scene, discard=True))
+
+    def steps(self, item: tuple[Fluid, np.random.SeedSequence], state: _Measuring) -> Iterator[None]:
+        """Let it settle, then measure block by block."""
+        simulation, (start, *ends) = state.simulation, self._ends(item[0])
+        yield from until(simulation, start)
+        if simulation.collisions == start:
             simulation.reset_tallies()
-            simulation.run(collisions=int(size))
-            pressure.add(simulation.tallies)
+        for end in ends[state.done :]:
+            yield from until(simulation, end)
+            state.pressure.add(simulation.tallies)
+            simulation.reset_tallies()
+            state.done += 1
+
+    def result(self, item: tuple[Fluid, np.random.SeedSequence], state: _Measuring, seconds: float) -> _Run:
+        """Return what was measured."""
+        fluid, simulation, pressure = item[0], state.simulation, state.pressure
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             measured = {"virial": pressure.virial}
@@ -189,17 +215,18 @@ class States:
             if not fluid.periodic:
                 measured["walls"] = pressure.walls
         known = fluid.packing_fraction <= THEORY_UP_TO[fluid.dim]
-        dropped = pressure.discarded_rows * total / blocks
+        start, *ends = self._ends(fluid)
+        dropped = pressure.discarded_rows * (ends[-1] - start) / len(ends)
         return _Run(
             measured,
             pressure.predictions if known else {},
-            2.0 * (settled + dropped) / fluid.n,
+            2.0 * (fluid.settled + dropped) / fluid.n,
             hs.bond_order(simulation.to_scene()).value,
             ordered(simulation),
             tuple(dict.fromkeys(str(warning.message) for warning in caught)),
             broken(simulation),
             simulation.status(),
-            time.perf_counter() - began,
+            seconds,
         )
 
 
@@ -323,31 +350,32 @@ def equation_of_state(
     """
     began = time.perf_counter()
     study.check()
-    out.check()
+    out.check(study)
     fluids = study.fluids
     with screen.working("compiling the engine (once for each kind of gas on this machine)"):
         load_kernels(fluids)
     ready = time.perf_counter()
-    out.create()
-    runs = run_fluids(
-        States(study),
-        fluids,
-        seed=study.seed,
-        replicas=study.replicas,
-        workers=study.workers,
-        screen=screen,
-    )
-    ran = time.perf_counter()
-    states = [combine(fluid, own) for fluid, own in zip(fluids, runs, strict=True)]
+    with out.running(study) as shelf:
+        runs = run_fluids(
+            States(study),
+            fluids,
+            seed=study.seed,
+            replicas=study.replicas,
+            workers=study.workers,
+            screen=screen,
+            shelf=shelf,
+        )
+        ran = time.perf_counter()
+        states = [combine(fluid, own) for fluid, own in zip(fluids, runs, strict=True)]
 
-    out.write_csv("equation_of_state.csv", columns(states))
-    from studies.pressure_figure import figure
+        out.write_csv("equation_of_state.csv", columns(states))
+        from studies.pressure_figure import figure
 
-    with screen.working("drawing"):
-        out.save_figure("equation_of_state.png", figure(states))
-    summary = _summary(study, states, [run for own in runs for run in own], out)
-    summary["seconds"] = seconds_taken(began, ready, ran, work="runs")
-    out.write_json("summary.json", summary)
+        with screen.working("drawing"):
+            out.save_figure("equation_of_state.png", figure(states))
+        summary = _summary(study, states, [run for own in runs for run in own], out)
+        summary["seconds"] = seconds_taken(began, ready, ran, work="runs")
+        out.write_json("summary.json", summary)
     _print(screen, study, states, summary, out)
     return summary, bool(summary["checks"]["passed"])
 
@@ -425,7 +453,7 @@ def _summary(
         "collisions": collisions,
         "collisions_per_second_and_core": collisions / sum(run.seconds for run in runs),
         "checks": checks_of(statuses, failures) | {"alarm_in_standard_errors": ALARM},
-        "engine": statuses[0],
+        "engine": engine_of(statuses[0]),
         "files": sorted({*out.files, "summary.json"}),
         "seconds": {},
     }

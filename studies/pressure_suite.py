@@ -16,6 +16,7 @@ import hardspheres as hs
 from studies.bench_clock import machine
 from studies.ensemble import available_cores
 from studies.fluid import Fluid, load_kernels, run_fluids
+from studies.journal import Shelf
 from studies.pressure import (
     EquationOfState,
     State,
@@ -58,7 +59,7 @@ class Suite:
     groups: dict[str, tuple[Fluid, ...]] = field(default_factory=lambda: dict(GROUPS))
 
 
-def states_of(suite: Suite, screen: Screen) -> tuple[dict[str, list[State]], list[Any]]:
+def states_of(suite: Suite, screen: Screen, shelf: Shelf) -> tuple[dict[str, list[State]], list[Any]]:
     """Measure all fluids.
 
     Returns
@@ -71,7 +72,13 @@ def states_of(suite: Suite, screen: Screen) -> tuple[dict[str, list[State]], lis
     study = suite.study
     fluids = [fluid for group in suite.groups.values() for fluid in group]
     results = run_fluids(
-        States(study), fluids, seed=study.seed, replicas=study.replicas, workers=study.workers, screen=screen
+        States(study),
+        fluids,
+        seed=study.seed,
+        replicas=study.replicas,
+        workers=study.workers,
+        screen=screen,
+        shelf=shelf,
     )
     states = [combine(fluid, own) for fluid, own in zip(fluids, results, strict=True)]
     grouped, first = {}, 0
@@ -119,50 +126,50 @@ def run_suite(suite: Suite, out: OutputFolder, screen: Screen) -> tuple[dict[str
     began = time.perf_counter()
     study = suite.study
     study.check()
-    out.check()
+    out.check(suite)
     with screen.working("compiling the engine (once for each kind of gas on this machine)"):
         load_all(suite)
     ready = time.perf_counter()
-    out.create()
-    groups, runs = states_of(suite, screen)
-    ran = time.perf_counter()
-    states = [state for group in groups.values() for state in group]
-    out.write_csv("equation_of_state.csv", columns(states))
-    from studies.pressure_suite_figure import figure
+    with out.running(suite) as shelf:
+        groups, runs = states_of(suite, screen, shelf)
+        ran = time.perf_counter()
+        states = [state for group in groups.values() for state in group]
+        out.write_csv("equation_of_state.csv", columns(states))
+        from studies.pressure_suite_figure import figure
 
-    with screen.working("drawing"):
-        out.save_figure("equation_of_state.png", figure(groups))
-    failures = [
-        f"{state.fluid}, packing fraction {state.fluid.packing_fraction:g}: {failure}"
-        for state in states
-        for failure in state.failures
-    ]
-    statuses = [run.status for run in runs]
-    collisions = sum(state.collisions for state in states)
-    summary = {
-        "study": "pressure",
-        "version": hs.__version__,
-        "seed": study.seed,
-        "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
-        "machine": machine(),
-        "options": {
-            "suite": True,
-            "precision": study.precision,
-            "collisions_per_particle": study.collisions_per_particle,
-            "replicas": study.replicas,
-        },
-        "workers": available_cores() if study.workers is None else study.workers,
-        "states": {
-            name: [{"fluid": str(state.fluid)} | state_summary(state) for state in group]
-            for name, group in groups.items()
-        },
-        "collisions": collisions,
-        "collisions_per_second_and_core": collisions / sum(run.seconds for run in runs),
-        "checks": checks_of(statuses, failures) | {"alarm_in_standard_errors": ALARM},
-        "files": sorted({*out.files, "summary.json"}),
-        "seconds": seconds_taken(began, ready, ran, work="runs"),
-    }
-    out.write_json("summary.json", summary)
+        with screen.working("drawing"):
+            out.save_figure("equation_of_state.png", figure(groups))
+        failures = [
+            f"{state.fluid}, packing fraction {state.fluid.packing_fraction:g}: {failure}"
+            for state in states
+            for failure in state.failures
+        ]
+        statuses = [run.status for run in runs]
+        collisions = sum(state.collisions for state in states)
+        summary = {
+            "study": "pressure",
+            "version": hs.__version__,
+            "seed": study.seed,
+            "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+            "machine": machine(),
+            "options": {
+                "suite": True,
+                "precision": study.precision,
+                "collisions_per_particle": study.collisions_per_particle,
+                "replicas": study.replicas,
+            },
+            "workers": available_cores() if study.workers is None else study.workers,
+            "states": {
+                name: [{"fluid": str(state.fluid)} | state_summary(state) for state in group]
+                for name, group in groups.items()
+            },
+            "collisions": collisions,
+            "collisions_per_second_and_core": collisions / sum(run.seconds for run in runs),
+            "checks": checks_of(statuses, failures) | {"alarm_in_standard_errors": ALARM},
+            "files": sorted({*out.files, "summary.json"}),
+            "seconds": seconds_taken(began, ready, ran, work="runs"),
+        }
+        out.write_json("summary.json", summary)
     for name, group in groups.items():
         for kind in [group] if name != "mixtures" else [[state] for state in group]:
             print_states(screen, f"{study.replicas} x {kind[0].fluid}", kind)

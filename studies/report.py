@@ -21,7 +21,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from hardspheres.errors import HardSpheresError
+from studies.journal import Journal, OutputError, Shelf
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,6 +36,7 @@ __all__ = [
     "Screen",
     "alarming",
     "checks_of",
+    "engine_of",
     "estimate_json",
     "figure_style",
     "jsonable",
@@ -55,6 +56,12 @@ COLOURS = {
 ALARM = 5.0
 """Deviation from theory, in standard errors, at which a study's check has failed."""
 _ALARM_P = 5.7e-7  # of as large a deviation by chance, when the error is known
+
+RESTARTED = {
+    "stale_events",
+    "list_renewals",
+    "bytes_per_particle",
+}  # which the search begins anew after a restart
 
 _STYLE: Any = {
     "figure.dpi": 100,
@@ -80,10 +87,6 @@ _STYLE: Any = {
     "errorbar.capsize": 0,
     "mathtext.fontset": "dejavusans",
 }
-
-
-class OutputError(HardSpheresError, OSError):
-    """The output folder cannot be made or written."""
 
 
 @contextlib.contextmanager
@@ -118,7 +121,11 @@ class OutputFolder:
     Parameters
     ----------
     path : str or path-like
-        Where; nothing is touched before `create`.
+        Where; nothing is touched before `create` or `running`.
+    checkpoint_every : float, default 60
+        Seconds of wall time between two checkpoints of a run.
+    resume : bool, default False
+        Go on with the unfinished run that is there.
 
     Attributes
     ----------
@@ -128,12 +135,31 @@ class OutputFolder:
         Names of the files written so far.
     """
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
+    def __init__(
+        self, path: str | os.PathLike[str], *, checkpoint_every: float = 60.0, resume: bool = False
+    ) -> None:
         self.path = Path(path)
+        self.checkpoint_every, self.resume = checkpoint_every, resume
         self.files: list[str] = []
 
-    def check(self) -> None:
-        """Raise OutputError if the folder cannot be used; create nothing."""
+    def _journal(self, study: Any) -> Journal:
+        return Journal(self.path, study, self.checkpoint_every, self.resume)
+
+    def check(self, study: Any = None) -> None:
+        """Raise an error if the folder cannot be used; create nothing.
+
+        Parameters
+        ----------
+        study : dataclass, optional
+            Options of the study that is going to run, see `running`.
+
+        Raises
+        ------
+        OutputError
+            If the folder cannot be written, or another run writes into it.
+        CheckpointError
+            If it holds an unfinished run that is not to be resumed, or none where one is.
+        """
         try:
             self.path.exists()
         except OSError as error:
@@ -145,6 +171,31 @@ class OutputFolder:
         parent = next(p for p in [self.path, *self.path.absolute().parents] if p.exists())
         if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
             raise OutputError(f"{parent} cannot be written to; give another folder with --out")
+        if study is not None:
+            self._journal(study).check()
+
+    @contextlib.contextmanager
+    def running(self, study: Any) -> Iterator[Shelf]:
+        """Make the folder and keep other runs out of it while the context lasts; checkpoints are there that long.
+
+        Parameters
+        ----------
+        study : dataclass
+            Options of the study.
+
+        Yields
+        ------
+        Shelf
+            Where `run_replicas` keeps its results.
+
+        Raises
+        ------
+        OutputError, CheckpointError
+            As `check` does.
+        """
+        self.create()
+        with self._journal(study).open() as shelf:
+            yield shelf
 
     def create(self) -> None:
         """Make the folder and its parents."""
@@ -172,6 +223,15 @@ class OutputFolder:
             temporary.unlink(missing_ok=True)
         if name not in self.files:
             self.files.append(name)
+
+    def adopt(self, path: Path) -> None:
+        """Move a finished file from the checkpoint folder to its place, where it may be already."""
+        if path.exists() or not (self.path / path.name).exists():
+            try:
+                os.replace(path, self.path / path.name)
+            except OSError as error:
+                raise OutputError(f"{self.path / path.name} cannot be written: {error.strerror}") from error
+        self.files.append(path.name)
 
     def write_json(self, name: str, content: Mapping[str, Any]) -> None:
         """Write a JSON object, see `jsonable`."""
@@ -301,6 +361,11 @@ def checks_of(statuses: Sequence[Mapping[str, Any]], failures: Sequence[str]) ->
         "worst_momentum_drift": max(abs(status["momentum_drift"]) for status in statuses),
         "late_events": sum(status["late_events"] for status in statuses),
     }
+
+
+def engine_of(status: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a summary tells of the engine: nothing that depends on where a run was interrupted."""
+    return {name: value for name, value in status.items() if name not in RESTARTED}
 
 
 def say_checks(screen: Screen, summary: Mapping[str, Any], out: OutputFolder) -> None:

@@ -6,8 +6,8 @@ import contextlib
 import itertools
 import math
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +18,12 @@ import hardspheres as hs
 from analysis import theory
 from analysis.relaxation import Comparison, RelaxationCurve
 from analysis.statistics import Estimate
+from analysis.velocities import reduced_velocities
 from hardspheres.trajectory import has_velocities, read_structure
 from studies.ensemble import available_cores, replica_seeds, run_replicas
-from studies.fluid import is_dense, two_species
-from studies.report import OutputFolder, Screen, say_checks, seconds_taken
+from studies.fluid import broken, is_dense, two_species
+from studies.report import OutputFolder, Screen, engine_of, say_checks, seconds_taken
+from studies.resuming import Resumable, until
 
 __all__ = ["Recipe", "ReplicaResult", "Replicas", "Thermalisation", "sampling_points", "thermalise"]
 
@@ -105,6 +107,25 @@ class Movie:
     speeds: NDArray[np.float32]
 
 
+@dataclass
+class _Film:
+    """A `Movie` in the making."""
+
+    s: list[float] = field(default_factory=list)
+    positions: list[NDArray[np.float32]] = field(default_factory=list)
+    speeds: list[NDArray[np.float32]] = field(default_factory=list)
+
+    def add(self, frame: hs.Frame) -> None:
+        self.s.append(frame.collisions_per_particle)
+        self.positions.append(frame.positions.astype(np.float32))
+        self.speeds.append(np.linalg.norm(reduced_velocities(frame)[0], axis=1).astype(np.float32))
+
+    def movie(self) -> Movie | None:
+        if not self.s:
+            return None
+        return Movie(np.array(self.s), np.array(self.positions), np.array(self.speeds))
+
+
 @dataclass(frozen=True)
 class ReplicaResult:
     """What one replica hands back.
@@ -130,8 +151,19 @@ class ReplicaResult:
     movie: Movie | None
 
 
+@dataclass
+class _Relaxing:
+    """A replica on its way: `curve` and `film` have seen `done` moments, `written` of which are in the trajectory."""
+
+    simulation: hs.Simulation
+    curve: RelaxationCurve = field(default_factory=RelaxationCurve)
+    film: _Film = field(default_factory=_Film)
+    done: int = 0
+    written: int = 0
+
+
 @dataclass(frozen=True)
-class Replicas:
+class Replicas(Resumable[tuple[int, np.random.SeedSequence], _Relaxing, ReplicaResult]):
     """The task that turns an index and a seed into a `ReplicaResult`; the first writes the trajectory.
 
     Attributes
@@ -152,48 +184,44 @@ class Replicas:
     trajectory_s: tuple[float, ...] = ()
     movie_s: tuple[float, ...] = ()
 
-    def __call__(self, item: tuple[int, np.random.SeedSequence]) -> ReplicaResult:
-        """Run one replica."""
-        index, seed = item
-        began = time.perf_counter()
-        simulation = hs.Simulation(self.recipe.scene(seed))
-        first = index == 0
+    def begin(self, item: tuple[int, np.random.SeedSequence]) -> _Relaxing:
+        """Make the gas."""
+        return _Relaxing(hs.Simulation(self.recipe.scene(item[1])))
+
+    def steps(self, item: tuple[int, np.random.SeedSequence], state: _Relaxing) -> Iterator[None]:
+        """Measure, write and film it at each s."""
+        simulation, first = state.simulation, item[0] == 0
         written = set(self.trajectory_s) if first and self.trajectory is not None else set()
         filmed = set(self.movie_s) if first else set()
-        curve, film = RelaxationCurve(), []
-        writer = hs.TrajectoryWriter(self.trajectory) if written and self.trajectory is not None else None
-        try:
-            moments = sorted({*self.s, *written, *filmed})
-            frames = simulation.frames(collisions_per_particle=moments)
-            for s, frame in zip(moments, frames, strict=True):
+        with contextlib.ExitStack() as open_files:
+            if written and self.trajectory is not None:
+                writer = open_files.enter_context(hs.TrajectoryWriter(self.trajectory, keep=state.written))
+            for s in sorted({*self.s, *written, *filmed})[state.done :]:
+                yield from until(simulation, _collisions_at(s, simulation.scene.n))
+                frame = simulation.frame()
                 if s in self.s:
-                    curve.add(frame)
-                if s in written and writer is not None:
+                    state.curve.add(frame)
+                if s in written:
                     writer.write(frame)
+                    state.written += 1
                 if s in filmed:
-                    film.append(frame)
-        finally:
-            if writer is not None:
-                writer.close()
-        try:
-            simulation.check()
-            failure = None
-        except hs.InvariantError as error:
-            failure = str(error)
+                    state.film.add(frame)
+                state.done += 1
+                yield
+
+    def result(
+        self, item: tuple[int, np.random.SeedSequence], state: _Relaxing, seconds: float
+    ) -> ReplicaResult:
+        """Return what was measured."""
+        simulation = state.simulation
         return ReplicaResult(
-            curve, simulation.status(), time.perf_counter() - began, failure, _movie(film) if film else None
+            state.curve, simulation.status(), seconds, broken(simulation), state.film.movie()
         )
 
 
-def _movie(film: Sequence[Any]) -> Movie:
-    from analysis.velocities import reduced_velocities
-
-    speeds = [np.linalg.norm(reduced_velocities(frame)[0], axis=1) for frame in film]
-    return Movie(
-        np.array([frame.collisions_per_particle for frame in film]),
-        np.array([frame.positions for frame in film], dtype=np.float32),
-        np.array(speeds, dtype=np.float32),
-    )
+def _collisions_at(s: float, n: int) -> int:
+    """Return after how many pair collisions s collisions per particle are reached."""
+    return math.ceil(s * n / 2 - 1e-9)
 
 
 def sampling_points(end: float, n: int) -> tuple[float, ...]:
@@ -218,7 +246,7 @@ def sampling_points(end: float, n: int) -> tuple[float, ...]:
         while points[-1] < end:
             points.append(float(f"{points[-1] * 7 / 6:.2g}"))
     wanted = [float(s) for s in points if s < end - 1e-9] + [float(end)]
-    by_collision = {math.ceil(s * n / 2 - 1e-9): s for s in reversed(wanted)}
+    by_collision = {_collisions_at(s, n): s for s in reversed(wanted)}
     return tuple(sorted(by_collision.values()))
 
 
@@ -316,45 +344,40 @@ def thermalise(study: Thermalisation, out: OutputFolder, screen: Screen) -> tupl
         screen.note(
             "the file has velocities, so all replicas would be the same: running one, without error bars"
         )
-    out.check()
+    out.check(study)
     seeds = replica_seeds(study.seed, study.replicas)
     first = recipe.scene(seeds[0])
     with screen.working("compiling the engine (once for each kind of gas on this machine)"):
         hs.Simulation(first).run(collisions=1)
     ready = time.perf_counter()
-    out.create()
-
     s = sampling_points(study.collisions_per_particle, recipe.n)
-    with out.partial("trajectory.xyz") if study.frames > 0 else contextlib.nullcontext() as path:
-        task = Replicas(
-            recipe,
-            s,
-            trajectory=path.absolute() if path is not None else None,
-            trajectory_s=_evenly(study.collisions_per_particle, study.frames),
-            movie_s=_evenly(min(MOVIE_END, study.collisions_per_particle), MOVIE_FRAMES)
-            if study.animate
-            else (),
-        )
+    movie_s = _evenly(min(MOVIE_END, study.collisions_per_particle), MOVIE_FRAMES) if study.animate else ()
+    with out.running(study) as shelf:
+        trajectory = shelf.folder / "trajectory.xyz" if study.frames > 0 else None
+        task = Replicas(recipe, s, trajectory, _evenly(study.collisions_per_particle, study.frames), movie_s)
         with screen.progress("replicas", study.replicas) as advance:
-            results = run_replicas(task, list(enumerate(seeds)), workers=study.workers, done=advance)
-    ran = time.perf_counter()
+            items = list(enumerate(seeds))
+            results = run_replicas(task, items, workers=study.workers, done=advance, shelf=shelf)
+        ran = time.perf_counter()
+        if trajectory is not None:
+            out.adopt(trajectory)
 
-    curve = RelaxationCurve()
-    for result in results:
-        curve.merge(result.curve)
-    reference = _reference(study, curve)
-    out.write_csv("relaxation.csv", _columns(curve, reference))
-    from studies import thermalisation_figures as figures
+        curve = RelaxationCurve()
+        for result in results:
+            curve.merge(result.curve)
+        reference = _reference(study, curve)
+        out.write_csv("relaxation.csv", _columns(curve, reference))
+        from studies import thermalisation_figures as figures
 
-    with screen.working("drawing"):
-        out.save_figure("distributions.png", figures.distributions(curve))
-        out.save_figure("relaxation.png", figures.relaxation(curve, reference))
-        if results[0].movie is not None:
-            with out.partial("gas.gif") as path:
-                figures.animation(results[0].movie, first, curve, path)
-    summary = _summary(study, first, curve, reference, results, out)
-    summary["seconds"] = seconds_taken(began, ready, ran)
-    out.write_json("summary.json", summary)
+        with screen.working("drawing"):
+            out.save_figure("distributions.png", figures.distributions(curve))
+            out.save_figure("relaxation.png", figures.relaxation(curve, reference))
+            if results[0].movie is not None:
+                with out.partial("gas.gif") as path:
+                    figures.animation(results[0].movie, first, curve, path)
+        summary = _summary(study, first, curve, reference, results, out)
+        summary["seconds"] = seconds_taken(began, ready, ran)
+        out.write_json("summary.json", summary)
     _print(screen, study, curve, reference, summary, out)
     return summary, bool(summary["checks"]["passed"])
 
@@ -469,7 +492,7 @@ def _summary(
             "worst_momentum_drift": max(abs(status["momentum_drift"]) for status in statuses),
             "late_events": sum(status["late_events"] for status in statuses),
         },
-        "engine": statuses[0],
+        "engine": engine_of(statuses[0]),
         "files": sorted({*out.files, "summary.json"}),
         "seconds": {},
     }

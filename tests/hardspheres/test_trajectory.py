@@ -354,3 +354,41 @@ def test_altered_bytes_never_escape_as_another_error(tmp_path_factory, noise, wh
         from_atoms(read_structure(path))
     except (hs.TrajectoryError, hs.SceneError) as error:
         assert "\n" not in str(error)
+
+
+@pytest.mark.parametrize("suffix", ["xyz", "traj"])
+@pytest.mark.parametrize("cut", [0, 1, 7, 500])
+def test_writing_goes_on_after_the_frames_that_are_kept(suffix, cut, tmp_path):
+    """A run that was killed has written three frames and a part of the fourth, of which the last are `cut` bytes missing."""
+    frames = list(hs.Simulation(hs.random_gas(n=20, packing_fraction=0.1, seed=1)).frames(every=0.5, count=6))
+    whole, killed = tmp_path / f"whole.{suffix}", tmp_path / f"killed.{suffix}"
+    for path, count in ((whole, 6), (killed, 4)):
+        with hs.TrajectoryWriter(path) as trajectory:
+            for frame in frames[:count]:
+                trajectory.write(frame)
+    killed.write_bytes(killed.read_bytes()[: killed.stat().st_size - cut])
+    with hs.TrajectoryWriter(killed, keep=3) as trajectory:
+        for frame in frames[3:]:
+            trajectory.write(frame)
+    if suffix == "xyz":
+        assert killed.read_bytes() == whole.read_bytes()
+    scenes = [list(hs.read_trajectory(path)) for path in (whole, killed)]
+    assert len(scenes[0]) == len(scenes[1]) == 6
+    for mine, theirs in zip(*scenes, strict=True):
+        assert mine.positions.tobytes() == theirs.positions.tobytes()
+        assert mine.velocities.tobytes() == theirs.velocities.tobytes()
+    assert {path.name for path in tmp_path.iterdir()} == {whole.name, killed.name}
+
+
+@pytest.mark.parametrize("suffix", ["xyz", "traj"])
+def test_frames_that_are_not_there_cannot_be_kept(suffix, tmp_path):
+    path = tmp_path / f"short.{suffix}"
+    with hs.TrajectoryWriter(path) as trajectory:
+        trajectory.write(hs.random_gas(n=20, packing_fraction=0.1, seed=1))
+    before = path.read_bytes()
+    with pytest.raises(hs.TrajectoryError, match="has 1 whole frames, so 2 of them cannot be kept"):
+        hs.TrajectoryWriter(path, keep=2)
+    assert path.read_bytes() == before
+    with pytest.raises(hs.TrajectoryError):
+        hs.TrajectoryWriter(tmp_path / f"absent.{suffix}", keep=1)
+    assert [entry.name for entry in tmp_path.iterdir()] == [path.name]

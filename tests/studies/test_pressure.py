@@ -77,7 +77,7 @@ def test_a_gas_that_is_not_maxwellian_is_seen(monkeypatch):
     """Sibling: beams that have not met yet collide at a rate that does not belong to their virial."""
     made = Fluid.scene
     monkeypatch.setattr(Fluid, "scene", lambda self, seed: made(self, seed, "beams"))
-    monkeypatch.setattr(Fluid, "settle", lambda self, simulation: 0)
+    monkeypatch.setattr(Fluid, "settled", 0)
     study = EquationOfState((0.2,), Fluid(n=10_000), 0.2, replicas=2)
     (state,) = states_of(study)
     assert any("from that of the virial" in failure for failure in state.failures)

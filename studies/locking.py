@@ -1,0 +1,56 @@
+"""One run at a time in a folder: a lock that the system releases however its holder ends, `kill -9` included.
+
+Where there is no `fcntl` (Windows), or the file system knows no locks, nobody is refused.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+try:
+    import fcntl
+except ImportError:  # no POSIX
+    fcntl = None  # type: ignore[assignment]
+
+__all__ = ["Lock"]
+
+
+class Lock:
+    """The right to write into a folder.
+
+    Parameters
+    ----------
+    path : Path
+        A file in an existing folder, made where it is missing. It may be removed while the lock is held.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._handle: int | None = None
+
+    def acquire(self) -> bool:
+        """Take the lock; return whether it was free."""
+        while True:
+            handle = os.open(self.path, os.O_RDWR | os.O_CREAT, 0o666)  # not inherited by workers
+            try:
+                if fcntl is not None:
+                    fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                if os.fstat(handle).st_ino == os.stat(self.path).st_ino:
+                    self._handle = handle
+                    return True
+            except BlockingIOError:
+                os.close(handle)
+                return False
+            except FileNotFoundError:
+                pass  # removed by who held it until now
+            except OSError:  # a file system without locks
+                self._handle = handle
+                return True
+            os.close(handle)
+
+    def release(self) -> None:
+        """Give it back; a second time does nothing."""
+        if self._handle is not None:
+            os.close(self._handle)
+            self._handle = None

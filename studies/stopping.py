@@ -1,0 +1,47 @@
+"""Ctrl-C and SIGTERM wait for a moment at which all that was done can be saved."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any
+
+__all__ = ["signals_held"]
+
+
+@contextlib.contextmanager
+def signals_held() -> Iterator[Callable[[], bool]]:
+    """Hold SIGINT and SIGTERM back while the context lasts; they take effect when it ends.
+
+    A second Ctrl-C takes effect at once. Signals that are ignored stay so, and outside the main thread, where Python
+    delivers none, nothing is held.
+
+    Yields
+    ------
+    callable
+        Says whether a signal is waiting.
+    """
+    waiting: list[int] = []
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: False
+        return
+
+    def hold(number: int, frame: Any) -> None:
+        previous = before[signal.Signals(number)]
+        if number == signal.SIGINT and number in waiting and callable(previous):
+            previous(number, frame)
+        waiting.append(number)
+
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: own for number, own in handlers.items() if own not in (signal.SIG_IGN, None)}
+    for number in before:
+        signal.signal(number, hold)
+    try:
+        yield lambda: bool(waiting)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    if waiting:
+        signal.raise_signal(waiting[0])

@@ -1,0 +1,73 @@
+"""The long run in miniature: its figures are right, and it notices what it is there to notice."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+import hardspheres as hs
+from studies import soak as soaking
+from studies.report import OutputFolder, Screen
+from studies.soak import COLUMNS, Soak, Soaking, resident, soak
+
+STUDY = Soak(n=200, dim=2, collisions=100_000, workers=1)
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    out = OutputFolder(tmp_path_factory.mktemp("soak"))
+    summary, sound = soak(STUDY, out, Screen(json_output=True))
+    return out, summary, sound
+
+
+def test_a_short_soak_is_sound_and_stores_its_figures(finished):
+    """The memory may grow by less than 1 MB here too."""
+    out, summary, sound = finished
+    assert sound, summary["checks"]
+    assert {path.name for path in out.path.iterdir()} == {"soak.csv", "summary.json"} == set(summary["files"])
+    fluid, mixture = json.loads((out.path / "summary.json").read_text())["gases"]
+    assert fluid["collisions"] == 100_000 and mixture["collisions"] == 10_000
+    assert fluid["wall_collisions"] == 0 and mixture["wall_collisions"] > 1000
+    with (out.path / "soak.csv").open() as handle:
+        rows = list(csv.DictReader(handle))
+    assert list(rows[0]) == ["gas", *COLUMNS] and len(rows) == 200
+    for index, gas in enumerate((fluid, mixture)):
+        own = [row for row in rows if row["gas"] == str(index)]
+        for name in ("energy_drift", "momentum_drift", "worst_overlap"):
+            assert gas[name] == max(abs(float(row[name])) for row in own) < 1e-12
+        assert gas["late_events"] == 0 and float(own[-1]["collisions"]) == gas["collisions"]
+    assert summary["machine"]["cores"] >= 1 and summary["date"].startswith("20")
+
+
+class Broken(hs.Simulation):
+    """A simulation whose energy, overlaps and punctuality are not what they should be."""
+
+    worst_overlap = 1e-9
+
+    @property
+    def energy_drift(self):
+        return 1e-6
+
+    def status(self):
+        return super().status() | {"late_events": 3}
+
+
+def test_what_breaks_is_told(monkeypatch):
+    monkeypatch.setattr(hs, "Simulation", Broken)
+    memory = iter(np.arange(1, 1000) * 2e4)
+    monkeypatch.setattr(soaking, "resident", lambda: next(memory))
+    monkeypatch.setattr(soaking, "encode", lambda state: None)
+    (gas, _), (seed,) = STUDY.gases, np.random.SeedSequence(1).spawn(1)
+    found = Soaking()((soaking.Gas(gas.fluid, 1000), seed))
+    assert len(found.failures) == 102 and "kinetic energy changed by 1e-06" in found.failures[0]
+    assert found.failures[-2:] == ("3 events were late", "resident memory grew by 1.8 MB")
+    assert found.worst("worst_overlap") == 1e-9
+
+
+def test_memory_is_seen():
+    before = resident()
+    if np.isnan(before):
+        pytest.skip("the resident memory of a process is known on Linux only")
+    ballast = np.ones(4_000_000)
+    assert resident() - before > 0.8 * ballast.nbytes
