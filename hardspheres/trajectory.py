@@ -277,7 +277,8 @@ class TrajectoryWriter:
         else:
             end = _end_of_frames(self.path, keep) if keep else 0
             self._text = self.path.open("a" if keep else "w", encoding="utf-8", newline="\n")
-            self._text.truncate(end)
+            if keep:
+                self._text.truncate(end)
 
     def write(self, frame: Scene | FrameLike) -> None:
         """Append a frame or a scene.

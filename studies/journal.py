@@ -100,7 +100,7 @@ def options_of(study: Any, skip: set[str] = NOT_COMPARED) -> dict[str, Any]:
     Parameters
     ----------
     study : dataclass
-        Numbers, texts, tuples, scenes, and dataclasses of such.
+        Numbers, texts, tuples, dicts, scenes, and dataclasses of such.
     skip : set of str
         Names of fields that do not count.
     """
@@ -115,6 +115,8 @@ def options_of(study: Any, skip: set[str] = NOT_COMPARED) -> dict[str, Any]:
             found["the structure that it starts from"] = f"{digest[:12]} {' '.join(value.boundary)}"
         elif is_dataclass(value):
             found |= options_of(value, skip)
+        elif isinstance(value, dict):
+            found[f"--{field.name}"] = repr(value)
         else:
             name = "from" if field.name == "source" else field.name.replace("_", "-")
             found[f"--{name}"] = list(value) if isinstance(value, tuple) else value

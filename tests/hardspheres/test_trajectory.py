@@ -149,7 +149,7 @@ def test_a_full_disk_is_one_sentence():
     with pytest.raises(hs.TrajectoryError, match="/dev/full.xyz cannot be written|No space left"):
         trajectory = hs.TrajectoryWriter.__new__(hs.TrajectoryWriter)
         trajectory.path = hs.trajectory.Path("/dev/full")
-        trajectory._open()
+        trajectory._open(0)
         with trajectory:
             trajectory.write(gas("discs"))
 

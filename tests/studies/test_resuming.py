@@ -104,9 +104,9 @@ class Forgetful(States):
 def test_a_task_that_forgets_something_is_found_out(monkeypatch):
     """Sibling: the same comparison, of a task whose state is not complete."""
     monkeypatch.setattr("studies.resuming.PAUSE", 50)
-    item = (Fluid(100, packing_fraction=0.3), SEED)
-    assert bits(in_pieces(Forgetful(300.0), item, every=80)[0]) != bits(Forgetful(300.0)(item))
-    assert bits(in_pieces(States(300.0), item, every=80)[0]) == bits(States(300.0)(item))
+    item, study = (Fluid(100, packing_fraction=0.3), SEED), EquationOfState(collisions_per_particle=300.0)
+    assert bits(in_pieces(Forgetful(study), item, every=80)[0]) != bits(Forgetful(study)(item))
+    assert bits(in_pieces(States(study), item, every=80)[0]) == bits(States(study)(item))
 
 
 class Sums(Resumable):

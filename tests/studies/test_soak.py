@@ -1,6 +1,7 @@
 """The long run in miniature: its figures are right, and it notices what it is there to notice."""
 
 import csv
+import gc
 import json
 
 import numpy as np
@@ -66,8 +67,9 @@ def test_what_breaks_is_told(monkeypatch):
 
 
 def test_memory_is_seen():
+    gc.collect()
     before = resident()
     if np.isnan(before):
         pytest.skip("the resident memory of a process is known on Linux only")
-    ballast = np.ones(4_000_000)
+    ballast = np.ones(16_000_000)
     assert resident() - before > 0.8 * ballast.nbytes
