@@ -282,14 +282,16 @@ class Screen:
         """Print a line about what is going on."""
         self.errors.print(text, markup=False, style="dim")
 
-    def table(self, title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-        """Print a table of right-aligned columns."""
+    def table(
+        self, title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], wrap: bool = False
+    ) -> None:
+        """Print a table of right-aligned columns; where it is too wide, text is cut, or wrapped if asked for."""
         gap = 2 if self.results.width >= 100 else 1
         table = Table(
             title=title or None, title_justify="left", box=None, pad_edge=False, padding=(0, gap, 0, 0)
         )
         for column in columns:
-            table.add_column(column, justify="right", no_wrap=True)
+            table.add_column(column, justify="right", no_wrap=not wrap)
         for row in rows:
             table.add_row(*row)
         self.results.print(table)

@@ -99,7 +99,7 @@ def hard_cases(
         with screen.working(f"{group.TITLE} ..."):
             done: list[Case] = list(group.cases(size))
         lines = [(c.name, c.exact, c.engine, c.digits_text, "" if c.passed else "FAILED") for c in done]
-        screen.table(f"{group.TITLE} ({time.perf_counter() - started:.0f} s)", COLUMNS, lines)
+        screen.table(f"{group.TITLE} ({time.perf_counter() - started:.0f} s)", COLUMNS, lines, wrap=True)
         screen.say()
         rows += [(name, case) for case in done]
     failures = [f"{name}: {case.name}: {case.engine}" for name, case in rows if not case.passed]
