@@ -6,7 +6,7 @@ import itertools
 import math
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -29,6 +29,7 @@ from studies.report import (
     say_checks,
     seconds_taken,
 )
+from studies.resuming import Resumable, until
 
 __all__ = ["FreePathState", "FreePaths", "Runs", "free_path"]
 
@@ -149,8 +150,18 @@ def curves_of(paths: FreePath) -> dict[str, list[Curve]]:
     return curves
 
 
+@dataclass
+class _Measuring:
+    """A replica on its way: after `done` blocks."""
+
+    simulation: hs.Simulation
+    paths: FreePath
+    notes: list[str]
+    done: int = 0
+
+
 @dataclass(frozen=True)
-class Runs:
+class Runs(Resumable[tuple[Fluid, np.random.SeedSequence], _Measuring, _Run]):
     """The task that turns a fluid and a seed into one measured replica.
 
     Attributes
@@ -161,30 +172,44 @@ class Runs:
 
     collisions_per_particle: float
 
-    def __call__(self, item: tuple[Fluid, np.random.SeedSequence]) -> _Run:
-        """Run one replica."""
+    def begin(self, item: tuple[Fluid, np.random.SeedSequence]) -> _Measuring:
+        """Make the gas."""
         fluid, seed = item
-        began = time.perf_counter()
         simulation = hs.Simulation(fluid.scene(seed), free_paths=True)
-        fluid.settle(simulation)
+        return _Measuring(simulation, FreePath(simulation.scene), [])
+
+    def steps(self, item: tuple[Fluid, np.random.SeedSequence], state: _Measuring) -> Iterator[None]:
+        """Let it settle, then measure block by block."""
+        simulation, fluid = state.simulation, item[0]
         total = round(self.collisions_per_particle * fluid.n / 2)
-        paths = FreePath(simulation.to_scene())
+        ends = fluid.settled + np.linspace(0, total, min(BLOCKS, total // 8) + 1).round().astype(int)
+        yield from until(simulation, int(ends[0]))
+        if simulation.collisions == ends[0]:
+            simulation.reset_tallies()
+        for end in ends[1 + state.done :]:
+            yield from until(simulation, int(end))
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always")
+                state.paths.add(simulation.free_paths)
+            state.notes += [str(warning.message) for warning in caught]
+            simulation.reset_tallies()
+            state.done += 1
+
+    def result(self, item: tuple[Fluid, np.random.SeedSequence], state: _Measuring, seconds: float) -> _Run:
+        """Return what was measured."""
+        paths, simulation = state.paths, state.simulation
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            for size in np.diff(np.linspace(0, total, min(BLOCKS, total // 8) + 1).round().astype(int)):
-                simulation.reset_tallies()
-                simulation.run(collisions=int(size))
-                paths.add(simulation.free_paths)
             checks, curves = paths.checks, curves_of(paths)
         return _Run(
             checks,
             curves,
             paths.labels,
             paths.flights,
-            tuple(dict.fromkeys(str(warning.message) for warning in caught)),
+            tuple(dict.fromkeys(state.notes + [str(warning.message) for warning in caught])),
             broken(simulation),
             simulation.status(),
-            time.perf_counter() - began,
+            seconds,
         )
 
 

@@ -72,7 +72,7 @@ def test_a_gas_that_is_not_maxwellian_is_seen(monkeypatch):
     """Sibling: beams that have not met yet do not collide as often as a gas does; and the first flights are told of."""
     made = Fluid.scene
     monkeypatch.setattr(Fluid, "scene", lambda self, seed: made(self, seed, "beams"))
-    monkeypatch.setattr(Fluid, "settle", lambda self, simulation: 0)
+    monkeypatch.setattr(Fluid, "settled", 0)
     (state,) = states_of(FreePaths((0.2,), Fluid(n=10_000), 0.2, replicas=2))
     assert any("mean free time" in failure for failure in state.failures)
     assert any("began before the simulation" in note for note in state.notes)

@@ -12,6 +12,7 @@ from studies.diffusion import Walks
 from studies.encoding import decode, encode
 from studies.ensemble import replica_seeds, run_replicas
 from studies.fluid import Fluid
+from studies.free_path import Runs
 from studies.journal import Shelf
 from studies.pressure import EquationOfState, States
 from studies.resuming import Resumable, perform, until
@@ -60,6 +61,7 @@ TASKS = {
         States(EquationOfState(collisions_per_particle=3.0)),
         (Fluid(100, packing_fraction=0.3), SEED),
     ),
+    "free-path": lambda folder: (Runs(60.0), (Fluid(100, packing_fraction=0.1), SEED)),
     "diffusion": lambda folder: (Walks(90.0), (Fluid(100, packing_fraction=0.3), SEED)),
     "mixture": lambda folder: mixed(),
     "thermalise": relaxing,
@@ -86,7 +88,7 @@ def test_interrupted_at_every_pause(name, tmp_path, monkeypatch):
     task, item = TASKS[name](tmp_path)
     whole = task(item)
     files = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    pieces, times = in_pieces(task, item, every={"diffusion": 40, "soak": 7}.get(name, 1))
+    pieces, times = in_pieces(task, item, every={"diffusion": 40, "free-path": 30, "soak": 7}.get(name, 1))
     assert times > 5
     assert bits(pieces) == bits(whole)
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == files
