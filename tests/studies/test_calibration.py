@@ -62,7 +62,7 @@ def test_wrong_error_bars_and_wrong_values_fail():
         assert not row.result.passed
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_every_estimator_is_calibrated(tmp_path):
     """The whole command: one of 36 estimators is not `right` by chance in 0.4 % of seeds."""
     summary, _ = calibration(
