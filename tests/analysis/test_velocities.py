@@ -153,7 +153,7 @@ def test_cumulant_bias_and_noise_are_as_stated(gas):
     assert one.a2.standard_error == pytest.approx(each, rel=0.15)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore::analysis.series.SeriesWarning")
 def test_errors_of_a2_over_correlated_frames_follow_students_t():
     """Frames half a collision per particle apart; the truth at fixed energy is -2/(D + 2)."""

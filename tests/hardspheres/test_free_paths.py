@@ -54,7 +54,7 @@ def test_the_trajectory_is_the_same_with_and_without(kind, method, monkeypatch):
     assert ("windows" in sim.status()["method"]) is (method is WINDOWS)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("kind", "method"), OTHERS, ids=method_name)
 def test_the_trajectory_is_the_same_for_every_kind(kind, method, monkeypatch):
     monkeypatch.setattr(tuning, "SPARSE_BELOW", method)
