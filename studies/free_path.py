@@ -29,7 +29,7 @@ from studies.report import (
     say_checks,
     seconds_taken,
 )
-from studies.resuming import Resumable, until
+from studies.resuming import Resumable, in_blocks
 
 __all__ = ["FreePathState", "FreePaths", "Runs", "free_path"]
 
@@ -180,20 +180,17 @@ class Runs(Resumable[tuple[Fluid, np.random.SeedSequence], _Measuring, _Run]):
 
     def steps(self, item: tuple[Fluid, np.random.SeedSequence], state: _Measuring) -> Iterator[None]:
         """Let it settle, then measure block by block."""
-        simulation, fluid = state.simulation, item[0]
+        fluid = item[0]
         total = round(self.collisions_per_particle * fluid.n / 2)
         ends = fluid.settled + np.linspace(0, total, min(BLOCKS, total // 8) + 1).round().astype(int)
-        yield from until(simulation, int(ends[0]))
-        if simulation.collisions == ends[0]:
-            simulation.reset_tallies()
-        for end in ends[1 + state.done :]:
-            yield from until(simulation, int(end))
+
+        def add() -> None:
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")
-                state.paths.add(simulation.free_paths)
-            state.notes += [str(warning.message) for warning in caught]
-            simulation.reset_tallies()
-            state.done += 1
+                state.paths.add(state.simulation.free_paths)
+            state.notes.extend(str(warning.message) for warning in caught)
+
+        return in_blocks(state, [int(end) for end in ends], add)
 
     def result(self, item: tuple[Fluid, np.random.SeedSequence], state: _Measuring, seconds: float) -> _Run:
         """Return what was measured."""

@@ -30,7 +30,7 @@ from studies.report import (
     say_checks,
     seconds_taken,
 )
-from studies.resuming import Resumable, until
+from studies.resuming import Resumable, in_blocks
 
 __all__ = ["EquationOfState", "State", "States", "equation_of_state", "packing_fractions"]
 
@@ -194,15 +194,7 @@ class States(Resumable[tuple[Fluid, np.random.SeedSequence], _Measuring, _Run]):
 
     def steps(self, item: tuple[Fluid, np.random.SeedSequence], state: _Measuring) -> Iterator[None]:
         """Let it settle, then measure block by block."""
-        simulation, (start, *ends) = state.simulation, self._ends(item[0])
-        yield from until(simulation, start)
-        if simulation.collisions == start:
-            simulation.reset_tallies()
-        for end in ends[state.done :]:
-            yield from until(simulation, end)
-            state.pressure.add(simulation.tallies)
-            simulation.reset_tallies()
-            state.done += 1
+        return in_blocks(state, self._ends(item[0]), lambda: state.pressure.add(state.simulation.tallies))
 
     def result(self, item: tuple[Fluid, np.random.SeedSequence], state: _Measuring, seconds: float) -> _Run:
         """Return what was measured."""

@@ -9,15 +9,15 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import hardspheres as hs
 from studies.journal import Shelf
 from studies.stopping import signals_held
 
-__all__ = ["Recorded", "Resumable", "perform", "until"]
+__all__ = ["Measuring", "Recorded", "Resumable", "in_blocks", "perform", "until"]
 
 Item = TypeVar("Item")
 State = TypeVar("State")
@@ -132,3 +132,33 @@ def until(simulation: hs.Simulation, collisions: int) -> Iterator[None]:
     while simulation.collisions < collisions:
         simulation.run(collisions=min(collisions - simulation.collisions, PAUSE))
         yield
+
+
+class Measuring(Protocol):
+    """A state that knows its simulation, and how many blocks of it are measured."""
+
+    simulation: hs.Simulation
+    done: int
+
+
+def in_blocks(state: Measuring, ends: Sequence[int], add: Callable[[], object]) -> Iterator[None]:
+    """Run up to the first of these totals of pair collisions, then measure a block up to each of the others, with pauses.
+
+    Parameters
+    ----------
+    state : Measuring
+        Where to go on.
+    ends : sequence of int
+        Ascending.
+    add : callable
+        Takes what was tallied in a block; the tallies then begin anew.
+    """
+    simulation, start = state.simulation, ends[0]
+    yield from until(simulation, start)
+    if simulation.collisions == start:
+        simulation.reset_tallies()
+    for end in ends[1 + state.done :]:
+        yield from until(simulation, end)
+        add()
+        simulation.reset_tallies()
+        state.done += 1
