@@ -19,7 +19,7 @@ from analysis.statistics import Estimate, TheoryCheck, estimate_from_replicas, r
 from analysis.theory import Prediction
 from analysis.transport import Diffusion
 from studies.ensemble import available_cores
-from studies.fluid import THEORY_UP_TO, Fluid, broken, load_kernels, ordered, run_fluids
+from studies.fluid import Fluid, broken, load_kernels, ordered, run_fluids
 from studies.report import (
     ALARM,
     OutputFolder,
@@ -74,14 +74,7 @@ class SelfDiffusion:
     def check(self) -> None:
         """Raise SceneError for options that make no sense."""
         for fluid in self.fluids:
-            fluid.check()
-            limit = THEORY_UP_TO[fluid.dim]
-            if fluid.packing_fraction > limit:
-                raise hs.SceneError(
-                    f"packing fraction {fluid.packing_fraction:g} is above {limit:g}, where Enskog's "
-                    "theory ends; "
-                    "ask for less"
-                )
+            fluid.check_within("Enskog's theory")
         if self.fluid.n < 2:
             raise hs.SceneError(f"--n {self.fluid.n} cannot diffuse among others; ask for at least 2")
         if not SHORTEST <= self.collisions_per_particle < math.inf:

@@ -149,6 +149,15 @@ class Fluid:
                 "this study is of fluids, ask for less"
             )
 
+    def check_within(self, theory: str) -> None:
+        """Raise SceneError where this is no fluid, or denser than this theory goes."""
+        self.check()
+        limit = THEORY_UP_TO[self.dim]
+        if self.packing_fraction > limit:
+            raise hs.SceneError(
+                f"packing fraction {self.packing_fraction:g} is above {limit:g}, where {theory} ends; ask for less"
+            )
+
     def scene(self, seed: np.random.SeedSequence, velocities: str = "maxwell") -> hs.Scene:
         """Return the start that belongs to a seed, kT = 1.
 

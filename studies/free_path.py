@@ -17,7 +17,7 @@ import hardspheres as hs
 from analysis.free_path import SURVIVAL_AT, FreePath
 from analysis.statistics import Estimate, ReplicaWarning, TheoryCheck, combine_replicas, pool_replicas
 from studies.ensemble import available_cores
-from studies.fluid import THEORY_UP_TO, Fluid, broken, load_kernels, run_fluids
+from studies.fluid import Fluid, broken, load_kernels, run_fluids
 from studies.report import (
     ALARM,
     OutputFolder,
@@ -70,13 +70,7 @@ class FreePaths:
     def check(self) -> None:
         """Raise SceneError for options that make no sense."""
         for fluid in self.fluids:
-            fluid.check()
-            limit = THEORY_UP_TO[fluid.dim]
-            if fluid.packing_fraction > limit:
-                raise hs.SceneError(
-                    f"packing fraction {fluid.packing_fraction:g} is above {limit:g}, where the theory of this study "
-                    "ends; ask for less"
-                )
+            fluid.check_within("the theory of this study")
         second = round(self.fluid.fraction * self.fluid.n) if self.fluid.mixed else self.fluid.n
         if self.fluid.mixed and not 0 < second < self.fluid.n:
             raise hs.SceneError(
