@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import hardspheres as hs
 from studies.bench_clock import machine
@@ -20,7 +21,9 @@ from studies.fluid import Fluid, broken
 from studies.report import OutputFolder, Screen, checks_of, engine_of, say_checks, seconds_taken
 from studies.resuming import Resumable, until
 
-__all__ = ["Gas", "Soak", "Soaking", "soak"]
+__all__ = ["Gas", "Soak", "Soaking", "growth_exponent", "soak"]
+
+Floats = NDArray[np.float64]
 
 SAMPLES = 100  # in each run
 WARM = 10_000_000  # collisions in a process before its memory is compared
@@ -78,15 +81,40 @@ COLUMNS = (
 class Soaked:
     """What one run hands back: `samples` has a row for each moment and a column for each of `COLUMNS`."""
 
-    samples: np.ndarray[Any, np.dtype[np.float64]]
+    samples: Floats
     failures: tuple[str, ...]
     status: dict[str, Any]
     seconds: float
 
+    def column(self, name: str) -> Floats:
+        """Return one of the columns."""
+        return self.samples[:, COLUMNS.index(name)]
+
     def worst(self, name: str) -> float:
         """Return the largest absolute value of a column, NaN where it is not known."""
-        column = np.abs(self.samples[:, COLUMNS.index(name)])
+        column = np.abs(self.column(name))
         return float(np.nanmax(column)) if np.isfinite(column).any() else math.nan
+
+
+def growth_exponent(values: Floats) -> float:
+    """With which power of its length the change of a quantity over a stretch of a run grows: 1/2 in a random walk, 1 in a drift.
+
+    Parameters
+    ----------
+    values : ndarray, shape (samples,)
+        The quantity at regular moments; it was 0 before the first.
+
+    Returns
+    -------
+    exponent : float
+        log10 of the root mean square change over ten samples to that over one; NaN where there are not twenty samples, or
+        nothing has changed. With 100 samples of a random walk it scatters by about 0.08.
+    """
+    course = np.concatenate(([0.0], values))
+    if len(values) < 20:
+        return math.nan
+    short, long = (math.sqrt(float(np.mean((course[lag:] - course[:-lag]) ** 2))) for lag in (1, 10))
+    return math.log10(long / short) if short > 0.0 and long > 0.0 else math.nan
 
 
 @dataclass
@@ -218,6 +246,8 @@ def _summary(study: Soak, runs: Sequence[Soaked], out: OutputFolder) -> dict[str
                 "wall_collisions": run.status["wall_collisions"],
                 "energy_drift": run.worst("energy_drift"),
                 "momentum_drift": run.worst("momentum_drift"),
+                "energy_growth_exponent": growth_exponent(run.column("energy_drift")),
+                "momentum_growth_exponent": growth_exponent(run.column("momentum_drift")),
                 "worst_overlap": run.worst("worst_overlap"),
                 "late_events": run.worst("late_events"),
                 "memory_growth": run.worst("memory_growth"),
@@ -234,6 +264,10 @@ def _summary(study: Soak, runs: Sequence[Soaked], out: OutputFolder) -> dict[str
     }
 
 
+def _power(exponent: float) -> str:
+    return f"n^{exponent:.2f}" if math.isfinite(exponent) else ""
+
+
 def _print(
     screen: Screen, study: Soak, runs: Sequence[Soaked], summary: dict[str, Any], out: OutputFolder
 ) -> None:
@@ -245,7 +279,9 @@ def _print(
         "collisions",
         "hits of walls",
         "energy",
+        "growth",
         "momentum",
+        "growth",
         "overlap",
         "late",
         "memory",
@@ -260,7 +296,9 @@ def _print(
                 f"{gas['collisions']:.3g}",
                 f"{gas['wall_collisions']:.3g}",
                 f"{gas['energy_drift']:.1e}",
+                _power(gas["energy_growth_exponent"]),
                 f"{gas['momentum_drift']:.1e}",
+                _power(gas["momentum_growth_exponent"]),
                 f"{gas['worst_overlap']:.1e}",
                 f"{gas['late_events']:.0f}",
                 f"{growth / 1e6:.2f} MB" if math.isfinite(growth) else "",
@@ -270,7 +308,9 @@ def _print(
     screen.table("", header, rows)
     screen.say()
     screen.say(
-        "energy, momentum: largest change, relative, and of sum m |v|; overlap: deepest, in contact distances"
+        "energy, momentum: largest change, relative, and of sum m |v|, and how it grows with the number n of collisions "
+        "(random walk: n^0.5, drift: n^1)"
     )
+    screen.say("overlap: deepest, in contact distances")
     screen.say("late: events executed after their time; memory: most that the process grew once it was warm")
     say_checks(screen, summary, out)
