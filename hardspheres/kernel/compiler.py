@@ -22,6 +22,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 LANES = 8  # elements that `copy_lanes` copies
+MOST = 2**63 - 1  # the largest int64
 
 config: Any = numba.config
 PURE_PYTHON = bool(config.DISABLE_JIT)
@@ -61,6 +62,16 @@ if PURE_PYTHON:
         """Copy LANES elements, one by one."""
         for lane in range(LANES):
             target[k + lane] = source[m + lane]
+
+    def turn_rows(target, k, stride, source, ids, entry):
+        """Copy 8 rows of 8 numbers to 8 columns, one by one."""
+        for line in range(8):
+            for column in range(8):
+                target[column * stride + k + line] = source[8 * ids[entry + line] + column]
+
+    def least_of_equal(keys, m, values, k, wanted):
+        """Return the least of 8 keys, of those whose value is the one wanted; the largest int64 where none is."""
+        return min((keys[m + lane] for lane in range(8) if values[k + lane] == wanted), default=MOST)
 
     def bits(x):
         """Return the bits of a float64 as int64."""
@@ -114,7 +125,82 @@ else:
 
         return types.none(target, types.int64, source, types.int64), codegen
 
+    @intrinsic
+    def turn_rows(typingctx, target, k, stride, source, ids, entry):
+        """Copy 8 rows of 8 numbers, those that `ids` names from `entry` on, to 8 columns that are `stride` apart.
+
+        The 8 by 8 square is turned in registers: in three steps, each of which exchanges halves of pairs of vectors.
+        """
+
+        def codegen(context, builder, signature, args):
+            target, k, stride, source, ids, entry = args
+            vector = ir.VectorType(context.get_data_type(signature.args[3].dtype), 8)
+            size = context.get_abi_sizeof(vector.element)
+            word = ir.IntType(64)
+            lines = []
+            for line in range(8):
+                name = builder.load(builder.gep(ids, [builder.add(entry, word(line))]))
+                row = builder.mul(builder.sext(name, word), word(8))
+                lines.append(
+                    builder.load(builder.bitcast(builder.gep(source, [row]), vector.as_pointer()), align=size)
+                )
+            for step in (1, 2, 4):
+                low = [j if j & step == 0 else j - step + 8 for j in range(8)]
+                high = [j + step if j & step == 0 else j + 8 for j in range(8)]
+                masks = [ir.Constant(ir.VectorType(ir.IntType(32), 8), mask) for mask in (low, high)]
+                for a in range(8):
+                    if a & step == 0:
+                        pair = lines[a], lines[a + step]
+                        lines[a], lines[a + step] = (builder.shuffle_vector(*pair, mask) for mask in masks)
+            for column, line in enumerate(lines):
+                place = builder.add(k, builder.mul(stride, word(column)))
+                where = builder.bitcast(builder.gep(target, [place]), vector.as_pointer())
+                builder.store(line, where, align=size)
+            return context.get_dummy_value()
+
+        return types.none(target, types.int64, types.int64, source, ids, types.int64), codegen
+
+    @intrinsic
+    def least_of_equal(typingctx, keys, m, values, k, wanted):
+        """Return the least of 8 keys, of those whose value is the one wanted; the largest int64 where none is."""
+
+        def codegen(context, builder, signature, args):
+            keys, m, values, k, wanted = args
+            word, index = ir.IntType(64), ir.VectorType(ir.IntType(32), 8)
+            vector = ir.VectorType(word, 8)
+
+            def load(pointer, first):
+                return builder.load(
+                    builder.bitcast(builder.gep(pointer, [first]), vector.as_pointer()), align=8
+                )
+
+            same = builder.insert_element(ir.Constant(vector, ir.Undefined), wanted, ir.IntType(32)(0))
+            same = builder.shuffle_vector(same, same, ir.Constant(index, [0] * 8))
+            most = ir.Constant(vector, [MOST] * 8)
+            kept = builder.select(builder.icmp_signed("==", load(values, k), same), load(keys, m), most)
+            kind = ir.FunctionType(word, [vector])
+            least = cgutils.get_or_insert_function(builder.module, kind, "llvm.vector.reduce.smin.v8i64")
+            return builder.call(least, [kept])
+
+        return types.int64(keys, types.int64, values, types.int64, types.int64), codegen
+
     if CHECKED:
+
+        @numba.njit
+        def least_of_equal(keys, m, values, k, wanted):
+            """With checks: one by one."""
+            least = MOST
+            for lane in range(8):
+                if values[k + lane] == wanted:
+                    least = min(least, keys[m + lane])
+            return least
+
+        @numba.njit
+        def turn_rows(target, k, stride, source, ids, entry):
+            """With checks: one by one."""
+            for line in range(8):
+                for column in range(8):
+                    target[column * stride + k + line] = source[8 * ids[entry + line] + column]
 
         @numba.njit
         def copy_lanes(target, k, source, m):

@@ -4,7 +4,7 @@ import math
 
 from hardspheres import collision, growth
 
-from .compiler import bits, from_bits, jit
+from .compiler import bits, from_bits, jit, least_of_equal, turn_rows
 from .flags import DIM, GROWS, SIZES, WALLS
 from .layout import (
     BOX,
@@ -40,11 +40,11 @@ NO_TIME = 0x7FF0000000000000  # the bits of infinity: non-negative times order a
 NO_PARTICLE = 0x7FFFFFFF
 
 # Columns of the table that the prediction works on: a partner's row as it is, its id, the contact time found.
-PLACE = 0
-VEL = 3 * LANES
-SINCE = 6 * LANES
-SIZE = 7 * LANES
-WHO = 8 * LANES
+PLACE = X * LANES
+VEL = V * LANES
+SINCE = T * LANES
+SIZE = RADIUS * LANES
+WHO = ROW * LANES
 WHEN = 9 * LANES
 SHIFT = 10 * LANES
 
@@ -52,22 +52,18 @@ SHIFT = 10 * LANES
 @jit
 def lay_out(s, k, j):
     """Copy the row of j to line k of the table."""
-    rj = j * ROW
-    for d in range(DIM):
-        s.scratch[PLACE + d * LANES + k] = s.row[rj + X + d]
-        s.scratch[VEL + d * LANES + k] = s.row[rj + V + d]
-    s.scratch[SINCE + k] = s.row[rj + T]
-    if SIZES:
-        s.scratch[SIZE + k] = s.row[rj + RADIUS]
-    s.scratch_int[WHO + k] = j
+    for column in range(ROW):
+        s.scratch[column * LANES + k] = s.row[j * ROW + column]
 
 
 @jit
 def gather(s, i, first):
     """Lay out some of i's neighbours, and the images that the list names, if it does."""
     entry = i * s.counter[LIST_ROOM] + first
+    for k in range(0, LANES, ROW):
+        turn_rows(s.scratch, k, LANES, s.row, s.neighbours, entry + k)
     for k in range(LANES):
-        lay_out(s, k, s.neighbours[entry + k])
+        s.scratch_int[WHO + k] = s.neighbours[entry + k]
     if s.counter[IMAGES]:
         for k in range(LANES):
             for d in range(DIM):
@@ -169,9 +165,10 @@ def earliest_contact(s, i, now):
             if soonest < best:
                 partner = NO_PARTICLE
             best = soonest
-            for k in range(LANES):
-                who = s.scratch_int[WHO + k] if s.scratch_int[WHEN + k] == soonest else NO_PARTICLE
-                partner = min(partner, who)
+            for k in range(0, LANES, ROW):
+                partner = min(
+                    partner, least_of_equal(s.scratch_int, WHO + k, s.scratch_int, WHEN + k, soonest)
+                )
         first += LANES
         if first == room or s.neighbours[i * room + first] == s.counter[N]:
             break
