@@ -52,8 +52,13 @@ SHIFT = 10 * LANES
 @jit
 def lay_out(s, k, j):
     """Copy the row of j to line k of the table."""
-    for column in range(ROW):
-        s.scratch[column * LANES + k] = s.row[j * ROW + column]
+    rj = j * ROW
+    for d in range(DIM):
+        s.scratch[PLACE + d * LANES + k] = s.row[rj + X + d]
+        s.scratch[VEL + d * LANES + k] = s.row[rj + V + d]
+    s.scratch[SINCE + k] = s.row[rj + T]
+    if SIZES:
+        s.scratch[SIZE + k] = s.row[rj + RADIUS]
 
 
 @jit
