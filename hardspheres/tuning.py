@@ -14,7 +14,7 @@ from hardspheres.scene import Scene
 
 Floats = NDArray[np.float64]
 
-NEIGHBOURS_WANTED = {2: 11.0, 3: 14.0}  # per list: fewer means more renewals, more means dearer predictions
+NEIGHBOURS_WANTED = {2: 13.0, 3: 14.0}  # per list: fewer means more renewals, more means dearer predictions
 SLACK = 1e-6  # by which lists and lines reach further than they must, so that rounding never matters
 # One of each is chosen: flights up to this many sqrt(kT/m) are registered in one piece; so many windows in an epoch.
 THERMAL_SPEEDS = (2.2, 2.6, 3.0, 3.5)
