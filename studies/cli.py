@@ -246,7 +246,7 @@ def bench(
     suite: Annotated[
         str | None,
         typer.Option(
-            help="quick (3 min) or full (20 min): a table over N and packing fraction, with a figure."
+            help="quick (3 min) or full (10 to 20 min): a table over N and packing fraction, with a figure."
         ),
     ] = None,
     seed: Seed = 1,
