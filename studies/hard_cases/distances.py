@@ -93,7 +93,7 @@ def cases(size: Size) -> Iterator[Case]:
         yield invariants(
             f"{spheres} spheres in a box of 2 + 2e-9 diameters",
             tight(spheres),
-            pick(size, (10_000, 10**6, 10**8)),
+            pick(size, (10_000, 10**6, 3 * 10**7)),
         )
     yield straight(pick(size, (1e7, 1e9, 1e9)))
     wait = pick(size, (1e6, 1e8, 1e9))
