@@ -351,6 +351,8 @@ class Engine:
         if status == self.kernels.NO_ROOM:
             self._make_room()
             return False
+        if status == self.kernels.OUT_OF_PACE:  # the epoch has begun, and nothing of it is known yet
+            return False
         self._afresh = False
         if status == self.kernels.LOG_FULL:
             self.hand_over_log()
