@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     AnySimulation = TypeVar("AnySimulation", bound=Simulation)
 
 FORMAT = "hardspheres checkpoint"
-VERSION = 1
+VERSION = 2
 SCENE = ("positions", "velocities", "radii", "masses", "box")
 MOST = 2**62  # no clock or counter gets that far
 
@@ -82,6 +82,7 @@ def to_arrays(sim: "Simulation") -> Arrays:
     from hardspheres import __version__
 
     sim._keep_clock()
+    sim._keep_pace()
     about = {
         "format": FORMAT,
         "version": VERSION,
@@ -106,6 +107,7 @@ def from_arrays(cls: "type[AnySimulation]", arrays: Arrays, log: Any = None) -> 
             "log=... needs what only a simulation with free_paths=True or a log keeps, and this was none"
         )
     sim = cls(_scene(arrays, about), free_paths=flights and log is None, log=log)
+    _set_epochs(sim, about["epoch_length"])
     _require_like(arrays, sim._engine.state())
     _require_state(sim, arrays, about)
     sim._engine.restore(arrays)
@@ -156,6 +158,18 @@ def _scene(arrays: Arrays, about: dict[str, Any]) -> Scene:
         raise CheckpointError(f"its scene is impossible: {error}") from None
 
 
+def _set_epochs(sim: "Simulation", length: float) -> None:
+    """Have epochs of the length that the file tells, if the simulation can have come to them."""
+    usual = sim._length
+    mantissa, _ = math.frexp(length)
+    if length == usual:
+        return
+    change = math.isfinite(float(sim._engine.arrays.number[sim._at.HASTE]))
+    if not (change and mantissa == 0.5 and 2.0**-60 * usual <= length < usual):
+        raise CheckpointError(f"its epochs are {length!r} long, but this scene's are {usual!r}")
+    sim._engine = sim._engine.with_epochs(length)
+
+
 def _require_like(arrays: Arrays, fresh: Arrays) -> None:
     """Require just the arrays that a fresh simulation of the scene has, in type and shape."""
     names = {"about", *SCENE, *fresh}
@@ -174,10 +188,6 @@ def _require_like(arrays: Arrays, fresh: Arrays) -> None:
 def _require_state(sim: "Simulation", arrays: Arrays, about: dict[str, Any]) -> None:
     """Require rows, clocks and counters that runs of this scene can reach, as far as the kernels rely on it."""
     at, scene, length = sim._at, sim.scene, sim._length
-    if about["epoch_length"] != length:
-        raise CheckpointError(
-            f"its epochs are {about['epoch_length']!r} long, but this scene's are {length!r}"
-        )
     counters = dict(zip(at.STATE_COUNTERS, arrays["counters"].tolist(), strict=True))
     numbers = dict(zip(at.STATE_NUMBERS, arrays["numbers"].tolist(), strict=True))
     epoch, moment = about["clock"]

@@ -1,10 +1,12 @@
 """The engine's state: a scene turned into the kernels' arrays, with room found for them as it is needed."""
 
+import copy
 import math
 from typing import Any
 
 import numpy as np
 
+from hardspheres.clock import recounted
 from hardspheres.errors import SimulationError
 from hardspheres.event_log import ROOM, Sink, as_events
 from hardspheres.free_paths import FlightTallies
@@ -16,6 +18,8 @@ from hardspheres.tuning import (
     cells_per_axis,
     collision_frequency,
     epoch_length,
+    epoch_length_at,
+    pace,
     power_of_two_below,
     shell_width,
     window_plan,
@@ -71,8 +75,8 @@ class Engine:
 
         sizes = bool(np.any(scene.radii != scene.radii[0]))
         masses = bool(np.any(scene.masses != scene.masses[0]))
-        plan = window_plan(scene) if growth is None else None
-        self.large = np.flatnonzero(scene.radii > plan.small_radius) if plan else np.zeros(0, dtype=np.int64)
+        length = epoch_length(scene)
+        plan = window_plan(scene, length) if growth is None else None
         self.kernels: Any = specialise(
             scene.dim,
             not bool(scene.periodic.all()),
@@ -97,7 +101,6 @@ class Engine:
         if sizes:
             table[:, at.RADIUS] = scene.radii
 
-        length = epoch_length(scene)
         flight, units = self.flights.prepared(length) if self.flights else (np.zeros(1), np.zeros(0))
         sums, counts = self.flights.room if self.flights else (0, 0)
         number = np.append(np.zeros(at.NUMBERS), units)
@@ -105,12 +108,10 @@ class Engine:
         sigma = 2.0 * float(scene.radii[0])
         number[at.BOX : at.BOX + dim] = scene.box
         number[at.INVERSE : at.INVERSE + dim] = np.where(scene.periodic, 1.0 / scene.box, 0.0)
-        number[at.EPOCH_LENGTH] = length
         number[at.SIGMA2] = sigma * sigma
         number[at.CORE] = scene.radii[0]
         number[at.MASS] = scene.masses[0]
         number[at.REDUCED] = 0.5 * scene.masses[0]
-        number[at.LATE_BY] = 4.0 * math.ulp(length)
         number[at.STANDSTILL] = -length
         number[at.SCALE], number[at.GROWTH] = growth or (1.0, 0.0)
         count[at.N] = n
@@ -118,10 +119,7 @@ class Engine:
         count[at.BEYOND_CACHE] = int(n > CACHED)
         count[at.KINDS] = len(units) // 3
         count[at.LOG_ROOM] = ROOM if sink else 0
-        if plan is None:
-            self._plan_lists(scene, number, count)
-        else:
-            self._plan_windows(scene, plan, number, count)
+        self._plan(plan, length, number, count)
 
         scratch = aligned(at.LANES * 16, np.float64)
         event = aligned(n * at.EVENT + 1, np.int64)
@@ -144,6 +142,19 @@ class Engine:
         )
         self._afresh = True
         self.paused = False  # whether the last run ended because its budget of work ran out
+
+    def _plan(self, plan: WindowPlan | None, length: float, number: Any, count: Any) -> None:
+        """Choose everything that depends on the length of an epoch."""
+        at, scene = self.layout, self.scene
+        number[at.EPOCH_LENGTH] = length
+        number[at.LATE_BY] = 4.0 * math.ulp(length)
+        number[at.LEISURE], number[at.HASTE] = pace(scene, length)
+        number[at.MEAN_SQUARE] = math.nan
+        self.large = np.flatnonzero(scene.radii > plan.small_radius) if plan else np.zeros(0, dtype=np.int64)
+        if plan is None:
+            self._plan_lists(scene, number, count)
+        else:
+            self._plan_windows(scene, plan, number, count)
 
     def _plan_lists(self, scene: Scene, number: Any, count: Any) -> None:
         """Choose shells, cells and calendar of the list method."""
@@ -290,6 +301,45 @@ class Engine:
         self.arrays.counter[:] = count  # after the arrays: never room in the books that is not there
         self.chunks = chunks
 
+    @property
+    def due(self) -> float:
+        """Length that epochs ought to have from now on, by the mean square speed at the beginning of this one."""
+        at, number, epoch = self.layout, self.arrays.number, int(self.arrays.counter[self.layout.EPOCH])
+        length, v2 = float(number[at.EPOCH_LENGTH]), float(number[at.MEAN_SQUARE])
+        if v2 >= number[at.HASTE]:
+            return epoch_length_at(self.scene, v2)
+        if v2 < number[at.LEISURE] and epoch % 16 == 0:
+            longest = min(epoch_length_at(self.scene, v2), epoch_length(self.scene))
+            return min(longest, length * (epoch & -epoch))  # it begins where a longer one would
+        return length
+
+    def with_epochs(self, length: float) -> "Engine":
+        """Return this engine, at the beginning of an epoch, with epochs of another length, a power of two times this one.
+
+        Rows and clocks stay; what counts epochs is counted in the new ones.
+        """
+        at, old = self.layout, self.arrays
+        before = float(old.number[at.EPOCH_LENGTH])
+        number, count, total, flight = (a.copy() for a in (old.number, old.counter, old.total, old.flight))
+        other = copy.copy(self)
+        plan = window_plan(self.scene, length) if count[at.WINDOW_BUCKETS] else None
+        other._plan(plan, length, number, count)
+        for epoch in (at.EPOCH, at.LAST_PAIR_EPOCH):
+            count[epoch], _ = recounted(int(count[epoch]), 0.0, before, length)
+        count[at.BUCKET] = 0
+        total[at.STRESS_EPOCHS : at.WALL_IMPULSE] *= before / length
+        if self.flights:
+            self.flights.recount(flight, before, length)
+        other.arrays = old._replace(
+            number=number,
+            counter=count,
+            total=total,
+            flight=flight,
+            **other._searching_arrays(count, other.chunks),
+        )
+        other._afresh = True
+        return other
+
     def run(self, stop_epoch: int, stop_time: float, stop_pairs: int, budget: int) -> bool:
         """Execute events up to a time or a number of pair collisions; False where the budget of work ran out first."""
         # An interrupt before the result is known costs a new search and no more.
@@ -300,6 +350,8 @@ class Engine:
         self.paused = status == self.kernels.PAUSED
         if status == self.kernels.NO_ROOM:
             self._make_room()
+            return False
+        if status == self.kernels.OUT_OF_PACE:  # the epoch has begun, and nothing of it is known yet
             return False
         self._afresh = False
         if status == self.kernels.LOG_FULL:

@@ -149,6 +149,20 @@ class FlightTallies:
         flight[:, at.KIND] = self.kinds
         return flight.ravel(), (1.0 / (self.units * [1.0, 1.0, SPEED_BIN])).ravel()
 
+    def recount(self, flight: Floats, before: float, length: float) -> None:
+        """Have the flights that the kernels keep begin in epochs of another length, a power of two times that before."""
+        table = flight.reshape(-1, self.at.FLIGHT)
+        known = table[:, self.at.BEGAN_EPOCH] >= 0.0
+        epoch, began = table[:, self.at.BEGAN_EPOCH], table[:, self.at.BEGAN]
+        if length < before:
+            whole = np.floor(began / length)
+            epoch, began = epoch * (before / length) + whole, began - whole * length
+        else:
+            whole = np.floor(epoch * (before / length))
+            epoch, began = whole, began + (epoch - whole * (length / before)) * before
+        table[:, self.at.BEGAN_EPOCH] = np.where(known, epoch, -1.0)
+        table[:, self.at.BEGAN] = np.where(known, began, length)
+
     @property
     def room(self) -> tuple[int, int]:
         """How many sums and counts the kernels need."""

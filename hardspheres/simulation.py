@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hardspheres.clock import carried, recounted
 from hardspheres.engine import Engine
 from hardspheres.errors import SimulationError
 from hardspheres.event_log import sink_of
@@ -214,14 +215,14 @@ class Simulation:
             self._run_collisions(self.collisions + _whole("run(collisions=...)", collisions))
 
     def _later(self, epoch: int, moment: float) -> tuple[int, float]:
-        """Bring the time within an epoch into its range; exact, as epochs are a power of two long."""
+        """Bring the time within an epoch into its range."""
         length = self._length
-        whole = math.floor(moment / length)
-        if epoch + whole >= FOREVER:
+        later = carried(epoch, moment, length)
+        if later[0] >= FOREVER:
             raise SimulationError(
                 f"a time of {epoch * length + moment:.3g} is more than can be counted; {FOREVER * length:.3g} is"
             )
-        return epoch + whole, moment - whole * length
+        return later
 
     @property
     def _length(self) -> float:
@@ -237,6 +238,25 @@ class Simulation:
             self._budget = int(budget * min(max(SLICE / max(took, 1e-6), 0.5), 2.0)) + 1
         return reached
 
+    def _keep_pace(self) -> None:
+        """Change the length of the epochs where the last one left particles behind that are far faster or slower.
+
+        Complete, or not at all: it ends with plain assignments, which nothing interrupts.
+        """
+        before, length = self._length, self._engine.due
+        if length == before:
+            return
+        last = recounted(int(self._engine.arrays.counter[self._at.EPOCH]), 0.0, before, length)
+        if last[0] >= FOREVER:
+            raise SimulationError(
+                f"at a time of {self.time:.3g} particles have become so fast that it can no longer be counted"
+            )
+        now = recounted(self._epoch, self._moment, before, length)
+        epoch, moment, collisions, wall_collisions = self._since
+        since = (*recounted(epoch, moment, before, length), collisions, wall_collisions)
+        engine = self._engine.with_epochs(length)
+        self._engine, (self._epoch, self._moment), self._since = engine, now, since
+
     def _keep_clock(self) -> None:
         """Set the time to that of the last event, where that is later than what was asked for before."""
         here = (
@@ -249,8 +269,12 @@ class Simulation:
         if self._energy == 0.0:  # nobody moves: there is no need to pass through empty epochs
             self._engine.arrays.counter[self._at.EPOCH] = epoch
         try:
-            while not self._slice(epoch, moment, FOREVER):
-                pass
+            while True:
+                before = self._length
+                self._keep_pace()
+                epoch, moment = self._later(*recounted(epoch, moment, before, self._length))
+                if self._slice(epoch, moment, FOREVER):
+                    break
         except BaseException:
             self._keep_clock()
             raise
@@ -262,14 +286,18 @@ class Simulation:
     def _run_collisions(self, goal: int) -> None:
         if goal > self.collisions:
             self._require_something_to_come()
-        at, count = self._at, self._engine.arrays.counter
-        expected = self._rate * self._length  # collisions in an epoch
-        patience = int(min(PATIENCE / expected + 10, FOREVER)) if expected > 0 else FOREVER
-        start = int(count[at.EPOCH])
+        at = self._at
+        start = int(self._engine.arrays.counter[at.EPOCH])
         try:
-            while not self._slice(FOREVER, 0.0, goal):
+            while True:
+                before = self._length
+                self._keep_pace()
+                start, _ = recounted(start, 0.0, before, self._length)
+                if self._slice(FOREVER, 0.0, goal):
+                    break
+                count = self._engine.arrays.counter
                 idle = int(count[at.EPOCH]) - max(int(count[at.LAST_PAIR_EPOCH]), start)
-                if idle > patience:
+                if idle > self._patience:
                     raise SimulationError(
                         f"no two particles met for {idle * self._length:.3g} time units, over {PATIENCE:.0f} times the expected "
                         "time to a collision; these particles may never meet: use run(time=...)"
@@ -277,6 +305,12 @@ class Simulation:
         finally:
             self._keep_clock()
             self._engine.hand_over_log()
+
+    @property
+    def _patience(self) -> int:
+        """Epochs without a collision until `run(collisions=...)` gives up."""
+        expected = self._rate * self._length  # collisions in an epoch
+        return int(min(PATIENCE / expected + 10, FOREVER)) if expected > 0 else FOREVER
 
     def _require_something_to_come(self) -> None:
         """Raise SimulationError where it is certain that no two particles will ever meet.

@@ -1,6 +1,6 @@
 """How the engine searches: the scene's unit of time, the method, and the sizes of cells, shells and windows.
 
-Only `epoch_length` enters the trajectory; everything else decides how fast it is found.
+Only the length of an epoch enters the trajectory; everything else decides how fast it is found.
 """
 
 import itertools
@@ -15,6 +15,7 @@ from hardspheres.scene import Scene
 Floats = NDArray[np.float64]
 
 NEIGHBOURS_WANTED = {2: 13.0, 3: 14.0}  # per list: fewer means more renewals, more means dearer predictions
+OUT_OF_PACE = 16.0  # epochs that are this many times too long or too short are changed
 SLACK = 1e-6  # by which lists and lines reach further than they must, so that rounding never matters
 # One of each is chosen: flights up to this many sqrt(kT/m) are registered in one piece; so many windows in an epoch.
 THERMAL_SPEEDS = (2.2, 2.6, 3.0, 3.5)
@@ -45,14 +46,35 @@ def root_of_power_below(x: float, degree: int) -> float:
 def epoch_length(scene: Scene) -> float:
     """Length of an epoch: about one to four times the time to fly the mean distance between particles, a power of two.
 
-    It depends on the scene alone, and on it in a way that scales exactly: multiplying all lengths or times by a power of two
+    That of the first epochs: see `pace`. It depends on the scene alone, and on it in a way that scales exactly: multiplying all lengths or times by a power of two
     multiplies it by a power of two.
     """
-    spacing = root_of_power_below(scene.volume / scene.n, scene.dim)
     v2 = mean_square(scene.velocities)
-    if v2 == 0.0:
-        return 1.0
-    return 2.0 * spacing / root_of_power_below(v2, 2)
+    return 1.0 if v2 == 0.0 else epoch_length_at(scene, v2)
+
+
+def epoch_length_at(scene: Scene, v2: float) -> float:
+    """Length of an epoch for a mean square speed above 0."""
+    return 2.0 * root_of_power_below(scene.volume / scene.n, scene.dim) / root_of_power_below(v2, 2)
+
+
+def pace(scene: Scene, length: float) -> tuple[float, float]:
+    """Mean square speeds between which epochs of this length are less than 16 times too short, and less than 16 times too long.
+
+    Contacts are off by about a rounding of the time within an epoch times the speed. Where light particles begin slowly and are
+    hurried by heavy ones, that would grow with their speed, so epochs are shortened; they are never longer than the first ones.
+
+    Returns
+    -------
+    lower, upper : float
+        Below and from which on another length is due; 0 and infinity where all masses are equal, which keeps the mean square.
+    """
+    if np.all(scene.masses == scene.masses[0]) or not np.any(scene.velocities):
+        return 0.0, math.inf
+    root = 2.0 * root_of_power_below(scene.volume / scene.n, scene.dim) / length
+    lower = 0.0 if OUT_OF_PACE * length > epoch_length(scene) else 2.0 * root / OUT_OF_PACE
+    upper = root * OUT_OF_PACE
+    return lower * lower, upper * upper
 
 
 def mean_square(velocities: NDArray[np.float64]) -> float:
@@ -240,15 +262,15 @@ def share_faster(speed: float, dim: int) -> float:
     return tail if dim == 2 else math.erfc(speed / math.sqrt(2.0)) + math.sqrt(2.0 / math.pi) * speed * tail
 
 
-def window_plan(scene: Scene) -> WindowPlan | None:
-    """Return the windows that cost least, or None where lists serve better or the box is too small for them."""
+def window_plan(scene: Scene, epoch: float) -> WindowPlan | None:
+    """Return the windows that cost least for epochs of this length, or None where lists serve better or the box is too small for them."""
     now = np.sum(scene.velocities * scene.velocities, axis=1)
     rms = max(math.sqrt(float(np.mean(now))), typical_speed(scene, scene.kinetic_energy))
     # Lists pay for cells made for the largest: where sizes differ they take over at a higher density.
     crowding = scene.packing_fraction * float(scene.radii.mean() / scene.radii.max())
     if crowding > SPARSE_BELOW[scene.dim] or rms == 0.0 or math.sqrt(np.max(now)) > 50.0 * rms:
         return None
-    frequency, epoch = collision_frequency(scene), epoch_length(scene)
+    frequency = collision_frequency(scene)
     plans = {}
     for split, parts, speeds in itertools.product(splits(scene), WINDOWS_IN_AN_EPOCH, THERMAL_SPEEDS):
         length = epoch / parts

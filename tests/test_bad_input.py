@@ -173,7 +173,7 @@ def text(content):
 
 
 FORGED = {
-    "another version": (told(version=2, package="9.0"), "format is version 2, written by hardspheres '9.0'"),
+    "another version": (told(version=3, package="9.0"), "format is version 3, written by hardspheres '9.0'"),
     "another program": (told(format="gas"), "does not say that it is a checkpoint"),
     "no words": (text(b"\xff\xfe"), "does not say that"),
     "deep words": (text(b"[" * 100_000), "does not say that"),

@@ -7,7 +7,10 @@ collision at a cost that does not grow with the number of particles. What follow
 **The rows** (`layout`, `events`). A particle's row is its position, velocity, and the time when the two were written. Between
 events nobody touches it: the position at a later time is x + v (t - t_row). A row changes at its own collision and at the end
 of an epoch, when all rows fly to the same time, return into the periodic box, and their clocks go back to zero; so times stay
-small and their rounding too. An epoch's length is a power of two times the scene's time unit and follows from the scene alone.
+small and their rounding too. An epoch's length is a power of two times the scene's time unit and follows from the scene alone;
+where masses differ and collisions have made the mean square speed so large at an epoch's end that this length is 16 times too
+long or longer, the following epochs are shorter by a power of two, and longer again once they can be. That, too, depends on the
+rows and on nothing else.
 The rows are the canonical state: everything else here can be thrown away and found again from them, to the last bit.
 
 **The prediction** (`prediction`). The time of contact of two particles is a pure function of their two rows and the periodic

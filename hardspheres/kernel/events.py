@@ -15,10 +15,13 @@ from .layout import (
     EPOCH_LENGTH,
     EVENT,
     GROWTH,
+    HASTE,
     INVERSE,
     LAST_PAIR_EPOCH,
+    LEISURE,
     LOG_ROOM,
     MASS,
+    MEAN_SQUARE,
     NOW,
     PAIRS,
     RADIUS,
@@ -159,8 +162,8 @@ def hit_wall(s, i, wall, t):
 def begin_epoch(s):
     """At the end of an epoch every row flies there and back into the box, and its clock goes back to zero.
 
-    This is the one change of rows that no event makes. It happens at multiples of the epoch's length, which only the
-    scene decides, so the trajectory depends on neither the search for neighbours nor on who looks at it.
+    This is the one change of rows that no event makes. It happens at multiples of the epoch's length, which the scene
+    and the rows decide, so the trajectory depends on neither the search for neighbours nor on who looks at it.
     """
     length = s.number[EPOCH_LENGTH]
     for i in range(s.counter[N]):
@@ -180,3 +183,23 @@ def begin_epoch(s):
     s.counter[EPOCH] += 1
     s.number[NOW] -= length
     s.number[STANDSTILL] -= length
+    if MASSES and not GROWS:
+        s.number[MEAN_SQUARE] = mean_square(s)
+
+
+@jit
+def mean_square(s):
+    """Mean square speed; equal masses keep it."""
+    total = 0.0
+    for i in range(s.counter[N]):
+        for d in range(DIM):
+            v = s.row[i * ROW + V + d]
+            total += v * v
+    return total / s.counter[N]
+
+
+@jit
+def out_of_pace(s):
+    """Whether epochs ought to be shorter now, or longer (`hardspheres.tuning`); longer ones begin with every 16th only."""
+    v2 = s.number[MEAN_SQUARE]
+    return v2 >= s.number[HASTE] or (v2 < s.number[LEISURE] and (s.counter[EPOCH] & 15) == 0)

@@ -49,8 +49,11 @@ GROWTH = 29  # how much that grows in a unit of time
 SMALL_RADIUS = 30  # windows: particles with a larger radius are in the coarse grid
 LARGEST = 31  # largest radius
 LARGE_DENSITY = 32  # coarse cells per length, 3 slots
-NUMBERS = 35
-FLIGHT_UNITS = 35  # where FLIGHTS, of each species: 1 / the units of its paths, times, and bins of speed
+MEAN_SQUARE = 35  # mean square speed when this epoch began, where masses differ
+HASTE = 36  # from this mean square speed on epochs are too long
+LEISURE = 37  # below this one they are too short
+NUMBERS = 38
+FLIGHT_UNITS = 38  # where FLIGHTS, of each species: 1 / the units of its paths, times, and bins of speed
 
 # Sums since the tallies were reset, float64.
 VIRIAL = 0  # sum of r_a dp_b over pair collisions: xx, yy, zz, xy, xz, yz

@@ -5,8 +5,8 @@ from .agenda import pop_agenda
 from .calendar import clear_calendar, fetch_neighbours, schedule, turn_page
 from .candidates import candidate_holds, open_candidates, partners
 from .compiler import entry, jit, part
-from .events import begin_epoch, collide_pair, hit_wall
-from .flags import FLIGHTS, SPARSE, WALLS
+from .events import begin_epoch, collide_pair, hit_wall, out_of_pace
+from .flags import FLIGHTS, GROWS, MASSES, SPARSE, WALLS
 from .layout import (
     AGENDA_LENGTH,
     BEYOND_CACHE,
@@ -43,7 +43,7 @@ from .neighbours import make_all_lists, renew_list
 from .prediction import next_event
 from .windows import follow, open_window
 
-__all__ = ["DONE", "LOG_FULL", "NO_ROOM", "PAUSED", "STANDS_STILL", "layout", "run"]
+__all__ = ["DONE", "LOG_FULL", "NO_ROOM", "OUT_OF_PACE", "PAUSED", "STANDS_STILL", "layout", "run"]
 
 BEFORE = (
     1.0 - 2.0**-50
@@ -55,6 +55,9 @@ PAUSED = 1  # used up its budget; call it again
 NO_ROOM = 2  # a list, a cell or the calendar is full: make room, prepare, call it again
 STANDS_STILL = 3  # 1000 events per particle without time moving
 LOG_FULL = 4  # empty the log, and call it again
+OUT_OF_PACE = (
+    5  # an epoch is over, and the next ones ought to be shorter or longer: see to it, and call it again
+)
 
 
 @jit
@@ -109,6 +112,8 @@ def run(arrays, cells, chunks, afresh, stop_epoch, stop_time, stop_pairs, budget
                 s.counter[BUCKET] = 0
                 search = True
                 lists = s.counter[IMAGES] == 1
+                if MASSES and not GROWS and out_of_pace(s):
+                    return OUT_OF_PACE
             elif SPARSE:
                 s.counter[BUCKET] = bucket
                 search = (bucket & (s.counter[WINDOW_BUCKETS] - 1)) == 0

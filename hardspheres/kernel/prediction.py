@@ -224,23 +224,26 @@ def growing_wall_contact(s, i):
 
 @jit
 def shell_exit(s, i):
-    """Time at which i comes out of the shell around the centre of its neighbour list."""
+    """Time at which i comes out of the shell around the centre of its neighbour list.
+
+    The row may have been written many shells before i came into this one. So, as for contacts, the discriminant is the one in which
+    nothing of the size of that distance cancels.
+    """
     row = s.row
-    ri = i * ROW
-    uu = 0.0
-    uv = 0.0
-    vv = 0.0
-    for d in range(DIM):
-        u = row[ri + X + d] - s.event_float[i * EVENT + CENTRE + d]
-        v = row[ri + V + d]
-        uu += u * u
-        uv += u * v
-        vv += v * v
-    # `left` is negative where the row was written before i came into this shell.
-    left = s.number[SHELL] * s.number[SHELL] - uu
-    root = math.sqrt(max(uv * uv + vv * left, 0.0))
-    outwards = uv > 0.0
-    time = (left if outwards else root - uv) / (uv + root if outwards else vv)
+    ri, centre = i * ROW, i * EVENT + CENTRE
+    x, y = row[ri + X] - s.event_float[centre], row[ri + X + 1] - s.event_float[centre + 1]
+    u, v = row[ri + V], row[ri + V + 1]
+    shell2 = s.number[SHELL] * s.number[SHELL]
+    if DIM == 3:
+        z, w = row[ri + X + 2] - s.event_float[centre + 2], row[ri + V + 2]
+        b, vv, rr = x * u + y * v + z * w, u * u + v * v + w * w, x * x + y * y + z * z
+        d = discriminant_3d(x, y, z, u, v, w, shell2)
+    else:
+        b, vv, rr = x * u + y * v, u * u + v * v, x * x + y * y
+        d = discriminant_2d(x, y, u, v, shell2)
+    root = math.sqrt(max(d, 0.0))
+    outwards = b > 0.0
+    time = (shell2 - rr if outwards else root - b) / (b + root if outwards else vv)
     return row[ri + T] + time if vv > 0.0 else NEVER
 
 

@@ -97,9 +97,9 @@ def test_the_width_of_the_shells_changes_nothing(scene, expected, wanted, monkey
 def test_the_length_of_the_pieces_changes_nothing(scene, expected, speeds, monkeypatch):
     """Flights registered in many pieces, or in ones so long that others lie many cells away."""
     monkeypatch.setattr(tuning, "SPARSE_BELOW", WINDOWS)
-    usual = tuning.window_plan(scene)
+    usual = tuning.window_plan(scene, tuning.epoch_length(scene))
     monkeypatch.setattr(tuning, "THERMAL_SPEEDS", (speeds,))
-    assert tuning.window_plan(scene) != usual
+    assert tuning.window_plan(scene, tuning.epoch_length(scene)) != usual
     assert state(run(scene)) == expected
 
 

@@ -117,7 +117,7 @@ def test_a_spread_of_sizes_is_divided_too():
 def test_equal_or_nearly_equal_sizes_are_not_divided():
     for radii in (0.5, np.where(np.arange(1000) % 2, 0.5, 0.45)):
         scene = hs.random_gas(n=1000, packing_fraction=0.05, radii=radii, seed=2)
-        plan = tuning.window_plan(scene)
+        plan = tuning.window_plan(scene, tuning.epoch_length(scene))
         assert plan.small_radius == scene.radii.max()
 
 

@@ -1,0 +1,32 @@
+"""Time as two numbers: whole epochs, a power of two long, and the time within one; so it stays fine however long a run is."""
+
+import math
+
+__all__ = ["carried", "recounted"]
+
+
+def carried(epoch: int, moment: float, length: float) -> tuple[int, float]:
+    """Bring the time within an epoch of this length into its range; exact."""
+    whole = math.floor(moment / length)
+    return epoch + whole, moment - whole * length
+
+
+def recounted(epoch: int, moment: float, before: float, length: float) -> tuple[int, float]:
+    """Return the same time in epochs of another length, a power of two times that before.
+
+    Parameters
+    ----------
+    epoch, moment : int and float
+        Whole epochs, and the time within this one.
+    before, length : float
+        How long they were counted, and are to be.
+
+    Returns
+    -------
+    epoch, moment : int and float
+        Exact in shorter epochs; rounded, as any time within them is, in longer ones.
+    """
+    if length <= before:
+        return carried(epoch * round(before / length), moment, length)
+    whole, rest = divmod(epoch, round(length / before))
+    return carried(whole, moment + rest * before, length)
