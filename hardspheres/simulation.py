@@ -181,6 +181,7 @@ class Simulation:
         self._energy = scene.kinetic_energy
         self._rate = 0.5 * scene.n * collision_frequency(scene)
         self._moving = False  # whether somebody is known to move relative to another
+        self._since = (0, 0.0, 0, 0)  # where the tallies began: epoch, moment, collisions, hits of walls
         self.reset_tallies()
 
     # Running.

@@ -98,7 +98,9 @@ def cases(size: Size) -> Iterator[Case]:
     yield straight(pick(size, (1e7, 1e9, 1e9)))
     wait = pick(size, (1e6, 1e8, 1e9))
     simulation = hs.Simulation(late_meeting(wait))
-    simulation.run(time=0.999 * wait)  # so long alone, `run(collisions=1)` would take them for ones that never meet
+    simulation.run(
+        time=0.999 * wait
+    )  # so long alone, `run(collisions=1)` would take them for ones that never meet
     simulation.run(collisions=1)
     off = abs(simulation.time / wait - 1.0)
     yield Case(

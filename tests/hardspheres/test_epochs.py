@@ -17,7 +17,7 @@ from hardspheres.engine import Engine
 from hardspheres.free_paths import FlightTallies
 
 KINDS = ("3d_mixture", "2d_mixture_walls")
-COLLISIONS = 6000
+COLLISIONS = 3600
 
 
 def cold(kind, ratio=1e10, unit=1.0):
