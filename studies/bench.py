@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 import hardspheres as hs
 from analysis.statistics import Estimate
+from hardspheres.memory import require_room_for
 from studies.bench_clock import PLAIN, Memory, Ours, Timing, Windows, machine
 from studies.bench_gas import STARTS, Gas
 from studies.bench_rivals import Rivals, require_peer
@@ -209,7 +210,8 @@ def measure(study: Bench) -> tuple[dict[str, Any], dict[str, FloatArray]]:
 
 
 def check(study: Bench) -> None:
-    """Raise HardSpheresError for options that make no sense, or a peer that is missing."""
+    """Raise HardSpheresError for options that make no sense, too many particles, or a peer that is missing."""
+    require_room_for(study.gas.n)
     if study.gas.start not in STARTS:
         raise hs.SceneError(f"--start {study.gas.start} is not known; it can be {', '.join(STARTS)}")
     if study.collisions is not None and study.collisions < 1:

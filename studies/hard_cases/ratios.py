@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 import hardspheres as hs
 from hardspheres.reference import ReferenceSimulation
-from studies.hard_cases.case import Case, Size, pick
+from studies.hard_cases.case import Case, Size, kept, pick
 
 TITLE = "Wide ratios of mass, diameter and speed"
 DRIFT = 1e-12
@@ -40,6 +40,7 @@ def gas(dim: int, masses: Floats, radii: Floats, packing_fraction: float, bounda
     )
 
 
+@kept
 def invariants(name: str, scene: hs.Scene, collisions: int, overlap: float = 1e-11) -> Case:
     """Run a gas and check energy, momentum, overlap and the order of events at ten moments.
 
@@ -72,6 +73,7 @@ def invariants(name: str, scene: hs.Scene, collisions: int, overlap: float = 1e-
     )
 
 
+@kept
 def followed(name: str, scene: hs.Scene, most: int) -> Case:
     """Compare the events with those of the plain solver at 50 digits, until the trajectories are 1e-6 apart.
 

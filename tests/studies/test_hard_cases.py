@@ -124,6 +124,39 @@ def test_command(tmp_path):
     assert (tmp_path / "hard_cases.csv").read_text().startswith("group,case,exact,engine,error")
 
 
+def test_what_was_done_is_not_done_again(tmp_path, monkeypatch):
+    """Interrupted in the middle of a group; the files are those of a run that was not."""
+    command = ["hard-cases", "--size", "small", "--only", "exactly-solved", "--only", "packing", "--out"]
+    whole, out, calls = tmp_path / "whole", tmp_path / "out", []
+    assert CliRunner().invoke(app, [*command, str(whole)]).exit_code == 0
+    run = hs.Simulation.run
+
+    def counting(sim, **until):
+        calls.append(until)
+        if len(calls) == 30:
+            raise KeyboardInterrupt
+        run(sim, **until)
+
+    monkeypatch.setattr(hs.Simulation, "run", counting)
+    done = CliRunner().invoke(app, [*command, str(out)])
+    assert done.exit_code == 130 and (out / "checkpoint" / "done-0000.npz").exists()
+    done = CliRunner().invoke(app, [*command, str(out), "--resume"])
+    assert done.exit_code == 0, done.output
+    names = sorted(path.name for path in out.iterdir())
+    assert names == ["hard_cases.csv", "summary.json"]
+    assert (out / names[0]).read_bytes() == (whole / names[0]).read_bytes()
+    files = [json.loads((folder / names[1]).read_text()) | {"seconds": 0} for folder in (whole, out)]
+    assert files[0] == files[1]
+    monkeypatch.setattr(hs.Simulation, "run", run)
+    resumed = len(calls) - 30
+    calls.clear()
+    monkeypatch.setattr(
+        hs.Simulation, "run", lambda sim, **until: (calls.append(until), run(sim, **until))[1]
+    )
+    assert CliRunner().invoke(app, [*command, str(whole)]).exit_code == 0
+    assert 0 < resumed < len(calls) - 9
+
+
 def test_a_failed_case_is_exit_code_1(tmp_path, monkeypatch):
     monkeypatch.setattr(cradle, "cases", lambda size: [Case("a", "1", "2", 1.0)])
     done = CliRunner().invoke(app, ["hard-cases", "--only", "cradle", "--out", str(tmp_path)])
