@@ -253,7 +253,9 @@ def checked_arguments(
     with np.errstate(over="ignore"):
         volume = float(np.sum(sphere_volume(sizes, dim)))
     if math.isinf(volume) and np.isfinite(sizes).all():
-        raise SceneError(f"radii up to {np.max(sizes):g} give an infinite volume; take a larger unit of length")
+        raise SceneError(
+            f"radii up to {np.max(sizes):g} give an infinite volume; take a larger unit of length"
+        )
     return n, dim, volume, sizes, weights
 
 

@@ -343,6 +343,7 @@ CLI = {
     "length inf": (["thermalise", "--collisions-per-particle", "inf"], "must be positive, and at most 1e+09"),
     "length absurd": (["pressure", "--collisions-per-particle", "1e300"], "1e+300 would never end; ask for at most"),
     "length inf, diffusion": (["diffusion", "--collisions-per-particle", "inf"], "would never end"),
+    "discard nan": (["bench", "--discard", "nan"], "--discard nan must be at least 0, and at most 1e+09"),
     "etas inf": (["pressure", "--packing-fractions", "0.1:inf:3"], "has nan; expected numbers between 0 and 1"),
     "ratio absurd": (["thermalise", "--diameter-ratio", "1e300"], "give an infinite volume; take a larger unit"),
     "etas too many": (["pressure", "--packing-fractions", "0.1:0.2:1000000000000"], "too many; ask for at most 10000"),

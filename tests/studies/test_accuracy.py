@@ -1,11 +1,9 @@
 """Speed against error end to end: the engine is right, time steps are seen to be wrong, and a wrong engine would be seen."""
 
 import csv
-import itertools
 import json
 import math
 import sys
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -145,24 +143,33 @@ def test_the_audit_of_missed_collisions_sees_them(state):
     assert 20 < 0.2 * count.missed < seen <= count.missed  # some of the pairs hit another in the same step
 
 
-def test_scenes_that_were_finished_are_not_run_again(tmp_path, monkeypatch):
-    """Interrupted and resumed, by a clock that counts how often it is asked: the files are those of a run that was not."""
-    ticks = itertools.count()
-    monkeypatch.setattr(time, "process_time", lambda: float(next(ticks)))
-    study = replace(SMALL, seconds=0.01, few_steps=(0.1,), long_steps=(0.1,))
-    screen, out = Screen(json_output=True), tmp_path / "out"
-    accuracy(study, OutputFolder(tmp_path / "whole"), screen)
+def test_scenes_that_were_finished_are_not_run_again(state, tmp_path, monkeypatch):
+    """Interrupted and resumed, with the fixture's numbers for every run: the files are those of a run that was not."""
+    asked = []
+
+    def few(scene, *_):
+        asked.append(scene)
+        return {
+            key: accuracy_few.Few(**{name: values[-1:] for name, values in vars(each).items()})
+            for key, each in state.few.items()
+        }
 
     def interrupting(*_):
         raise KeyboardInterrupt
 
+    monkeypatch.setattr(study_module, "beside_oracle", few)
+    monkeypatch.setattr(study_module, "followed", lambda *_: state.horizons[0])
+    monkeypatch.setattr(study_module, "long_runs", lambda *_: state.long)
+    monkeypatch.setattr(study_module, "engine_test_seconds", lambda *_: state.engine_test)
+    screen, out = Screen(json_output=True), tmp_path / "out"
+    accuracy(SMALL, OutputFolder(tmp_path / "whole"), screen)
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
         patch.setattr(study_module, "followed", interrupting)
-        accuracy(study, OutputFolder(out), screen)
+        accuracy(SMALL, OutputFolder(out), screen)
     kept = sorted(path.name for path in (out / "checkpoint").iterdir())
     assert kept == ["done-0000.npz", "done-0001.npz", "lock", "manifest.json"]
-    monkeypatch.setattr(study_module, "beside_oracle", interrupting)
-    accuracy(study, OutputFolder(out, resume=True), screen)
+    accuracy(SMALL, OutputFolder(out, resume=True), screen)
+    assert len(asked) == 2 * SMALL.scenes
     files = [
         {path.name: path.read_bytes() for path in folder.iterdir()} for folder in (tmp_path / "whole", out)
     ]
