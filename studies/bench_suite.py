@@ -58,12 +58,14 @@ def suite_named(
     Raises
     ------
     HardSpheresError
-        If there is none of this name, or no room for so many particles as are given.
+        If there is none of this name, or a number of particles makes no sense, or is more than there is room for.
     """
     if name not in SUITES:
         raise hs.HardSpheresError(f"--suite {name} is not known; it can be {' or '.join(SUITES)}")
     suite = SUITES[name]
     for n in sizes or ():
+        if n < 2:
+            raise hs.HardSpheresError(f"--n {n}: nobody collides with another; ask for at least 2")
         require_room_for(n)
     sizes = tuple(sorted(sizes or suite.sizes))
     return replace(

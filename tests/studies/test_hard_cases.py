@@ -1,6 +1,7 @@
 """The hard cases pass as miniatures, in full in the slow tier; a gas with a flaw fails every group."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,8 +11,9 @@ import hardspheres as hs
 from studies import hard_cases
 from studies.cli import app
 from studies.hard_cases import GROUPS, cradle, symmetries
-from studies.hard_cases.case import Case
+from studies.hard_cases.case import Case, keeping, kept
 from studies.hard_cases.grazing import meets, passing
+from studies.journal import Shelf
 
 
 def failed(cases):
@@ -19,8 +21,14 @@ def failed(cases):
 
 
 @pytest.mark.parametrize("name", GROUPS)
-def test_miniatures(name):
-    assert not failed(GROUPS[name].cases("small"))
+def test_miniatures(name, tmp_path):
+    """Also from the shelf, where they have something there."""
+    with keeping(Shelf(tmp_path)):
+        found = list(GROUPS[name].cases("small"))
+    assert not failed(found)
+    if list(tmp_path.iterdir()):
+        with keeping(Shelf(tmp_path)):
+            assert list(GROUPS[name].cases("small")) == found
 
 
 @pytest.mark.slow
@@ -125,36 +133,40 @@ def test_command(tmp_path):
 
 
 def test_what_was_done_is_not_done_again(tmp_path, monkeypatch):
-    """Interrupted in the middle of a group; the files are those of a run that was not."""
-    command = ["hard-cases", "--size", "small", "--only", "exactly-solved", "--only", "packing", "--out"]
-    whole, out, calls = tmp_path / "whole", tmp_path / "out", []
-    assert CliRunner().invoke(app, [*command, str(whole)]).exit_code == 0
-    run = hs.Simulation.run
+    """Interrupted between two runs of one case; the files are those of a run that was not."""
+    done = []
 
-    def counting(sim, **until):
-        calls.append(until)
-        if len(calls) == 30:
+    @kept
+    def part(k):
+        if k == 3 and not done.count(3):
+            done.append(k)
             raise KeyboardInterrupt
-        run(sim, **until)
+        done.append(k)
+        return part(k - 3) + k if k > 3 else k  # what is called within is not kept by itself
 
-    monkeypatch.setattr(hs.Simulation, "run", counting)
-    done = CliRunner().invoke(app, [*command, str(out)])
-    assert done.exit_code == 130 and (out / "checkpoint" / "done-0000.npz").exists()
-    done = CliRunner().invoke(app, [*command, str(out), "--resume"])
-    assert done.exit_code == 0, done.output
-    names = sorted(path.name for path in out.iterdir())
-    assert names == ["hard_cases.csv", "summary.json"]
-    assert (out / names[0]).read_bytes() == (whole / names[0]).read_bytes()
-    files = [json.loads((folder / names[1]).read_text()) | {"seconds": 0} for folder in (whole, out)]
-    assert files[0] == files[1]
-    monkeypatch.setattr(hs.Simulation, "run", run)
-    resumed = len(calls) - 30
-    calls.clear()
-    monkeypatch.setattr(
-        hs.Simulation, "run", lambda sim, **until: (calls.append(until), run(sim, **until))[1]
-    )
-    assert CliRunner().invoke(app, [*command, str(whole)]).exit_code == 0
-    assert 0 < resumed < len(calls) - 9
+    @kept
+    def two(k):
+        yield from (Case(f"{k} {part(k)}", "0", "0", 0.0) for _ in range(2))
+
+    def cases(size):
+        yield Case(f"{part(1)} {part(5)} {part(3)}", "0", "0", 0.0)
+        yield from two(4)
+
+    monkeypatch.setitem(hard_cases.GROUPS, "cradle", SimpleNamespace(TITLE="Any", cases=cases))
+    command, out = ["hard-cases", "--only", "cradle", "--out", str(tmp_path / "out")], tmp_path / "out"
+    assert CliRunner().invoke(app, command).exit_code == 130 and done == [1, 5, 2, 3]
+    assert sorted(path.name for path in (out / "checkpoint").glob("done*")) == [
+        f"done-000{k}.npz" for k in (0, 1)
+    ]
+    done[:] = [3]
+    assert CliRunner().invoke(app, [*command, "--resume"]).exit_code == 0 and done == [3, 3, 4, 1, 4, 1]
+    assert CliRunner().invoke(app, [*command[:-1], str(tmp_path / "whole")]).exit_code == 0
+    files = [
+        {path.name: path.read_bytes() for path in folder.iterdir()} for folder in (out, tmp_path / "whole")
+    ]
+    for each in files:
+        each["summary.json"] = json.loads(each["summary.json"]) | {"seconds": None}
+    assert len(files[0]) == 2 and files[0] == files[1]
 
 
 def test_a_failed_case_is_exit_code_1(tmp_path, monkeypatch):
