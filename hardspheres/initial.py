@@ -250,7 +250,13 @@ def checked_arguments(
     require_room_for(n)
     sizes = one_per_particle(radii, "radii", n)
     weights = one_per_particle(masses, "masses", n)
-    return n, dim, float(np.sum(sphere_volume(sizes, dim))), sizes, weights
+    with np.errstate(over="ignore"):
+        volume = float(np.sum(sphere_volume(sizes, dim)))
+    if math.isinf(volume) and np.isfinite(sizes).all():
+        raise SceneError(
+            f"radii up to {np.max(sizes):g} give an infinite volume; take a larger unit of length"
+        )
+    return n, dim, volume, sizes, weights
 
 
 def _fit(

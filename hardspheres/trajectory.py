@@ -452,14 +452,19 @@ def read_trajectory(path: str | os.PathLike[str], radius: ArrayLike | None = Non
 
 def _existing(path: str | os.PathLike[str]) -> str:
     file = Path(path)
-    if file.is_dir():
-        raise TrajectoryError(f"{file} is a folder; give a file")
-    if not file.exists():
-        raise TrajectoryError(f"there is no file {file}")
-    if file.stat().st_size == 0:
-        raise TrajectoryError(f"{file} is empty")
-    if file.suffix in (".xyz", ".extxyz"):
-        _require_room_for_counts(file)
+    try:
+        if file.is_dir():
+            raise TrajectoryError(f"{file} is a folder; give a file")
+        if not file.exists():
+            raise TrajectoryError(f"there is no file {file}")
+        if file.stat().st_size == 0:
+            raise TrajectoryError(f"{file} is empty")
+        if file.suffix in (".xyz", ".extxyz"):
+            _require_room_for_counts(file)
+    except OSError as error:
+        raise TrajectoryError(
+            f"{file} cannot be read: {error.strerror or error}; give another file"
+        ) from error
     return str(file)
 
 

@@ -1,16 +1,30 @@
 """Where the command line begins, also as `python -m studies`: an interrupt is answered even before anything is loaded."""
 
-import sys
+import os
+import signal
+
+
+def _leave(*_: object) -> None:
+    """Answer an interrupt at once, whatever is being imported; there is nothing to save yet."""
+    os.write(2, b"interrupted\n")
+    os._exit(130)
 
 
 def main() -> None:
     """Load and run the command line, see `studies.cli`."""
+    ours = (
+        signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    )  # and not ignored, as in the background
+    if ours:
+        signal.signal(signal.SIGINT, _leave)
+    from studies.cli import main as run
+
     try:
-        from studies.cli import main as run
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        raise SystemExit(130) from None
-    run()
+        if ours:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+        run()
+    except KeyboardInterrupt:  # in the moment before `run` listens, or after
+        _leave()
 
 
 if __name__ == "__main__":

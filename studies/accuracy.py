@@ -15,7 +15,9 @@ from typing import Any
 import numpy as np
 
 import hardspheres as hs
+from analysis import theory
 from analysis.statistics import Estimate
+from hardspheres.memory import require_room_for
 from studies.accuracy_answer import Curve, rounding_floor
 from studies.accuracy_few import (
     CERTAIN,
@@ -25,14 +27,16 @@ from studies.accuracy_few import (
     Few,
     Horizon,
     Method,
-    few_beside_oracle,
+    beside_oracle,
     followed,
+    joined,
     lyapunov_exponent,
 )
 from studies.accuracy_long import Exact, Long, engine_test_seconds, long_runs
 from studies.bench_clock import machine
-from studies.ensemble import replica_seeds
+from studies.ensemble import replica_seeds, run_replicas
 from studies.fluid import THEORY_UP_TO, Fluid, load_kernels
+from studies.journal import Shelf
 from studies.report import ALARM, OutputFolder, Screen, alarming, estimate_json
 from studies.time_stepping import BACK_UP, BOUNCE, Stepper
 
@@ -47,6 +51,7 @@ METHODS = {
 """The methods in words."""
 
 FEW = 32
+REFERENCE_SCENES = 2  # it is slow
 COLLISIONS_PER_PARTICLE = 1.0  # after which trajectories are compared
 LONGEST = 1e7  # steps in one scene of few particles
 LEVELS = (1e-2, 1e-3)  # relative errors of Z - 1 that the answer is given for
@@ -69,6 +74,8 @@ class Accuracy:
         Dimension.
     seed : int
         Source of every random choice.
+    quick : bool
+        Whether `quicker` made it.
     scenes, followed : int
         Scenes of few particles; how many of them are followed until the trajectory is lost.
     seconds : float
@@ -81,20 +88,28 @@ class Accuracy:
     n: int = 4000
     dim: int = 3
     seed: int = 1
+    quick: bool = False
     scenes: int = 8
     followed: int = 3
     seconds: float = 1.5
     few_steps: tuple[float, ...] = FEW_STEPS
     long_steps: tuple[float, ...] = LONG_STEPS
 
-    def quick(self) -> Accuracy:
+    def quicker(self) -> Accuracy:
         """Return a study that takes a fifth of the time."""
         return replace(
-            self, scenes=4, followed=2, seconds=0.2, few_steps=FEW_STEPS[:-1], long_steps=LONG_STEPS[1:-1]
+            self,
+            quick=True,
+            scenes=4,
+            followed=2,
+            seconds=0.2,
+            few_steps=FEW_STEPS[:-1],
+            long_steps=LONG_STEPS[1:-1],
         )
 
     def check(self) -> None:
         """Raise SceneError for options that make no sense."""
+        require_room_for(self.n)
         limit = THEORY_UP_TO[self.dim]
         for eta in self.packing_fractions:
             if eta > limit:
@@ -218,32 +233,74 @@ class Compared:
         return found
 
 
-def compare(study: Accuracy, eta: float, done: Callable[[], None] = lambda: None) -> Compared:
-    """Run all methods at one packing fraction.
+@dataclass(frozen=True)
+class _Large:
+    """What the gas of many particles gives at one packing fraction, see `Compared`."""
+
+    long: dict[Method, Long]
+    exact: Exact
+    engine_test: float
+
+
+@dataclass(frozen=True)
+class Parts:
+    """A part of the work, for `run_replicas`: one scene of few particles, or the long runs at one packing fraction.
+
+    Attributes
+    ----------
+    study : Accuracy
+        What to do.
+    """
+
+    study: Accuracy
+
+    def of(self, eta: float) -> list[tuple[str, float, int]]:
+        """Return the parts of one packing fraction: what is done, where, and with which scene."""
+        few = [("few", eta, index) for index in range(self.study.scenes)]
+        return [*few, *(("followed", eta, index) for index in range(self.study.followed)), ("long", eta, 0)]
+
+    def __call__(self, part: tuple[str, float, int]) -> dict[Method, Few] | Horizon | _Large:
+        """Do one part."""
+        what, eta, index = part
+        study, seeds = self.study, replica_seeds(self.study.seed, self.study.scenes + 1)
+        if what == "long":
+            large = _settled(study.fluid(eta, study.n), seeds[0])
+            long = long_runs(large, study.long_steps, study.seconds)
+            return _Large(long, Exact.of(large), engine_test_seconds(large))
+        scene = _settled(study.fluid(eta, FEW), seeds[1 + index])
+        if what == "followed":
+            return followed(scene)
+        rate = float(theory.finite_size_collision_rate(eta, study.dim, study.n, temperature=1.0).value)
+        steps = [dt for dt in study.few_steps if dt > COLLISIONS_PER_PARTICLE / rate / LONGEST]
+        return beside_oracle(scene, COLLISIONS_PER_PARTICLE, steps, index < REFERENCE_SCENES)
+
+
+def compare(
+    study: Accuracy, done: Callable[[], None] | None = None, shelf: Shelf | None = None
+) -> list[Compared]:
+    """Run all methods at every packing fraction, on one core, so that nothing disturbs what is timed.
 
     Parameters
     ----------
     study : Accuracy
         What to do.
-    eta : float
-        Packing fraction.
-    done : callable
-        Called now and then, 40 times.
+    done : callable, optional
+        Called after each of the `Parts`.
+    shelf : Shelf, optional
+        Where these are kept.
     """
-    seeds = replica_seeds(study.seed, study.scenes + 1)
-    scenes = [_settled(study.fluid(eta, FEW), seed) for seed in seeds[1:]]
-    fluid = study.fluid(eta, study.n)
-    large = _settled(fluid, seeds[0])
-    exact = Exact.of(large)
-    shortest = COLLISIONS_PER_PARTICLE / exact.rate / LONGEST
-    few = few_beside_oracle(scenes, COLLISIONS_PER_PARTICLE, [dt for dt in study.few_steps if dt > shortest])
-    for _ in range(4):
-        done()
-    horizons = [followed(scene) for scene in scenes[: study.followed]]
-    for _ in range(4):
-        done()
-    long = long_runs(large, study.long_steps, study.seconds, done)
-    return Compared(fluid, few, long, horizons, exact, engine_test_seconds(large))
+    task = Parts(study)
+    parts = [part for eta in study.packing_fractions for part in task.of(eta)]
+    found: Any = dict(zip(parts, run_replicas(task, parts, workers=1, done=done, shelf=shelf), strict=True))
+    compared = []
+    for eta in study.packing_fractions:
+        *small, last = task.of(eta)
+        few = joined([found[part] for part in small if part[0] == "few"])
+        horizons = [found[part] for part in small if part[0] == "followed"]
+        large = found[last]
+        fluid = study.fluid(eta, study.n)
+        compared.append(Compared(fluid, few, large.long, horizons, large.exact, large.engine_test))
+    return compared
 
 
 def _settled(fluid: Fluid, seed: np.random.SeedSequence) -> hs.Scene:
@@ -278,45 +335,46 @@ def accuracy(study: Accuracy, out: OutputFolder, screen: Screen) -> tuple[dict[s
     """
     began = time.perf_counter()
     study.check()
-    out.check()
+    out.check(study)
     with screen.working("compiling (once for each kind of gas on this machine)"):
         load_kernels([study.fluid(eta, FEW) for eta in study.packing_fractions])
         Stepper(study.fluid(0.05, 50).scene(replica_seeds(0, 1)[0]), 0.01).run(0.01)
     ready = time.perf_counter()
-    out.create()
-    with screen.progress("blocks of runs", 40 * len(study.packing_fractions)) as advance:
-        compared = [compare(study, eta, advance) for eta in study.packing_fractions]
-    ran = time.perf_counter()
-    out.write_csv("accuracy.csv", _columns(compared))
-    from studies.accuracy_figure import figure
+    with out.running(study) as shelf:
+        parts = sum(len(Parts(study).of(eta)) for eta in study.packing_fractions)
+        with screen.progress("runs", parts) as advance:
+            compared = compare(study, advance, shelf)
+        ran = time.perf_counter()
+        out.write_csv("accuracy.csv", _columns(compared))
+        from studies.accuracy_figure import figure
 
-    with screen.working("drawing"):
-        out.save_figure("accuracy.png", figure(compared))
-    failures = [
-        f"packing fraction {each.fluid.packing_fraction:g}: {sentence}"
-        for each in compared
-        for sentence in each.failures
-    ]
-    summary: dict[str, Any] = {
-        "study": "accuracy",
-        "version": hs.__version__,
-        "seed": study.seed,
-        "n": study.n,
-        "dim": study.dim,
-        "few": FEW,
-        "collisions_per_particle": COLLISIONS_PER_PARTICLE,
-        "states": [_state_summary(each) for each in compared],
-        "answers": [sentence for each in compared for sentence in answers(each)],
-        "checks": {"passed": not failures, "failures": failures, "alarm_in_standard_errors": ALARM},
-        "machine": machine(),
-        "files": sorted({*out.files, "summary.json"}),
-        "seconds": {
-            "setup_and_compilation": ready - began,
-            "runs": ran - ready,
-            "total": time.perf_counter() - began,
-        },
-    }
-    out.write_json("summary.json", summary)
+        with screen.working("drawing"):
+            out.save_figure("accuracy.png", figure(compared))
+        failures = [
+            f"packing fraction {each.fluid.packing_fraction:g}: {sentence}"
+            for each in compared
+            for sentence in each.failures
+        ]
+        summary: dict[str, Any] = {
+            "study": "accuracy",
+            "version": hs.__version__,
+            "seed": study.seed,
+            "n": study.n,
+            "dim": study.dim,
+            "few": FEW,
+            "collisions_per_particle": COLLISIONS_PER_PARTICLE,
+            "states": [_state_summary(each) for each in compared],
+            "answers": [sentence for each in compared for sentence in answers(each)],
+            "checks": {"passed": not failures, "failures": failures, "alarm_in_standard_errors": ALARM},
+            "machine": machine(),
+            "files": sorted({*out.files, "summary.json"}),
+            "seconds": {
+                "setup_and_compilation": ready - began,
+                "runs": ran - ready,
+                "total": time.perf_counter() - began,
+            },
+        }
+        out.write_json("summary.json", summary)
     _print(screen, study, compared, summary)
     screen.say(f"{summary['seconds']['total']:.0f} s; written to {out.path}: {', '.join(summary['files'])}")
     return summary, not failures

@@ -17,13 +17,21 @@ from hardspheres.scene import kinetic_energy
 from studies.oracle import Oracle
 from studies.time_stepping import BACK_UP, BOUNCE, Stepper
 
-__all__ = ["ENGINE", "REFERENCE", "Few", "Horizon", "few_beside_oracle", "followed", "lyapunov_exponent"]
+__all__ = [
+    "ENGINE",
+    "REFERENCE",
+    "Few",
+    "Horizon",
+    "beside_oracle",
+    "followed",
+    "joined",
+    "lyapunov_exponent",
+]
 
 FloatArray = NDArray[np.float64]
 Method = tuple[str, float]  # name, and the time step: NaN where there is none
 
 ENGINE, REFERENCE = "engine", "reference"
-REFERENCE_SCENES = 2  # it is slow
 TIMED_STEPS = 3000
 TIMED_COLLISIONS = 2000
 CERTAIN = 1e-6  # error in diameters below which the same collisions must have happened
@@ -78,47 +86,55 @@ def distance(positions: FloatArray, other: FloatArray, scene: hs.Scene) -> float
     return math.sqrt(float(np.mean((r * r).sum(axis=1)))) / (2.0 * float(scene.radii[0]))
 
 
-def few_beside_oracle(scenes: Sequence[hs.Scene], s: float, steps: Sequence[float]) -> dict[Method, Few]:
-    """Run every method from the same scenes to s collisions per particle, in turn, and compare with the oracle.
+def beside_oracle(scene: hs.Scene, s: float, steps: Sequence[float], reference: bool) -> dict[Method, Few]:
+    """Run every method from the same scene to s collisions per particle, in turn, and compare with the oracle.
 
     Parameters
     ----------
-    scenes : sequence of Scene
-        Few equal particles each, periodic.
+    scene : Scene
+        Few equal particles, periodic.
     s : float
         Collisions per particle; the comparison is half-way between two collisions.
     steps : sequence of float
         Time steps.
+    reference : bool
+        Whether the reference solver, which is slow, runs too; otherwise its entry is empty.
 
     Returns
     -------
     dict
-        `Few` by method and time step; the reference solver has the first scenes only.
+        `Few` by method and time step, with one entry.
     """
     found: dict[Method, Few] = {(ENGINE, math.nan): Few(), (REFERENCE, math.nan): Few()}
     found |= {(method, dt): Few() for method in (BOUNCE, BACK_UP) for dt in steps}
-    keys = list(found)
-    for index, scene in enumerate(scenes):
-        oracle = Oracle(scene)
-        oracle.advance(round(s * scene.n / 2))
-        end = oracle.between()
-        truth, _ = oracle.at(end)
-        rate = oracle.collisions / end
-        for key in keys:
-            method, dt = key
-            if method == REFERENCE and index >= REFERENCE_SCENES:
-                continue
-            if method == ENGINE:
-                positions, velocities, seconds = _by_engine(scene, end)
-            elif method == REFERENCE:
-                positions, velocities, seconds = _by_reference(scene, oracle.collisions, end)
-            else:
-                positions, velocities, seconds = _by_steps(scene, end, method, dt, rate)
-            few = found[key]
-            few.trajectory.append(distance(positions, truth, scene))
-            few.energy.append(abs(kinetic_energy(velocities, scene.masses) / scene.kinetic_energy - 1.0))
-            few.overlap.append(_overlap(positions, scene))
-            few.seconds.append(seconds)
+    oracle = Oracle(scene)
+    oracle.advance(round(s * scene.n / 2))
+    end = oracle.between()
+    truth, _ = oracle.at(end)
+    rate = oracle.collisions / end
+    for (method, dt), few in found.items():
+        if method == REFERENCE and not reference:
+            continue
+        if method == ENGINE:
+            positions, velocities, seconds = _by_engine(scene, end)
+        elif method == REFERENCE:
+            positions, velocities, seconds = _by_reference(scene, oracle.collisions, end)
+        else:
+            positions, velocities, seconds = _by_steps(scene, end, method, dt, rate)
+        few.trajectory.append(distance(positions, truth, scene))
+        few.energy.append(abs(kinetic_energy(velocities, scene.masses) / scene.kinetic_energy - 1.0))
+        few.overlap.append(_overlap(positions, scene))
+        few.seconds.append(seconds)
+    return found
+
+
+def joined(parts: Sequence[dict[Method, Few]]) -> dict[Method, Few]:
+    """Return what several scenes gave, each from `beside_oracle`, as one table."""
+    found = {key: Few() for key in parts[0]}
+    for part in parts:
+        for few, own in zip(found.values(), part.values(), strict=True):
+            for name, values in vars(few).items():
+                values.extend(getattr(own, name))
     return found
 
 

@@ -6,7 +6,7 @@ import itertools
 import math
 import time
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -180,9 +180,7 @@ class _Clocked:
         self.overlap = max(self.overlap, self.runner.overlap())
 
 
-def long_runs(
-    scene: hs.Scene, steps: Sequence[float], seconds: float, done: Callable[[], None] = lambda: None
-) -> dict[Method, Long]:
+def long_runs(scene: hs.Scene, steps: Sequence[float], seconds: float) -> dict[Method, Long]:
     """Run every method from the same equilibrated scene, block by block in turn.
 
     Parameters
@@ -194,8 +192,6 @@ def long_runs(
     seconds : float
         Processor time for each time step and method, roughly, as a usual machine would need; the engine gets twice that.
         None runs for more than `MOST_COLLISIONS` per particle.
-    done : callable
-        Called after each of the `BLOCKS` blocks.
 
     Returns
     -------
@@ -225,7 +221,6 @@ def long_runs(
     for _ in range(BLOCKS):
         for each in clocked.values():
             each.block()
-        done()
     found = {key: _result(each, scene, exact) for key, each in clocked.items()}
     for (method, dt), long in found.items():
         each = clocked[method, dt]

@@ -20,9 +20,11 @@ from numpy.typing import NDArray
 
 import hardspheres as hs
 from analysis.statistics import Estimate
+from hardspheres.memory import require_room_for
 from studies.bench_clock import PLAIN, Memory, Ours, Timing, Windows, machine
 from studies.bench_gas import STARTS, Gas
 from studies.bench_rivals import Rivals, require_peer
+from studies.fluid import LONGEST
 from studies.report import OutputFolder, Screen
 
 __all__ = ["Bench", "bench", "check", "measure"]
@@ -209,13 +211,14 @@ def measure(study: Bench) -> tuple[dict[str, Any], dict[str, FloatArray]]:
 
 
 def check(study: Bench) -> None:
-    """Raise HardSpheresError for options that make no sense, or a peer that is missing."""
+    """Raise HardSpheresError for options that make no sense, too many particles, or a peer that is missing."""
+    require_room_for(study.gas.n)
     if study.gas.start not in STARTS:
         raise hs.SceneError(f"--start {study.gas.start} is not known; it can be {', '.join(STARTS)}")
     if study.collisions is not None and study.collisions < 1:
         raise hs.SceneError(f"--collisions {study.collisions} must be at least 1")
-    if study.discard is not None and study.discard < 0:
-        raise hs.SceneError(f"--discard {study.discard:g} must be at least 0")
+    if study.discard is not None and not 0 <= study.discard <= LONGEST:
+        raise hs.SceneError(f"--discard {study.discard:g} must be at least 0, and at most {LONGEST:g}")
     if not study.gas.diameter_ratio > 0:
         raise hs.SceneError(f"--diameter-ratio {study.gas.diameter_ratio:g} must be positive")
     if study.against is not None:

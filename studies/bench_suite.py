@@ -9,6 +9,7 @@ from typing import Any
 
 import hardspheres as hs
 from analysis.statistics import Estimate
+from hardspheres.memory import require_room_for
 from studies.bench import Bench, check, measure
 from studies.bench_clock import machine
 from studies.report import OutputFolder, Screen
@@ -57,11 +58,15 @@ def suite_named(
     Raises
     ------
     HardSpheresError
-        If there is none of this name.
+        If there is none of this name, or a number of particles makes no sense, or is more than there is room for.
     """
     if name not in SUITES:
         raise hs.HardSpheresError(f"--suite {name} is not known; it can be {' or '.join(SUITES)}")
     suite = SUITES[name]
+    for n in sizes or ():
+        if n < 2:
+            raise hs.HardSpheresError(f"--n {n}: nobody collides with another; ask for at least 2")
+        require_room_for(n)
     sizes = tuple(sorted(sizes or suite.sizes))
     return replace(
         suite, sizes=sizes, packing_fractions=tuple(sorted(packing_fractions or suite.packing_fractions))

@@ -30,6 +30,7 @@ app = typer.Typer(
 
 
 ENDED = {130: "interrupted", 143: "terminated"}
+MOST = 1_000_000  # replicas, frames or runs: a slip of the finger shall not fill the memory
 
 
 class OptionError(HardSpheresError):
@@ -140,7 +141,7 @@ def thermalise(
     collisions_per_particle: Annotated[
         float, typer.Option(help="How long to run, s = 2 collisions / n.")
     ] = 10.0,
-    replicas: Annotated[int, typer.Option(min=1, help="Independent gases to average over.")] = 100,
+    replicas: Annotated[int, typer.Option(min=1, max=MOST, help="Independent gases to average over.")] = 100,
     until_error: UntilError = None,
     seed: Seed = 1,
     workers: Workers = None,
@@ -150,7 +151,9 @@ def thermalise(
     radius: Annotated[
         float | None, typer.Option(help="Radius of all particles of --from, if the file has none.")
     ] = None,
-    frames: Annotated[int, typer.Option(min=0, help="Frames in trajectory.xyz, of the first replica.")] = 21,
+    frames: Annotated[
+        int, typer.Option(min=0, max=MOST, help="Frames in trajectory.xyz, of the first replica.")
+    ] = 21,
     animate: Annotated[
         bool, typer.Option("--animate", help="Write gas.gif, the first replica in motion.")
     ] = False,
@@ -165,6 +168,7 @@ def thermalise(
     particle, averaged over replicas, beside the Boltzmann equation. Writes a summary, a table, pictures and a
     trajectory.
     """
+    from studies.fluid import LONGEST
     from studies.report import Screen
     from studies.thermalisation import Recipe, Thermalisation, thermalise
 
@@ -172,8 +176,8 @@ def thermalise(
     made |= {"mass_ratio": mass_ratio, "diameter_ratio": diameter_ratio, "fraction": fraction}
     given = {key: value for key, value in made.items() if value is not None}
     _require(
-        collisions_per_particle > 0.0,
-        f"--collisions-per-particle {collisions_per_particle:g} must be positive",
+        0.0 < collisions_per_particle <= LONGEST,
+        f"--collisions-per-particle {collisions_per_particle:g} must be positive, and at most {LONGEST:g}",
     )
     common: dict[str, Any] = {
         "collisions_per_particle": collisions_per_particle,
@@ -256,7 +260,7 @@ def bench(
     """Measure collisions per second, beside another engine.
 
     Times the event loop alone, compiled and in equilibrium, on one core. Writes a summary and the windows; with --suite a
-    table and a figure.
+    table and a figure. Keeps no checkpoints: it is timing itself, which an interruption would spoil.
     """
     from studies.bench import Bench
     from studies.bench import bench as run
@@ -323,7 +327,9 @@ def pressure(
             "(two minutes) or as given (1e-4: hours).",
         ),
     ] = False,
-    replicas: Annotated[int, typer.Option(min=1, help="Independent gases at each packing fraction.")] = 2,
+    replicas: Annotated[
+        int, typer.Option(min=1, max=MOST, help="Independent gases at each packing fraction.")
+    ] = 2,
     until_error: UntilError = None,
     seed: Seed = 1,
     workers: Workers = None,
@@ -375,7 +381,9 @@ def free_path(
     collisions_per_particle: Annotated[
         float, typer.Option(help="How long to measure in each replica, s = 2 collisions / n.")
     ] = 300.0,
-    replicas: Annotated[int, typer.Option(min=1, help="Independent gases at each packing fraction.")] = 2,
+    replicas: Annotated[
+        int, typer.Option(min=1, max=MOST, help="Independent gases at each packing fraction.")
+    ] = 2,
     seed: Seed = 1,
     workers: Workers = None,
     out: Out = None,
@@ -410,7 +418,9 @@ def diffusion(
     collisions_per_particle: Annotated[
         float, typer.Option(help="How long to measure in each replica, s = 2 collisions / n.")
     ] = 200.0,
-    replicas: Annotated[int, typer.Option(min=1, help="Independent gases at each packing fraction.")] = 12,
+    replicas: Annotated[
+        int, typer.Option(min=1, max=MOST, help="Independent gases at each packing fraction.")
+    ] = 12,
     until_error: UntilError = None,
     seed: Seed = 1,
     workers: Workers = None,
@@ -450,7 +460,7 @@ def mixture(
     relaxation_times: Annotated[
         float, typer.Option(help="How long to run, in initial decay times of the difference.")
     ] = 4.0,
-    replicas: Annotated[int, typer.Option(min=1, help="Independent gases to average over.")] = 100,
+    replicas: Annotated[int, typer.Option(min=1, max=MOST, help="Independent gases to average over.")] = 100,
     until_error: UntilError = None,
     seed: Seed = 1,
     workers: Workers = None,
@@ -485,23 +495,25 @@ def accuracy(
     quick: Annotated[bool, typer.Option("--quick", help="Fewer and shorter runs: half a minute.")] = False,
     seed: Seed = 1,
     out: Out = None,
+    checkpoint_every: CheckpointEvery = 60.0,
+    resume: Resume = False,
     json: Json = False,
 ) -> None:
     """Set speed against error, beside two time-stepping programs.
 
     The engine, the all-pairs solver and bouncing balls by time steps on the same gases in one run: distance from
     the trajectory at 50 digits, missed collisions, overlaps, pressure and mean free path, and what they cost. Writes
-    a summary, a table and a picture.
+    a summary, a table and a picture. Every scene and every state is kept when it is finished; one that is interrupted begins
+    anew.
     """
     from studies.accuracy import Accuracy
     from studies.accuracy import accuracy as run
     from studies.pressure import packing_fractions as parsed
-    from studies.report import OutputFolder, Screen
+    from studies.report import Screen
 
     study = Accuracy(parsed(packing_fractions), n, dim, seed)
-    screen = Screen(json)
-    folder = OutputFolder(out or Path("runs") / f"accuracy-{seed}")
-    _finish(screen, run(study.quick() if quick else study, folder, screen))
+    screen, folder = Screen(json), _folder(out, "accuracy", seed, checkpoint_every, resume)
+    _finish(screen, run(study.quicker() if quick else study, folder, screen))
 
 
 def _precisely(
@@ -517,7 +529,7 @@ def _precisely(
 
 @app.command()
 def calibration(
-    runs: Annotated[int, typer.Option(help="Independent short runs of each estimator.")] = 200,
+    runs: Annotated[int, typer.Option(max=MOST, help="Independent short runs of each estimator.")] = 200,
     seed: Seed = 1,
     workers: Workers = None,
     out: Out = None,
@@ -548,27 +560,38 @@ def hard_cases(
         typer.Option(help="One group of cases; may be given several times.", show_default="all nine"),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder for the results.", show_default="runs/hard-cases-<size>")
+        Path | None,
+        typer.Option(
+            help="Folder for the results.",
+            show_default="runs/hard-cases-<size>",
+            parser=_out,
+            metavar="PATH",
+        ),
     ] = None,
+    checkpoint_every: CheckpointEvery = 60.0,
+    resume: Resume = False,
     json: Json = False,
 ) -> None:
     """Try the engine on hard cases whose answer is exact.
 
     Collisions that count out pi, cradles, wide ratios of mass and size, grazing collisions, close packing, huge and tiny boxes,
     reversal, symmetries, solved gases. Writes a table of what is exact, what the engine gave, and how many digits are right.
+    Every long run in it is kept when it is finished, and one that is interrupted begins anew.
     """
     from studies.hard_cases import groups_named, size_named
     from studies.hard_cases import hard_cases as run
-    from studies.report import OutputFolder, Screen
+    from studies.report import Screen
 
     chosen, groups, screen = size_named(size), groups_named(only), Screen(json)
-    _finish(screen, run(chosen, groups, OutputFolder(out or Path("runs") / f"hard-cases-{size}"), screen))
+    folder = _folder(out, "hard-cases", chosen, checkpoint_every, resume)
+    _finish(screen, run(chosen, groups, folder, screen))
 
 
 @app.command()
 def soak(
     collisions: Annotated[
-        int, typer.Option(min=1000, help="Pair collisions of the fluid; the mixture gets a tenth.")
+        int,
+        typer.Option(min=1000, max=10**15, help="Pair collisions of the fluid; the mixture gets a tenth."),
     ] = 1_000_000_000,
     n: Annotated[int, typer.Option(min=2, help="Particles in each gas.")] = 4000,
     dim: Annotated[int, typer.Option(min=2, max=3, help="Dimension.")] = 3,
@@ -593,11 +616,11 @@ def soak(
     _finish(screen, run(study, _folder(out, "soak", seed, checkpoint_every, resume), screen))
 
 
-def _folder(out: Path | None, study: str, seed: int, checkpoint_every: float, resume: bool) -> Any:
+def _folder(out: Path | None, study: str, which: int | str, checkpoint_every: float, resume: bool) -> Any:
     """Return the output folder of a study."""
     from studies.report import OutputFolder
 
-    path = out or Path("runs") / f"{study}-{seed}"
+    path = out or Path("runs") / f"{study}-{which}"
     return OutputFolder(path, checkpoint_every=checkpoint_every, resume=resume)
 
 

@@ -19,7 +19,7 @@ from analysis.statistics import Estimate, TheoryCheck, estimate_from_replicas, r
 from analysis.theory import Prediction
 from analysis.transport import Diffusion
 from studies.ensemble import available_cores
-from studies.fluid import Fluid, broken, load_kernels, ordered, run_fluids
+from studies.fluid import Fluid, broken, check_length, load_kernels, ordered, run_fluids
 from studies.report import (
     ALARM,
     OutputFolder,
@@ -77,11 +77,11 @@ class SelfDiffusion:
             fluid.check_within("Enskog's theory")
         if self.fluid.n < 2:
             raise hs.SceneError(f"--n {self.fluid.n} cannot diffuse among others; ask for at least 2")
-        if not SHORTEST <= self.collisions_per_particle < math.inf:
-            raise hs.SceneError(
-                f"--collisions-per-particle {self.collisions_per_particle:g} is no length for a slope between "
-                f"{WINDOW[0]:g} and {WINDOW[1]:g} mean free times; ask for at least {SHORTEST:g}"
-            )
+        check_length(
+            self.collisions_per_particle,
+            SHORTEST,
+            f"is no length for a slope between {WINDOW[0]:g} and {WINDOW[1]:g} mean free times",
+        )
         if self.replicas < 4:
             raise hs.SceneError(
                 f"--replicas {self.replicas} gives no error bar, which comes from their spread; ask for at "

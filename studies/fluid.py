@@ -43,6 +43,9 @@ FloatArray = NDArray[np.float64]
 Result = TypeVar("Result")
 Boundary = str | tuple[str, ...]
 
+LONGEST = 1e9
+"""Collisions per particle that a study may ask for: years for any gas that is worth it."""
+
 FREEZING = {2: 0.70, 3: 0.494}
 """Packing fractions up to which the fluid counts as the state in equilibrium. Spheres freeze at 0.492
 (Fernandez et al. 2012, doi 10.1103/PhysRevLett.108.165701; older work has 0.494), discs at 0.70 (Engel et al.
@@ -140,7 +143,8 @@ class Fluid:
         return max(RELAXED, remembered(self.packing_fraction, self.dim)) if self.dense else SETTLED
 
     def check(self) -> None:
-        """Raise SceneError where this is no fluid."""
+        """Raise SceneError where this is no fluid, or has more particles than there is room for."""
+        require_room_for(self.n)
         limit = FREEZING.get(self.dim, 1.0)
         kind = "spheres" if self.dim == 3 else "discs"
         if self.packing_fraction > limit:
@@ -210,6 +214,25 @@ def broken(simulation: hs.Simulation) -> str | None:
     except hs.InvariantError as error:
         return str(error)
     return None
+
+
+def check_length(collisions_per_particle: float, fewest: float, why: str) -> None:
+    """Raise SceneError where a run is too short, or so long that it is a mistake.
+
+    Parameters
+    ----------
+    collisions_per_particle : float
+        As on the command line.
+    fewest : float
+        Collisions per particle that are needed.
+    why : str
+        What a shorter run does not give.
+    """
+    said = f"--collisions-per-particle {collisions_per_particle:g}"
+    if collisions_per_particle > LONGEST:
+        raise hs.SceneError(f"{said} would never end; ask for at most {LONGEST:g}")
+    if not collisions_per_particle >= fewest:
+        raise hs.SceneError(f"{said} {why}; ask for at least {fewest:.3g}")
 
 
 def load_kernels(fluids: Sequence[Fluid], free_paths: bool = False) -> None:

@@ -17,7 +17,7 @@ import hardspheres as hs
 from analysis.free_path import SURVIVAL_AT, FreePath
 from analysis.statistics import Estimate, ReplicaWarning, TheoryCheck, combine_replicas, pool_replicas
 from studies.ensemble import available_cores
-from studies.fluid import Fluid, broken, load_kernels, run_fluids
+from studies.fluid import Fluid, broken, check_length, load_kernels, run_fluids
 from studies.report import (
     ALARM,
     OutputFolder,
@@ -78,11 +78,7 @@ class FreePaths:
                 "ask for some of each"
             )
         fewest = FEWEST_FLIGHTS / (min(second, self.fluid.n - second) or self.fluid.n)
-        if not fewest <= self.collisions_per_particle < math.inf:
-            raise hs.SceneError(
-                f"--collisions-per-particle {self.collisions_per_particle:g} gives no error bar for "
-                f"{self.fluid.n} particles; ask for at least {fewest:.3g}"
-            )
+        check_length(self.collisions_per_particle, fewest, f"gives no error bar for {self.fluid.n} particles")
 
 
 @dataclass(frozen=True)

@@ -89,6 +89,8 @@ def _whole(path: Path) -> tuple[Any] | None:
 def _said() -> Iterator[None]:
     try:
         yield
+    except OutputError:  # says it already
+        raise
     except OSError as error:
         where = f"{error.filename} " if error.filename else ""
         raise OutputError(f"the checkpoint {where}cannot be written: {error.strerror or error}") from error
@@ -166,8 +168,9 @@ class Journal:
         CheckpointError
             If there is nothing to resume, or something else; or an unfinished run where none is to be resumed.
         """
-        if self._lock.path.exists():
-            self._take_lock()
+        with _said():
+            if self._lock.path.exists():
+                self._take_lock()
         self._lock.release()
         self._refuse()
 

@@ -18,7 +18,7 @@ from analysis.pressure import Pressure
 from analysis.statistics import Estimate, ReplicaWarning, combine_replicas, pool_replicas
 from analysis.theory import Prediction
 from studies.ensemble import available_cores
-from studies.fluid import THEORY_UP_TO, Fluid, broken, load_kernels, ordered, run_fluids
+from studies.fluid import THEORY_UP_TO, Fluid, broken, check_length, load_kernels, ordered, run_fluids
 from studies.report import (
     ALARM,
     OutputFolder,
@@ -99,11 +99,10 @@ class EquationOfState:
         fewest = 2 * FEWEST_COLLISIONS / self.fluid.n
         if self.collisions_per_particle is None:
             return
-        if not fewest <= self.collisions_per_particle < math.inf:
-            raise hs.SceneError(
-                f"--collisions-per-particle {self.collisions_per_particle:g} gives no error bar for "
-                f"{self.fluid.n} particles; ask for at least {fewest:.3g}"
-            )
+        check_length(self.collisions_per_particle, fewest, f"gives no error bar for {self.fluid.n} particles")
+
+
+MOST = 10_000  # packing fractions
 
 
 def packing_fractions(text: str) -> tuple[float, ...]:
@@ -127,7 +126,9 @@ def packing_fractions(text: str) -> tuple[float, ...]:
     try:
         if ":" in text:
             first, last, count = text.split(":")
-            values = [float(f"{value:.12g}") for value in np.linspace(float(first), float(last), int(count))]
+            with np.errstate(invalid="ignore"):
+                points = np.linspace(float(first), float(last), min(int(count), MOST + 1))
+            values = [float(f"{value:.12g}") for value in points]
         else:
             values = [float(part) for part in text.split(",")]
     except ValueError:
@@ -137,6 +138,8 @@ def packing_fractions(text: str) -> tuple[float, ...]:
             f"--packing-fractions {text} is not understood; give first:last:count, as in 0.01:0.49:9, or "
             "numbers with commas between them"
         )
+    if len(values) > MOST:
+        raise hs.SceneError(f"--packing-fractions {text} are too many; ask for at most {MOST}")
     for value in values:
         if not 0.0 < value < 1.0:
             raise hs.SceneError(f"--packing-fractions {text} has {value:g}; expected numbers between 0 and 1")

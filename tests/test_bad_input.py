@@ -323,6 +323,11 @@ CLI = {
     "n absurd, pressure": (["pressure", "--n", "1000000000000"], "300 TB of memory"),
     "n absurd, diffusion": (["diffusion", "--n", "1000000000000"], "300 TB of memory"),
     "n absurd, bench": (["bench", "--n", "1000000000000"], "300 TB of memory"),
+    "n absurd, dense": (["pressure", "--packing-fractions", "0.45", "--n", "1000000000000"], "300 TB of memory"),
+    "n absurd, suite": (["bench", "--suite", "quick", "--n", "500", "--n", "1000000000000"], "300 TB of memory"),
+    "n absurd, accuracy": (["accuracy", "--n", "1000000000000"], "300 TB of memory"),
+    "n absurd, free paths": (["free-path", "--n", "1000000000000"], "300 TB of memory"),
+    "n absurd, soak": (["soak", "--n", "1000000000000"], "300 TB of memory"),
     "eta tiny": (["thermalise", "--packing-fraction", "1e-300"], "take a smaller box (a higher packing fraction)"),
     "eta nan": (["thermalise", "--packing-fraction", "nan"], "packing_fraction is nan"),
     "etas nonsense": (["pressure", "--packing-fractions", "a:b"], "--packing-fractions a:b is not understood"),
@@ -335,6 +340,15 @@ CLI = {
     "temperature nan": (["thermalise", "--temperature", "nan"], "temperature is nan"),
     "ratio nan": (["thermalise", "--mass-ratio", "nan"], "nan"),
     "length nan": (["thermalise", "--collisions-per-particle", "nan"], "--collisions-per-particle nan must be"),
+    "length inf": (["thermalise", "--collisions-per-particle", "inf"], "must be positive, and at most 1e+09"),
+    "length absurd": (["pressure", "--collisions-per-particle", "1e300"], "1e+300 would never end; ask for at most"),
+    "length inf, diffusion": (["diffusion", "--collisions-per-particle", "inf"], "would never end"),
+    "discard nan": (["bench", "--discard", "nan"], "--discard nan must be at least 0, and at most 1e+09"),
+    "etas inf": (["pressure", "--packing-fractions", "0.1:inf:3"], "has nan; expected numbers between 0 and 1"),
+    "ratio absurd": (["thermalise", "--diameter-ratio", "1e300"], "give an infinite volume; take a larger unit"),
+    "etas too many": (["pressure", "--packing-fractions", "0.1:0.2:1000000000000"], "too many; ask for at most 10000"),
+    "nothing to resume": (["hard-cases", "--resume"], "hard-cases-full holds no unfinished run"),
+    "nothing to resume, accuracy": (["accuracy", "--resume"], "accuracy-1 holds no unfinished run"),
     "empty file": (["thermalise", "--from", "empty.xyz"], "empty.xyz is empty"),
     "binary file": (["thermalise", "--from", "binary.xyz"], "binary.xyz cannot be read by ASE"),
     "binary traj": (["thermalise", "--from", "binary.traj"], "binary.traj cannot be read by ASE"),
@@ -353,6 +367,8 @@ CLI = {
     "no particles": (["thermalise", "--from", "none.xyz"], "none.xyz"),
     "many promised": (["thermalise", "--from", "many.xyz"], "many.xyz says that 999999999999 particles follow where"),
     "huge cell": (["thermalise", "--from", "huge.xyz"], "edge along x is 1e+12, where rounding"),
+    "an endless name": (["thermalise", "--from", "a" * 300 + ".xyz"], "cannot be read: File name too long; give another"),
+    "a device": (["thermalise", "--from", os.devnull], "is empty"),
     "a folder": (["thermalise", "--from", "."], "is a folder; give a file"),
     "radius nan": (["thermalise", "--from", "good.xyz", "--radius", "nan"], "the radius of particle 0 is nan"),
 }  # fmt: skip
@@ -391,18 +407,30 @@ def test_a_real_process_says_the_same(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+SIGNAL = "import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n"
+SWALLOWED = (
+    "try:\n    import os, signal\n    os.kill(os.getpid(), signal.SIGINT)\nexcept BaseException:\n    pass\n"
+)
+
+
 @pytest.mark.skipif(os.name != "posix", reason="POSIX signals")
-def test_an_interrupt_while_the_first_modules_are_loaded(tmp_path):
-    """A typer that sends the signal as it is imported: no traceback even then."""
-    (tmp_path / "typer.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n")
+@pytest.mark.parametrize(
+    ("module", "content", "options"),
+    [("typer", SIGNAL, "--help"), ("typer", SWALLOWED, "--help"), ("numpy", SIGNAL, "thermalise")],
+)
+def test_an_interrupt_while_modules_are_loaded(module, content, options, tmp_path):
+    """A module that sends the signal as it is imported: no traceback even then, and no interrupt that is lost."""
+    (tmp_path / f"{module}.py").write_text(content)
     done = subprocess.run(
-        [sys.executable, "-m", "studies", "--help"],
+        [sys.executable, "-m", "studies", options],
+        cwd=tmp_path,
         env=os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])},
         capture_output=True,
         text=True,
         check=False,
     )
     assert (done.returncode, done.stderr, done.stdout) == (130, "interrupted\n", "")
+    assert not [path for path in tmp_path.iterdir() if path.is_dir() and path.name != "__pycache__"]
 
 
 # Anything at all.

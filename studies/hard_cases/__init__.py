@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
 
@@ -19,7 +20,7 @@ from studies.hard_cases import (
     reversal,
     symmetries,
 )
-from studies.hard_cases.case import SIZES, Case, Size
+from studies.hard_cases.case import SIZES, Case, Size, keeping
 from studies.report import OutputFolder, Screen
 
 __all__ = ["GROUPS", "Case", "groups_named", "hard_cases"]
@@ -38,6 +39,22 @@ GROUPS: dict[str, ModuleType] = {
 """The groups by their names on the command line, in the order of the table."""
 
 COLUMNS = ("case", "what is exact", "what the engine gave", "digits right", "")
+
+
+@dataclass(frozen=True)
+class HardCases:
+    """Options of the study, as on the command line (`hardspheres hard-cases --help`).
+
+    Attributes
+    ----------
+    size : str
+        "small", "full" or "long".
+    only : tuple of str
+        The groups.
+    """
+
+    size: Size
+    only: tuple[str, ...]
 
 
 def groups_named(names: Sequence[str] | None) -> dict[str, ModuleType]:
@@ -91,9 +108,24 @@ def hard_cases(
     sound : bool
         Whether every case passed.
     """
-    out.check()
-    out.create()
-    began, rows = time.perf_counter(), []
+    study = HardCases(size, tuple(groups))
+    out.check(study)
+    began = time.perf_counter()
+    with out.running(study) as shelf:
+        with keeping(shelf):
+            rows = _table(size, groups, screen)
+        summary = _written(size, rows, out, began)
+    failures = summary["checks"]["failures"]
+    screen.say(f"{len(rows) - len(failures)} of {len(rows)} cases passed in {summary['seconds']:.0f} s")
+    for failure in failures:
+        screen.say(f"CHECK FAILED, {failure}")
+    screen.say(f"written to {out.path}: {', '.join(out.files)}")
+    return summary, not failures
+
+
+def _table(size: Size, groups: dict[str, ModuleType], screen: Screen) -> list[tuple[str, Case]]:
+    """Run the cases group by group, print each, and return them with the names of their groups."""
+    rows = []
     for name, group in groups.items():
         started = time.perf_counter()
         with screen.working(f"{group.TITLE} ..."):
@@ -102,6 +134,11 @@ def hard_cases(
         screen.table(f"{group.TITLE} ({time.perf_counter() - started:.0f} s)", COLUMNS, lines, wrap=True)
         screen.say()
         rows += [(name, case) for case in done]
+    return rows
+
+
+def _written(size: Size, rows: list[tuple[str, Case]], out: OutputFolder, began: float) -> dict[str, Any]:
+    """Write hard_cases.csv and summary.json; return the content of the latter."""
     failures = [f"{name}: {case.name}: {case.engine}" for name, case in rows if not case.passed]
     columns: dict[str, list[Any]] = {"group": [name for name, _ in rows]}
     for field in ("name", "exact", "engine", "error", "allowed", "digits", "passed"):
@@ -117,8 +154,4 @@ def hard_cases(
         "files": [*out.files, "summary.json"],
     }
     out.write_json("summary.json", summary)
-    screen.say(f"{len(rows) - len(failures)} of {len(rows)} cases passed in {summary['seconds']:.0f} s")
-    for failure in failures:
-        screen.say(f"CHECK FAILED, {failure}")
-    screen.say(f"written to {out.path}: {', '.join(out.files)}")
-    return summary, not failures
+    return summary

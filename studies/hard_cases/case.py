@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
+import functools
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextvars import ContextVar
 from dataclasses import dataclass
-from typing import Literal, TypeVar
+from typing import Any, Literal, ParamSpec, TypeVar
 
-__all__ = ["SIZES", "Case", "Size", "counted", "pick"]
+from studies.journal import Shelf
+from studies.resuming import Recorded
+
+__all__ = ["SIZES", "Case", "Size", "counted", "keeping", "kept", "pick"]
+
+P = ParamSpec("P")
 
 Size = Literal["small", "full", "long"]
 T = TypeVar("T")
@@ -77,3 +86,51 @@ def counted(name: str, exact: int, measured: int, what: str) -> Case:
 def pick(size: Size, choices: Sequence[T]) -> T:
     """Return the one of three choices that belongs to a size, small, full or long."""
     return choices[SIZES.index(size)]
+
+
+_numbered: ContextVar[tuple[Shelf, Iterator[int]] | None] = ContextVar("_numbered", default=None)
+
+
+@contextlib.contextmanager
+def _set(value: tuple[Shelf, Iterator[int]] | None) -> Iterator[None]:
+    before = _numbered.set(value)
+    try:
+        yield
+    finally:
+        _numbered.reset(before)
+
+
+def keeping(shelf: Shelf) -> contextlib.AbstractContextManager[None]:
+    """Return a context in which what `kept` functions give goes onto a shelf, by the number of the call."""
+    return _set((shelf, itertools.count()))
+
+
+def kept(function: Callable[P, T]) -> Callable[P, T]:
+    """Return a function that takes from the shelf what the same call gave in a run that was interrupted.
+
+    Cases come in the same order every time, so a call is known by its number; within one others are not counted. Outside of
+    `keeping` the function is as it was.
+
+    Parameters
+    ----------
+    function : callable
+        Depends on nothing but its arguments, takes seconds or more, and gives a case, several, or numbers.
+    """
+
+    @functools.wraps(function)
+    def recalled(*args: P.args, **options: P.kwargs) -> T:
+        if (numbered := _numbered.get()) is None:
+            return function(*args, **options)
+        shelf, numbers = numbered
+        index = next(numbers)
+        if (found := shelf.result(index)) is not None:
+            return found[0]  # type: ignore[no-any-return]
+
+        def compute(_: Any) -> T:
+            with _set(None):
+                given = function(*args, **options)
+                return list(given) if isinstance(given, Iterator) else given  # type: ignore[return-value]
+
+        return Recorded(compute, shelf)((index, None))
+
+    return recalled

@@ -14,7 +14,7 @@ import numpy as np
 
 import hardspheres as hs
 from hardspheres.scene import kinetic_energy, total_momentum
-from studies.hard_cases.case import Case, Size, pick
+from studies.hard_cases.case import Case, Size, kept, pick
 from studies.hard_cases.rational import as_floats, rational_simulation
 
 TITLE = "Cradles and simultaneous impacts"
@@ -58,6 +58,7 @@ def into_the_gap() -> hs.Scene:
     )
 
 
+@kept
 def outcome(name: str, scene: hs.Scene, until: float) -> Case:
     """Compare the velocities after a simultaneous impact with those of exact arithmetic in the documented order."""
     exact = rational_simulation(scene)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 import hardspheres as hs
 from analysis.theory.two_spheres import two_sphere_rates
-from studies.hard_cases.case import Case, Size, counted, pick
+from studies.hard_cases.case import Case, Size, counted, kept, pick
 
 TITLE = "Exactly solved"
 Floats = NDArray[np.float64]
@@ -36,6 +36,7 @@ def in_equilibrium(box: tuple[float, ...], rng: np.random.Generator) -> hs.Scene
     return hs.Scene(places, velocities, box=box, boundary="wall")
 
 
+@kept
 def two_spheres(box: tuple[float, ...], time: float, runs: int) -> Iterator[Case]:
     """Measure the rates of two spheres in a hard box.
 
@@ -79,6 +80,7 @@ def line(masses: tuple[float, float, float], gaps: Floats, velocities: Floats) -
     return hs.Scene(places, np.column_stack([velocities, np.zeros(3)]), radii, masses, (1000.0, 4.0), "wall")
 
 
+@kept
 def three_balls(masses: tuple[float, float, float], starts: int) -> Case:
     """Search for the largest number of collisions of three balls on a line without walls."""
     m1, m2, m3 = masses
@@ -106,6 +108,7 @@ def rods(n: int, walls: bool, seed: int) -> hs.Scene:
     return hs.Scene(places, velocities, box=(4.0, length, 4.0), boundary=CHANNEL if walls else "periodic")
 
 
+@kept
 def tonks(n: int, walls: bool, time: float) -> Iterator[Case]:
     """Count the collisions of rods (Tonks 1936, doi:10.1103/PhysRev.50.955).
 
@@ -135,6 +138,7 @@ def tonks(n: int, walls: bool, time: float) -> Iterator[Case]:
     yield Case(f"{n} rods {where}, velocities", "the first ones, permuted", f"off by {off:.1e}", off, 1e-11)
 
 
+@kept
 def one_ball(time: float) -> Iterator[Case]:
     """Follow one ball in a box with incommensurate speeds: hits and place by unfolding the box."""
     box = (3.0, 4.0, 5.0)

@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator
 
 import hardspheres as hs
-from studies.hard_cases.case import Case, Size, counted, pick
+from studies.hard_cases.case import Case, Size, counted, kept, pick
 
 TITLE = "Galperin's billiard"
 
@@ -29,6 +29,7 @@ def billiard(mass_ratio: float) -> hs.Scene:
     )
 
 
+@kept
 def hits(mass_ratio: float) -> tuple[int, bool]:
     """Return the number of hits, and whether the balls then part for ever, the light one not faster than the heavy one."""
     simulation = hs.Simulation(billiard(mass_ratio))

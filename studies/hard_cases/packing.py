@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 import hardspheres as hs
-from studies.hard_cases.case import Case, Size, pick
+from studies.hard_cases.case import Case, Size, kept, pick
 
 TITLE = "Close packing"
 CLOSE_PACKED = {2: math.pi / math.sqrt(12.0), 3: math.pi / math.sqrt(18.0)}
@@ -41,6 +41,7 @@ def cluster(dim: int) -> hs.Scene:
     return hs.Scene(places, np.random.default_rng(6).normal(size=places.shape), box=[20.0] * dim)
 
 
+@kept
 def pressed(dim: int, gap: float, collisions: int) -> Case:
     """Measure Z of a crystal against its limit at close packing.
 

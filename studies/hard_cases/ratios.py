@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 import hardspheres as hs
 from hardspheres.reference import ReferenceSimulation
-from studies.hard_cases.case import Case, Size, pick
+from studies.hard_cases.case import Case, Size, kept, pick
 
 TITLE = "Wide ratios of mass, diameter and speed"
 DRIFT = 1e-12  # of energy and momentum
@@ -42,6 +42,7 @@ def gas(dim: int, masses: Floats, radii: Floats, packing_fraction: float, bounda
     )
 
 
+@kept
 def invariants(name: str, scene: hs.Scene, collisions: int) -> Case:
     """Run a gas and check energy, momentum, overlap and the order of events at ten moments.
 
@@ -72,6 +73,7 @@ def invariants(name: str, scene: hs.Scene, collisions: int) -> Case:
     )
 
 
+@kept
 def resolved(name: str, scene: hs.Scene, looks: int) -> Case:
     """Look at a gas after each hundred collisions: the deepest overlap against the resolution of time times the largest speed.
 
@@ -104,6 +106,7 @@ def resolved(name: str, scene: hs.Scene, looks: int) -> Case:
     )
 
 
+@kept
 def followed(name: str, scene: hs.Scene, most: int) -> Case:
     """Compare the events with those of the plain solver at 50 digits, until the trajectories are 1e-6 apart.
 

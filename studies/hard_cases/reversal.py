@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import numpy as np
 
 import hardspheres as hs
-from studies.hard_cases.case import Case, Size, pick
+from studies.hard_cases.case import Case, Size, kept, pick
 from studies.hard_cases.tangent import largest_exponent
 
 TITLE = "Reversal and Lyapunov growth"
@@ -39,6 +39,7 @@ def return_error(scene: hs.Scene, s: float) -> float:
     return float(np.sqrt(np.sum(dx * dx)))
 
 
+@kept
 def growth(n: int, gases: int, stops: list[float]) -> tuple[float, float, float]:
     """Return the slope of the mean logarithm of the error against s, its standard error, and the mean error at the first stop."""
     logs = np.array(

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import hardspheres as hs
-from studies.hard_cases.case import Case, Size, pick
+from studies.hard_cases.case import Case, Size, kept, pick
 
 TITLE = "Symmetries"
 HALF_HORIZON = 17.0
@@ -120,6 +120,7 @@ def scaled(scene: hs.Scene, length: float, time: float) -> hs.Scene:
     )
 
 
+@kept
 def same_bits(scene: hs.Scene, length: float, time: float, collisions: int) -> bool:
     """Return whether a gas in other units, powers of two, follows the same trajectory to the last bit."""
     one, other = hs.Simulation(scene), hs.Simulation(scaled(scene, length, time))
@@ -132,6 +133,7 @@ def same_bits(scene: hs.Scene, length: float, time: float, collisions: int) -> b
     )
 
 
+@kept
 def compressibility(scene: hs.Scene, collisions: int) -> float:
     """Return Z - 1 over so many collisions, after as many for a tenth of it."""
     simulation = hs.Simulation(scene)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import hardspheres as hs
+from studies.hard_cases.case import kept
 
 __all__ = ["Tangent", "largest_exponent"]
 
@@ -81,6 +82,7 @@ def step(simulation: hs.Simulation, tangent: Tangent) -> None:
     tangent.collide(int(i), int(j), simulation.positions, before)
 
 
+@kept
 def largest_exponent(scene: hs.Scene, settle: float, measure: float) -> tuple[float, float]:
     """Return the largest Lyapunov exponent per collision per particle, and its standard error from 10 blocks.
 

@@ -33,14 +33,14 @@ SMALL = Accuracy(
 
 @pytest.fixture(scope="module")
 def state():
-    return compare(SMALL, 0.3)
+    return compare(SMALL)[0]
 
 
 @pytest.fixture(scope="module")
 def finished(state, tmp_path_factory):
     out = OutputFolder(tmp_path_factory.mktemp("runs") / "accuracy-2")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(study_module, "compare", lambda *_: state)
+        patch.setattr(study_module, "compare", lambda *_: [state])
         summary, sound = accuracy(SMALL, out, Screen(json_output=True))
     return out, summary, sound
 
@@ -111,8 +111,7 @@ def test_an_engine_off_the_true_trajectory_fails(state, monkeypatch):
             super().__init__(scene.replace(radii=scene.radii * (1.0 - 1e-5)))
 
     monkeypatch.setattr(accuracy_few, "Oracle", Wrong)
-    monkeypatch.setattr(accuracy_few, "REFERENCE_SCENES", 0)
-    few = accuracy_few.few_beside_oracle([settled(32)], 1.0, [])
+    few = accuracy_few.beside_oracle(settled(32), 1.0, [], False)
     (sentence,) = replace(state, few=few).failures
     assert "left the true trajectory" in sentence
 
@@ -142,6 +141,41 @@ def test_the_audit_of_missed_collisions_sees_them(state):
     count = stepper.count
     seen = accuracy_long.passed_through(states, scene, dt)
     assert 20 < 0.2 * count.missed < seen <= count.missed  # some of the pairs hit another in the same step
+
+
+def test_scenes_that_were_finished_are_not_run_again(state, tmp_path, monkeypatch):
+    """Interrupted and resumed, with the fixture's numbers for every run: the files are those of a run that was not."""
+    asked = []
+
+    def few(scene, *_):
+        asked.append(scene)
+        return {
+            key: accuracy_few.Few(**{name: values[-1:] for name, values in vars(each).items()})
+            for key, each in state.few.items()
+        }
+
+    def interrupting(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(study_module, "beside_oracle", few)
+    monkeypatch.setattr(study_module, "followed", lambda *_: state.horizons[0])
+    monkeypatch.setattr(study_module, "long_runs", lambda *_: state.long)
+    monkeypatch.setattr(study_module, "engine_test_seconds", lambda *_: state.engine_test)
+    screen, out = Screen(json_output=True), tmp_path / "out"
+    accuracy(SMALL, OutputFolder(tmp_path / "whole"), screen)
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(study_module, "followed", interrupting)
+        accuracy(SMALL, OutputFolder(out), screen)
+    kept = sorted(path.name for path in (out / "checkpoint").iterdir())
+    assert kept == ["done-0000.npz", "done-0001.npz", "lock", "manifest.json"]
+    accuracy(SMALL, OutputFolder(out, resume=True), screen)
+    assert len(asked) == 2 * SMALL.scenes
+    files = [
+        {path.name: path.read_bytes() for path in folder.iterdir()} for folder in (tmp_path / "whole", out)
+    ]
+    for each in files:
+        each["summary.json"] = json.loads(each["summary.json"]) | {"seconds": None}
+    assert len(files[0]) == 3 and files[0] == files[1]
 
 
 def test_what_an_error_costs():
@@ -174,7 +208,7 @@ def test_lyapunov_exponents_are_interpolated():
 def test_the_order_of_the_errors():
     """Z of bouncing balls to first order, missed collisions to second; with back-up Z is better, at no time step the path."""
     study = Accuracy((0.3,), 2000, seed=3, scenes=4, seconds=1.0, long_steps=(0.1, 0.03, 0.01, 0.003))
-    state = compare(study, 0.3)
+    (state,) = compare(study)
     assert state.failures == []
     bounce, back_up = state.pressure_curve(BOUNCE), state.pressure_curve(BACK_UP)
     assert bounce.order == pytest.approx(1.0, abs=0.25)

@@ -3,6 +3,7 @@
 import json
 import os
 import random
+import select
 import shutil
 import signal
 import subprocess
@@ -18,7 +19,7 @@ pytestmark = pytest.mark.skipif(
     not sys.platform.startswith("linux"), reason="reads /proc, sends POSIX signals"
 )
 
-COMMAND = [sys.executable, "-m", "studies.cli"]
+COMMAND = [sys.executable, "-m", "studies"]
 PRESSURE = ["pressure", "--packing-fractions", "0.3", "--n", "200", "--replicas", "2"]
 PRESSURE += ["--collisions-per-particle", "2000", "--workers", "1"]
 THERMALISE = [
@@ -32,6 +33,7 @@ THERMALISE = [
     "--frames",
     "41",
 ]
+ALONE = [*THERMALISE, "--workers", "1"]
 THERMALISE += ["--workers", "2"]
 OFTEN = ["--checkpoint-every", "0"]
 KEPT = "the same command with --resume goes on"
@@ -171,34 +173,88 @@ def test_a_disk_that_is_full_in_the_middle_of_a_run(undisturbed, tmp_path):
     assert contents(out) == undisturbed(THERMALISE)[0]
 
 
+FORKING = """
+import json, os, sys
+from studies.cli import main
+tell = os.fdopen(os.dup(1), "w", buffering=1)
+os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+def run(options):
+    sys.argv = ["hardspheres", *options]
+    try:
+        main()
+    except SystemExit as end:
+        return end.code or 0
+    return 0
+print(run(json.loads(sys.stdin.readline())), file=tell)
+for line in sys.stdin:
+    pid = os.fork()
+    if pid == 0:
+        os._exit(run(json.loads(line)))
+    print(pid, file=tell)
+    print(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), file=tell)
+"""
+
+
+class Forked:
+    """Commands in processes of their own, forked from one that has run a first command, and so has all of it loaded."""
+
+    def __init__(self, *first):
+        self.server = subprocess.Popen(
+            [sys.executable, "-c", FORKING], stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0
+        )
+        self._ask(first)
+        assert self.code(300) == 0
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.server.stdin.close()
+        self.server.wait(timeout=60)
+
+    def _ask(self, options):
+        self.server.stdin.write(json.dumps(options).encode() + b"\n")
+
+    def start(self, *options):
+        """Start a command and return the id of its process."""
+        self._ask(options)
+        return int(self.server.stdout.readline())
+
+    def code(self, seconds):
+        """Exit code of the command, None if it has not ended after some seconds."""
+        ready = select.select([self.server.stdout], [], [], seconds)[0]
+        return int(self.server.stdout.readline()) if ready else None
+
+
 @pytest.mark.slow
-def test_killed_at_twenty_random_moments(undisturbed, tmp_path):
-    """With two workers and a trajectory. A run that ends before its next kill is compared, and another begins."""
+def test_killed_at_twenty_random_moments(tmp_path):
+    """Moments of the work itself, since nothing is to be loaded. One run is killed and resumed until it is done, then another."""
     random.seed(20)
-    expected, seconds = undisturbed(THERMALISE)
-    kills, resumed, finished = 0, 0, 0
-    while kills < 20 or not finished:
-        out, resume = tmp_path / f"out{finished}", []
-        while True:
-            run = start(*THERMALISE, "--out", str(out), "--checkpoint-every", "0.05", *resume)
-            try:
-                delay = random.uniform(0.3, 0.9) * seconds if kills < 20 else 300
-                errors = run.communicate(timeout=delay)[1]
-                assert run.returncode == 0, errors
-                break
-            except subprocess.TimeoutExpired:
-                run.kill()
-                run.communicate()
-                kills += 1
-            if (out / "checkpoint" / "manifest.json").exists():
-                resume, resumed = ["--resume"], resumed + 1
-            elif (out / "summary.json").exists():  # killed on its way out
-                break
-            else:
-                resume = []
-        assert contents(out) == expected
-        finished += 1
-    assert resumed >= 5
+    options = [*ALONE, "--checkpoint-every", "0.02", "--out"]
+    whole, kills, resumed, finished = tmp_path / "whole", 0, 0, 0
+    with Forked(*options, str(tmp_path / "first")) as forked:
+        began = time.monotonic()
+        forked.start(*options, str(whole))
+        assert forked.code(300) == 0
+        seconds = time.monotonic() - began
+        while kills < 20 or not finished:
+            out, resume, done = tmp_path / f"out{finished}", [], False
+            while not done:
+                pid = forked.start(*options, str(out), *resume)
+                code = forked.code(random.uniform(0.0, 0.2) * seconds if kills < 20 else 300)
+                if code is None:
+                    os.kill(pid, signal.SIGKILL)
+                    code = forked.code(60)
+                    kills += 1
+                assert code in (0, -signal.SIGKILL)
+                going_on = (out / "checkpoint" / "manifest.json").exists()
+                done = not going_on and (out / "summary.json").exists()  # perhaps killed on its way out
+                resume = ["--resume"] if going_on else []
+                resumed += going_on
+            shutil.rmtree(out / "checkpoint", ignore_errors=True)  # without a manifest it counts as none
+            assert contents(out) == contents(whole)
+            finished += 1
+    assert resumed >= 10
 
 
 @pytest.mark.slow

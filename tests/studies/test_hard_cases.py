@@ -1,6 +1,7 @@
 """The hard cases pass as miniatures, in full in the slow tier; a gas with a flaw fails every group."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,8 +11,9 @@ import hardspheres as hs
 from studies import hard_cases
 from studies.cli import app
 from studies.hard_cases import GROUPS, cradle, symmetries
-from studies.hard_cases.case import Case
+from studies.hard_cases.case import Case, keeping, kept
 from studies.hard_cases.grazing import meets, passing
+from studies.journal import Shelf
 
 
 def failed(cases):
@@ -19,8 +21,14 @@ def failed(cases):
 
 
 @pytest.mark.parametrize("name", GROUPS)
-def test_miniatures(name):
-    assert not failed(GROUPS[name].cases("small"))
+def test_miniatures(name, tmp_path):
+    """Also from the shelf, where they have something there."""
+    with keeping(Shelf(tmp_path)):
+        found = list(GROUPS[name].cases("small"))
+    assert not failed(found)
+    if list(tmp_path.iterdir()):
+        with keeping(Shelf(tmp_path)):
+            assert list(GROUPS[name].cases("small")) == found
 
 
 @pytest.mark.slow
@@ -122,6 +130,43 @@ def test_command(tmp_path):
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["checks"]["passed"] and len(summary["cases"]) == 5
     assert (tmp_path / "hard_cases.csv").read_text().startswith("group,case,exact,engine,error")
+
+
+def test_what_was_done_is_not_done_again(tmp_path, monkeypatch):
+    """Interrupted between two runs of one case; the files are those of a run that was not."""
+    done = []
+
+    @kept
+    def part(k):
+        if k == 3 and not done.count(3):
+            done.append(k)
+            raise KeyboardInterrupt
+        done.append(k)
+        return part(k - 3) + k if k > 3 else k  # what is called within is not kept by itself
+
+    @kept
+    def two(k):
+        yield from (Case(f"{k} {part(k)}", "0", "0", 0.0) for _ in range(2))
+
+    def cases(size):
+        yield Case(f"{part(1)} {part(5)} {part(3)}", "0", "0", 0.0)
+        yield from two(4)
+
+    monkeypatch.setitem(hard_cases.GROUPS, "cradle", SimpleNamespace(TITLE="Any", cases=cases))
+    command, out = ["hard-cases", "--only", "cradle", "--out", str(tmp_path / "out")], tmp_path / "out"
+    assert CliRunner().invoke(app, command).exit_code == 130 and done == [1, 5, 2, 3]
+    assert sorted(path.name for path in (out / "checkpoint").glob("done*")) == [
+        f"done-000{k}.npz" for k in (0, 1)
+    ]
+    done[:] = [3]
+    assert CliRunner().invoke(app, [*command, "--resume"]).exit_code == 0 and done == [3, 3, 4, 1, 4, 1]
+    assert CliRunner().invoke(app, [*command[:-1], str(tmp_path / "whole")]).exit_code == 0
+    files = [
+        {path.name: path.read_bytes() for path in folder.iterdir()} for folder in (out, tmp_path / "whole")
+    ]
+    for each in files:
+        each["summary.json"] = json.loads(each["summary.json"]) | {"seconds": None}
+    assert len(files[0]) == 2 and files[0] == files[1]
 
 
 def test_a_failed_case_is_exit_code_1(tmp_path, monkeypatch):

@@ -98,6 +98,19 @@ def test_another_version_and_a_manifest_that_is_none_are_refused(tmp_path, monke
             OutputFolder(tmp_path, resume=True).check(STUDY)
 
 
+def test_a_checkpoint_folder_that_cannot_be_one_is_refused(tmp_path):
+    """A file of its name; a folder in the place of the lock."""
+    (tmp_path / "file").mkdir()
+    (tmp_path / "file" / "checkpoint").touch()
+    (tmp_path / "folder" / "checkpoint" / "lock").mkdir(parents=True)
+    for name in ("file", "folder"):
+        out = OutputFolder(tmp_path / name)
+        with pytest.raises(OutputError, match=r"checkpoint.* cannot be written"), out.running(STUDY):
+            pass
+    with pytest.raises(OutputError, match=r"lock cannot be written: Is a directory"):
+        OutputFolder(tmp_path / "folder").check(STUDY)
+
+
 def test_a_folder_without_manifest_counts_as_none_and_is_used_again(tmp_path):
     (tmp_path / "checkpoint").mkdir()
     (tmp_path / "checkpoint" / "done-0000.npz").write_text(
