@@ -95,7 +95,7 @@ def load_all(suite: Suite) -> None:
         for fluid in group:
             kinds.setdefault(replace(fluid, packing_fraction=0.1), []).append(fluid)
     for fluids in kinds.values():
-        load_kernels(fluids)
+        load_kernels(fluids, free_paths=fluids[0].mixed)
 
 
 def run_suite(suite: Suite, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:
