@@ -208,7 +208,6 @@ class Pressure(Estimator):
         walls it is the mean over the box, with layers at the walls. Relative standard error of Z - 1: about
         1.2/sqrt(collisions).
         """
-
         return self._from_blocks(self._from_virial)
 
     def _from_virial(self, means: FloatArray) -> FloatArray:

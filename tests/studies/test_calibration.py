@@ -64,7 +64,7 @@ def test_wrong_error_bars_and_wrong_values_fail():
 
 @pytest.mark.long
 def test_every_estimator_is_calibrated(tmp_path):
-    """The whole command: one of 48 estimators is not `right` by chance in 0.4 % of seeds."""
+    """The whole command: one of 48 estimators is not `right` by chance in 0.5 % of seeds."""
     summary, _ = calibration(
         Calibrations(200, seed=1), OutputFolder(tmp_path / "out"), Screen(json_output=True)
     )
