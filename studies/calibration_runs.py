@@ -223,6 +223,28 @@ def _load_walls() -> None:
     hs.Simulation(hs.random_gas(n=24, packing_fraction=0.2, dim=2, boundary="wall", seed=1)).run(collisions=1)
 
 
+def _sound_start(seed: Seed) -> hs.Simulation:
+    return hs.Simulation(hs.random_gas(n=400, packing_fraction=0.2, dim=2, boundary="wall", seed=seed))
+
+
+def _sound(seed: Seed) -> dict[str, Estimate]:
+    """Return what walls feel in half a sound wave across, and in a whole one, whose ends differ most."""
+    simulation = _sound_start(seed)
+    simulation.run(collisions=20 * 200)
+    pressure = Pressure(simulation.to_scene())
+    for k in range(44):
+        simulation.reset_tallies()
+        simulation.run(collisions=100)
+        pressure.add(simulation.tallies)
+        if k == 19:
+            walls = pressure.walls
+    return {"Z, walls, half a wave": walls, "force on a wall, one wave": pressure.wall_forces["x high"]}
+
+
+def _load_sound() -> None:
+    _sound_start(Seed(1)).run(collisions=1)
+
+
 # Gases that relax -------------------------------------------------------------------------------------------
 
 
@@ -343,6 +365,12 @@ FAMILIES: dict[str, Family] = {
         "24 discs in equilibrium, packing fraction 0.2, between walls, 256 collisions per particle",
         _walls,
         _load_walls,
+        {},
+    ),
+    "sound": Family(
+        "400 discs in equilibrium, packing fraction 0.2, between walls, 10 and 22 collisions per particle",
+        _sound,
+        _load_sound,
         {},
     ),
     "relaxation": Family(

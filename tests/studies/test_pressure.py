@@ -92,7 +92,7 @@ def test_a_mixture_of_two_temperatures_is_seen(monkeypatch):
     monkeypatch.setattr(Fluid, "settled", 0)
     monkeypatch.setattr(tuning, "SPARSE_BELOW", LISTS)  # as compiled for other tests
     fluid = Fluid(n=2000, mass_ratio=3.0, diameter_ratio=0.5, fraction=0.25)
-    (state,) = states_of(EquationOfState((0.05,), fluid, 1.0, replicas=2))
+    (state,) = states_of(EquationOfState((0.05,), fluid, 2.0, replicas=2))
     assert any("Z from the rate is" in failure for failure in state.failures)
 
 
