@@ -181,6 +181,28 @@ def test_error_bars_between_walls_cover():
     assert not calibrate(small, float(np.mean([e.value for e in virial]))).passed
 
 
+def test_sound_between_walls():
+    """Correlations over 80 waves of what a run's ends add to the walls' forces: 0.17 is 3.5 standard errors or more."""
+    sim = hs.Simulation(hs.random_gas(n=400, packing_fraction=0.2, dim=2, boundary="wall", seed=1))
+    sim.run(collisions=4000)
+    box = sim.scene.box
+    speed, damping = (float(f(0.2, 2).value) for f in (theory.sound_speed, theory.sound_damping))
+    half, rows = float(box[0] - 1) / speed / 2, []
+    for _ in range(160):
+        sim.run(time=half)
+        frame = sim.frame()
+        around = (frame.positions - box / 2) * frame.velocities
+        rows.append([around.sum(axis=0), frame.velocities.sum(axis=0)])
+    for k, (lag, correlation) in enumerate(
+        ((1, theory.virial_correlation), (2, theory.momentum_correlation))
+    ):
+        series = np.array(rows)[:, k]
+        found = np.mean(series[lag:] * series[:-lag]) / np.mean(series**2)
+        expected = correlation(lag * half, float(box[0] - 1), speed, damping)
+        assert abs(found - expected) < 0.17
+        assert abs(found) > 0.17  # sibling: as if the ends of a run knew nothing of each other
+
+
 def test_contact_theorem_at_a_wall():
     """P_wall = kT times the density of centres at the wall, from the frames' own profile near it."""
     sim = hs.Simulation(random_gas("3d_walls", 50, 0.1))
