@@ -16,6 +16,7 @@ from scipy import signal
 
 import hardspheres as hs
 from analysis import theory
+from analysis.free_path import FreePath
 from analysis.pressure import Pressure
 from analysis.relaxation import RelaxationCurve
 from analysis.series import SeriesWarning, autocorrelation_time, estimate_from_series
@@ -79,11 +80,11 @@ def measure(item: tuple[str, Seed]) -> dict[str, Estimate]:
 
 def _spheres(seed: Seed, steps: int = 640) -> dict[str, Estimate]:
     """Everything that is measured in a periodic box at equilibrium, every half collision per particle."""
-    simulation = hs.Simulation(hs.random_gas(n=SPHERES, packing_fraction=ETA, seed=seed))
+    simulation = hs.Simulation(hs.random_gas(n=SPHERES, packing_fraction=ETA, seed=seed), free_paths=True)
     simulation.run(collisions=10 * SPHERES)
     simulation.reset_tallies()
     scene = simulation.to_scene()
-    pressure, diffusion = Pressure(scene), Diffusion(points=4)
+    pressure, paths, diffusion = Pressure(scene), FreePath(scene), Diffusion(points=4)
     pairs = PairDistribution(depth=0.5, bins=30, window=0.5, degree=2)
     cumulants, ks, h = FourthCumulant(), KolmogorovSmirnov(), HFunction(bins=12, maximum=3.0)
     speeds = SpeedDistribution(bins=10, maximum=4.0)
@@ -93,6 +94,7 @@ def _spheres(seed: Seed, steps: int = 640) -> dict[str, Estimate]:
         diffusion.add(simulation)
         if k % 2:
             pressure.add(simulation.tallies)
+            paths.add(simulation.free_paths)
             simulation.reset_tallies()
             frame = simulation.frame()
             for estimator in (pairs, cumulants, ks, h):
@@ -104,7 +106,12 @@ def _spheres(seed: Seed, steps: int = 640) -> dict[str, Estimate]:
     return {
         "Z, virial": pressure.virial,
         "Z, collision rate": pressure.rate,
+        "Z, virial - rate": pressure.virial_minus_rate,
         "collision rate": pressure.collision_rate,
+        "mean free path": paths.mean_free_path[0],
+        "mean free time": paths.mean_free_time[0],
+        "paths, second moment": paths.moment(2),
+        "paths beyond their mean": paths.survival(1.0)[0],
         "pressure, xx": tensor.component(0, 0),
         "pressure, xy": tensor.component(0, 1),
         "kinetic pressure, xx": tensor.component(0, 0, "kinetic"),
@@ -135,7 +142,10 @@ def _sphere_truths() -> dict[str, tuple[float, str]]:
     return {
         "Z, virial": (z, "theory"),
         "Z, collision rate": (z, "theory"),
+        "Z, virial - rate": (0.0, "exact"),
         "collision rate": (rate, "theory"),
+        "mean free path": (float(theory.finite_size_mean_free_path(ETA, 3, SPHERES).value), "theory"),
+        "mean free time": (1.0 / rate, "theory"),
         "pressure, xx": (ideal * z, "theory"),
         "pressure, xy": (0.0, "exact"),
         "kinetic pressure, xx": (ideal, "exact"),
@@ -147,7 +157,45 @@ def _sphere_truths() -> dict[str, tuple[float, str]]:
 
 
 def _load_spheres() -> None:
-    hs.Simulation(hs.random_gas(n=SPHERES, packing_fraction=ETA, seed=1)).run(collisions=1)
+    hs.Simulation(hs.random_gas(n=SPHERES, packing_fraction=ETA, seed=1), free_paths=True).run(collisions=1)
+
+
+# A mixture in equilibrium -----------------------------------------------------------------------------------
+
+
+def _mixture_start(seed: Seed) -> hs.Simulation:
+    """Return light and small spheres, and half as many heavy and large ones."""
+    second = np.arange(48) >= 32
+    radii, masses = np.where(second, 1.0, 0.5), np.where(second, 10.0, 1.0)
+    scene = hs.random_gas(n=48, packing_fraction=0.1, radii=radii, masses=masses, seed=seed)
+    return hs.Simulation(scene, free_paths=True)
+
+
+def _mixture(seed: Seed, blocks: int = 256) -> dict[str, Estimate]:
+    """Return how often species meet, and the pressure of that."""
+    simulation = _mixture_start(seed)
+    simulation.run(collisions=1000)
+    scene = simulation.to_scene()
+    pressure, paths = Pressure(scene), FreePath(scene)
+    for _ in range(blocks):
+        simulation.reset_tallies()
+        simulation.run(collisions=24)
+        pressure.add(simulation.tallies, simulation.free_paths.pair_collisions)
+        paths.add(simulation.free_paths)
+    rates = paths.collision_rates
+    return {
+        "Z of a mixture, virial": pressure.virial,
+        "Z of a mixture, rates": pressure.rate,
+        "Z of a mixture, virial - rates": pressure.virial_minus_rate,
+        "rate 1-1": rates[0][0],
+        "rate 1-2": rates[0][1],
+        "rate 2-2": rates[1][1],
+        "mean free path of species 2": paths.mean_free_path[1],
+    }
+
+
+def _load_mixture() -> None:
+    _mixture_start(Seed(1)).run(collisions=1)
 
 
 # Discs between walls ----------------------------------------------------------------------------------------
@@ -173,6 +221,28 @@ def _walls(seed: Seed, blocks: int = 128) -> dict[str, Estimate]:
 
 def _load_walls() -> None:
     hs.Simulation(hs.random_gas(n=24, packing_fraction=0.2, dim=2, boundary="wall", seed=1)).run(collisions=1)
+
+
+def _sound_start(seed: Seed) -> hs.Simulation:
+    return hs.Simulation(hs.random_gas(n=400, packing_fraction=0.2, dim=2, boundary="wall", seed=seed))
+
+
+def _sound(seed: Seed) -> dict[str, Estimate]:
+    """Return what walls feel in half a sound wave across, and in a whole one, whose ends differ most."""
+    simulation = _sound_start(seed)
+    simulation.run(collisions=20 * 200)
+    pressure = Pressure(simulation.to_scene())
+    for k in range(44):
+        simulation.reset_tallies()
+        simulation.run(collisions=100)
+        pressure.add(simulation.tallies)
+        if k == 19:
+            walls = pressure.walls
+    return {"Z, walls, half a wave": walls, "force on a wall, one wave": pressure.wall_forces["x high"]}
+
+
+def _load_sound() -> None:
+    _sound_start(Seed(1)).run(collisions=1)
 
 
 # Gases that relax -------------------------------------------------------------------------------------------
@@ -285,10 +355,22 @@ FAMILIES: dict[str, Family] = {
         _load_spheres,
         _sphere_truths(),
     ),
+    "mixture": Family(
+        "48 spheres in equilibrium, masses 1:10, diameters 1:2, packing fraction 0.1, 256 collisions per particle",
+        _mixture,
+        _load_mixture,
+        {"Z of a mixture, virial - rates": (0.0, "exact")},
+    ),
     "walls": Family(
         "24 discs in equilibrium, packing fraction 0.2, between walls, 256 collisions per particle",
         _walls,
         _load_walls,
+        {},
+    ),
+    "sound": Family(
+        "400 discs in equilibrium, packing fraction 0.2, between walls, 10 and 22 collisions per particle",
+        _sound,
+        _load_sound,
         {},
     ),
     "relaxation": Family(

@@ -151,6 +151,7 @@ class _Run:
     """What one replica of one state hands back."""
 
     measured: dict[str, Estimate]
+    difference: Estimate
     theories: dict[str, Prediction]
     discarded: float
     order: float
@@ -190,23 +191,28 @@ class States(Resumable[tuple[Fluid, np.random.SeedSequence], _Measuring, _Run]):
         return [int(end) for end in ends]
 
     def begin(self, item: tuple[Fluid, np.random.SeedSequence]) -> _Measuring:
-        """Make the gas."""
+        """Make the gas; flights of a mixture are tallied for its rates of unlike pairs."""
         fluid, seed = item
-        simulation = hs.Simulation(fluid.scene(seed))
+        simulation = hs.Simulation(fluid.scene(seed), free_paths=fluid.mixed)
         return _Measuring(simulation, Pressure(simulation.scene, discard=True))
 
     def steps(self, item: tuple[Fluid, np.random.SeedSequence], state: _Measuring) -> Iterator[None]:
         """Let it settle, then measure block by block."""
-        return in_blocks(state, self._ends(item[0]), lambda: state.pressure.add(state.simulation.tallies))
+        simulation, mixed = state.simulation, item[0].mixed
+
+        def add() -> None:
+            pairs = simulation.free_paths.pair_collisions if mixed else None
+            state.pressure.add(simulation.tallies, pairs)
+
+        return in_blocks(state, self._ends(item[0]), add)
 
     def result(self, item: tuple[Fluid, np.random.SeedSequence], state: _Measuring, seconds: float) -> _Run:
         """Return what was measured."""
         fluid, simulation, pressure = item[0], state.simulation, state.pressure
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            measured = {"virial": pressure.virial}
-            if not fluid.mixed:
-                measured["rate"] = pressure.rate
+            measured = {"virial": pressure.virial, "rate": pressure.rate}
+            difference = pressure.virial_minus_rate
             if not fluid.periodic:
                 measured["walls"] = pressure.walls
         known = fluid.packing_fraction <= THEORY_UP_TO[fluid.dim]
@@ -214,6 +220,7 @@ class States(Resumable[tuple[Fluid, np.random.SeedSequence], _Measuring, _Run]):
         dropped = pressure.discarded_rows * (ends[-1] - start) / len(ends)
         return _Run(
             measured,
+            difference,
             pressure.predictions if known else {},
             2.0 * (fluid.settled + dropped) / fluid.n,
             hs.bond_order(simulation.to_scene()).value,
@@ -234,7 +241,9 @@ class State:
     fluid : Fluid
         The gas.
     measured : dict of Estimate
-        Z from the "virial", the "rate" of collisions (one species) and the "walls" (where there are some).
+        Z from the "virial", the "rate" of collisions and the "walls" (where there are some).
+    difference : Estimate
+        Z from the virial less that from the rate, taken block by block: 0 whatever theory says of Z.
     theories : dict of Prediction
         Z by name, the best one first; empty where none holds.
     discarded : float
@@ -251,6 +260,7 @@ class State:
 
     fluid: Fluid
     measured: dict[str, Estimate]
+    difference: Estimate
     theories: dict[str, Prediction]
     discarded: float
     order: float
@@ -287,6 +297,7 @@ def combine(fluid: Fluid, runs: Sequence[_Run]) -> State:
     state = State(
         fluid,
         measured,
+        pool_replicas([run.difference for run in runs]),
         runs[0].theories,
         float(np.mean([run.discarded for run in runs])),
         max(run.order for run in runs),
@@ -310,9 +321,12 @@ def _deviations(state: State) -> list[str]:
             sentences.append(
                 f"Z from the {name} is {state.deviation(name):+.1f} standard errors from {theory}"
             )
-        if name != "virial" and alarming(z, virial.value, virial.standard_error):
+        if name == "walls" and alarming(z, virial.value, virial.standard_error):
             deviation = z.deviation(virial.value, virial.standard_error)
             sentences.append(f"Z from the {name} is {deviation:+.1f} standard errors from that of the virial")
+    if alarming(state.difference, 0.0, 0.0):
+        deviation = -state.difference.deviation(0.0)
+        sentences.append(f"Z from the rate is {deviation:+.1f} standard errors from that of the virial")
     return sentences
 
 
@@ -348,7 +362,7 @@ def equation_of_state(
     out.check(study)
     fluids = study.fluids
     with screen.working("compiling the engine (once for each kind of gas on this machine)"):
-        load_kernels(fluids)
+        load_kernels(fluids, free_paths=study.fluid.mixed)
     ready = time.perf_counter()
     with out.running(study) as shelf:
         runs = run_fluids(
@@ -399,6 +413,11 @@ def columns(states: Sequence[State]) -> dict[str, Any]:
         table[f"z_{name}_deviation"] = [
             state.deviation(name) if name in state.measured else math.nan for state in states
         ]
+    differences = [state.difference for state in states]
+    table["z_virial_minus_rate"] = [z.value for z in differences]
+    table["z_virial_minus_rate_error"] = [z.standard_error for z in differences]
+    table["z_virial_minus_rate_degrees_of_freedom"] = [z.degrees_of_freedom for z in differences]
+    table["z_virial_minus_rate_deviation"] = [z.deviation(0.0) for z in differences]
     table["theory"] = [next(iter(state.theories), "") for state in states]
     table["z_theory"] = [float(state.best.value) for state in states]
     table["z_theory_error"] = [float(state.best.uncertainty) for state in states]
@@ -466,6 +485,7 @@ def state_summary(state: State) -> dict[str, Any]:
             name: estimate_json(z) | {"deviation": state.deviation(name)}
             for name, z in state.measured.items()
         },
+        "virial_minus_rate": estimate_json(state.difference) | {"deviation": state.difference.deviation(0.0)},
         "theories": {
             name: {"value": float(p.value), "uncertainty": float(p.uncertainty)}
             for name, p in state.theories.items()
@@ -497,13 +517,14 @@ def print_states(screen: Screen, title: str, states: Sequence[State]) -> None:
     header = ["packing fraction", "discarded", order]
     for name in names:
         header += [f"Z, {name}", "z"]
-    header += ["theory", ""]
+    header += ["virial - rate", "z", "theory", ""]
     rows = []
     for state in states:
         row = [f"{state.fluid.packing_fraction:.4g}", f"{state.discarded:.0f}", f"{state.order:.3f}"]
         for name in names:
             deviation = state.deviation(name)
             row += [str(state.measured[name]), f"{deviation:+.1f}" if math.isfinite(deviation) else ""]
+        row += [str(state.difference), f"{state.difference.deviation(0.0):+.1f}"]
         best = state.best
         row.append(str(Estimate(float(best.value), float(best.uncertainty))) if state.theories else "")
         rows.append([*row, "u" if state.better_than_theory else ""])
@@ -519,7 +540,10 @@ def say_notes(screen: Screen, states: Sequence[State]) -> None:
         sizes = {fluid.n for fluid in fluids if fluid.periodic}
         finite = f" with the finite-size correction for {min(sizes)} particles" if sizes else ""
         screen.say(f"theory: {', '.join(named)}{finite}; its uncertainty in parentheses")
-    screen.say("z: deviation from theory in standard errors, the theory's own uncertainty in it")
+    screen.say(
+        "z: deviation from theory in standard errors, the theory's own uncertainty in it; virial - rate: of "
+        "blocks of the same collisions, expected 0"
+    )
     if any(state.better_than_theory for state in states):
         screen.say(
             "u: the measurement is better than the theory, whose uncertainty exceeds two standard errors"

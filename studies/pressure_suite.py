@@ -95,7 +95,7 @@ def load_all(suite: Suite) -> None:
         for fluid in group:
             kinds.setdefault(replace(fluid, packing_fraction=0.1), []).append(fluid)
     for fluids in kinds.values():
-        load_kernels(fluids)
+        load_kernels(fluids, free_paths=fluids[0].mixed)
 
 
 def run_suite(suite: Suite, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:
@@ -174,5 +174,8 @@ def run_suite(suite: Suite, out: OutputFolder, screen: Screen) -> tuple[dict[str
         for kind in [group] if name != "mixtures" else [[state] for state in group]:
             print_states(screen, f"{study.replicas} x {kind[0].fluid}", kind)
     say_notes(screen, states)
+    if study.precision is not None:
+        worst = max(z.standard_error / z.value for state in states for z in state.measured.values())
+        screen.say(f"relative standard error of Z: {worst:.2g} at most, asked for {study.precision:.2g}")
     say_checks(screen, summary, out)
     return summary, not failures

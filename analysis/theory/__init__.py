@@ -9,7 +9,8 @@ outside the range in which it was established gives a `TheoryRangeWarning`.
 
 One idea per file: `maxwell` velocities at equilibrium, `equilibrium` cumulants and H of N particles, `state`
 equations of state, `mixtures`, `collisions` rates and free flights, `flights` the same in mixtures, `relaxation`
-and `equal_speeds` the way to equilibrium, `transport` Enskog's coefficients, `two_spheres` exact rates of the smallest gas.
+and `equal_speeds` the way to equilibrium, `transport` Enskog's coefficients, `sound` its speed and damping,
+`two_spheres` exact rates of the smallest gas.
 """
 
 from analysis.theory.collisions import (
@@ -72,9 +73,11 @@ from analysis.theory.relaxation import (
     temperature_equilibration,
     temperature_equilibration_rate,
 )
+from analysis.theory.sound import momentum_correlation, sound_damping, sound_speed, virial_correlation
 from analysis.theory.state import (
     carnahan_starling,
     compressibility_factor,
+    compressibility_slope,
     contact_value,
     finite_size_compressibility,
     henderson,
@@ -112,6 +115,7 @@ __all__ = [
     "component_pdf",
     "compressibility_factor",
     "compressibility_from_rate",
+    "compressibility_slope",
     "contact_value",
     "cumulant_noise",
     "energy_cdf",
@@ -144,11 +148,14 @@ __all__ = [
     "mixture_compressibility",
     "mixture_contact_values",
     "mixture_mean_free_paths",
+    "momentum_correlation",
     "near_equilibrium_rate",
     "packing_fraction",
     "periodic_diffusion_correction",
     "shear_viscosity",
     "sonine_rate",
+    "sound_damping",
+    "sound_speed",
     "speed_cdf",
     "speed_dependent_free_path",
     "speed_dependent_rate",
@@ -158,6 +165,7 @@ __all__ = [
     "two_sphere_rates",
     "velocity_correlation_rate",
     "virial_coefficients",
+    "virial_correlation",
     "virial_discs",
     "virial_series",
 ]

@@ -14,6 +14,7 @@ from analysis.theory.prediction import Prediction, check_dim, warn_outside
 __all__ = [
     "carnahan_starling",
     "compressibility_factor",
+    "compressibility_slope",
     "contact_value",
     "finite_size_compressibility",
     "henderson",
@@ -195,6 +196,24 @@ def contact_value(eta: ArrayLike, dim: int) -> FloatArray:
     return np.asarray(np.where(e > 0, excess / np.where(e > 0, volume, 1.0), 1.0))
 
 
+def compressibility_slope(eta: ArrayLike, dim: int) -> FloatArray:
+    """Return dZ/deta of `compressibility_factor`."""
+    check_dim(dim)
+    return _slope_and_curvature(np.asarray(eta, dtype=np.float64), dim)[0]
+
+
+def _slope_and_curvature(e: FloatArray, dim: int) -> tuple[FloatArray, FloatArray]:
+    if dim == 3:
+        x = e / (1 - e)
+        slope = _KLM.deriv()(x) * (1 + x) ** 2
+        curvature = _KLM.deriv(2)(x) * (1 + x) ** 4 + 2 * _KLM.deriv()(x) * (1 + x) ** 3
+    else:
+        p, p1, p2 = _DISCS(e), _DISCS.deriv()(e), _DISCS.deriv(2)(e)
+        slope = p1 / (1 - e) ** 2 + 2 * p / (1 - e) ** 3
+        curvature = p2 / (1 - e) ** 2 + 4 * p1 / (1 - e) ** 3 + 6 * p / (1 - e) ** 4
+    return np.asarray(slope), np.asarray(curvature)
+
+
 def finite_size_compressibility(
     eta: ArrayLike, dim: int, n: int, ensemble: Literal["microcanonical", "canonical"] = "microcanonical"
 ) -> Prediction:
@@ -224,14 +243,7 @@ def finite_size_compressibility(
     """
     infinite = compressibility_factor(eta, dim)
     e = np.asarray(eta, dtype=np.float64)
-    if dim == 3:
-        x = e / (1 - e)
-        slope = _KLM.deriv()(x) * (1 + x) ** 2
-        curvature = _KLM.deriv(2)(x) * (1 + x) ** 4 + 2 * _KLM.deriv()(x) * (1 + x) ** 3
-    else:
-        p, p1, p2 = _DISCS(e), _DISCS.deriv()(e), _DISCS.deriv(2)(e)
-        slope = p1 / (1 - e) ** 2 + 2 * p / (1 - e) ** 3
-        curvature = p2 / (1 - e) ** 2 + 4 * p1 / (1 - e) ** 3 + 6 * p / (1 - e) ** 4
+    slope, curvature = _slope_and_curvature(e, dim)
     inverse_compressibility = infinite.value + e * slope
     canonical = infinite.value - e / (2 * n) * (2 * slope + e * curvature) / inverse_compressibility
     value = canonical if ensemble == "canonical" else 1.0 + n / (n - 1) * (canonical - 1.0)

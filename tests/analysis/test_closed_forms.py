@@ -276,6 +276,33 @@ def test_transport(dim):
         theory.shear_viscosity(0.7, dim)
 
 
+@pytest.mark.parametrize("dim", [2, 3])
+def test_sound(dim):
+    eta, step = 0.3, 1e-5
+    # the ideal gas, its units, and the slope by differences
+    assert theory.sound_speed(1e-7, dim, 4.0, 9.0).value == pytest.approx(
+        1.5 * math.sqrt(1 + 2 / dim), rel=1e-5
+    )
+    z = [theory.compressibility_factor(eta + x, dim).value for x in (-step, step)]
+    assert theory.compressibility_slope(eta, dim) == pytest.approx((z[1] - z[0]) / (2 * step), rel=1e-7)
+    # damping of the dilute gas by hand: c_P/c_V - 1 = 2/d
+    rho = 1e-6 / float(theory.packing_fraction(1.0, 1.0, dim))
+    shear, heat = theory.shear_viscosity(1e-6, dim).value, theory.heat_conductivity(1e-6, dim).value
+    by_hand = ((1 - 1 / dim) * shear + heat / dim / (dim / 2 + 1)) / rho
+    assert theory.sound_damping(1e-6, dim).value == pytest.approx(by_hand, rel=1e-4)
+    ratio = theory.sound_damping(eta, dim, 2.0, 9.0, 4.0).value / theory.sound_damping(eta, dim).value
+    assert ratio == pytest.approx(4 / 3, rel=1e-12)  # sigma sqrt(kT/m)
+    # standing waves: everything at once, nothing late; undamped down to -1/2 and -1, back after a whole period
+    for correlation, period, lowest in (
+        (theory.virial_correlation, 4.0, -0.5),
+        (theory.momentum_correlation, 8.0, -1.0),
+    ):
+        assert correlation(0.0, 8.0, 2.0, 0.1) == pytest.approx(1.0)
+        assert abs(correlation(1e3, 8.0, 2.0, 0.1)) < 1e-6
+        assert correlation(period / 2, 8.0, 2.0, 0.0) == pytest.approx(lowest, abs=0.02)
+        assert correlation(period, 8.0, 2.0, 0.0) == pytest.approx(1.0)
+
+
 def test_diffusion_in_a_periodic_box():
     """D measured at N = 32 to 500 and eta = 0.2, by an independent code: the correction brings them together."""
     n = np.array([32, 108, 256, 500])

@@ -10,6 +10,7 @@ from scenes import gas as random_gas
 import hardspheres as hs
 from analysis.distributions import ComponentDistribution, EnergyDistribution, SpeedDistribution
 from analysis.estimator import NoDataError
+from analysis.free_path import FreePath
 from analysis.order import BondOrder
 from analysis.pressure import Pressure
 from analysis.relaxation import RelaxationCurve
@@ -30,14 +31,15 @@ STREAMING = [
     Diffusion,
 ]
 REPLICAS = [RelaxationCurve, TemperatureEquilibration, AnisotropyDecay]
-WITHOUT_DATA = {"n_replicas", "n_blocks", "discarded_rows", "predictions"}  # true before anything is added
+# true before anything is added
+WITHOUT_DATA = {"n_replicas", "n_blocks", "discarded_rows", "predictions", "flights", "labels"}
 
 
 def new(kind):
-    return kind(random_gas("3d", 32, 0.1)) if kind is Pressure else kind()
+    return kind(random_gas("3d", 32, 0.1)) if kind in (Pressure, FreePath) else kind()
 
 
-@pytest.mark.parametrize("kind", [*STREAMING, *REPLICAS, Pressure])
+@pytest.mark.parametrize("kind", [*STREAMING, *REPLICAS, Pressure, FreePath])
 def test_asked_too_early_it_says_what_to_call(kind):
     results = [
         name
@@ -85,11 +87,12 @@ def test_memory_does_not_grow_with_the_frames(kind):
     assert last - first < (40_000 if kind is Diffusion else 1000)
 
 
-def test_memory_of_the_pressure_does_not_grow_with_the_blocks():
-    sim = hs.Simulation(random_gas("3d", 32, 0.1))
+@pytest.mark.parametrize("kind", [Pressure, FreePath])
+def test_memory_does_not_grow_with_the_blocks(kind):
+    sim = hs.Simulation(random_gas("3d", 32, 0.1), free_paths=True)
+    sim.run(collisions=200)
+    sim.reset_tallies()  # without the first flights, of which a warning would be
     sim.run(collisions=10)
-    tallies = sim.tallies
-    first, last = sizes(
-        Pressure(sim.scene), lambda index: tallies, lambda estimator, tallies: estimator.add(tallies)
-    )
+    block = sim.tallies if kind is Pressure else sim.free_paths
+    first, last = sizes(new(kind), lambda index: block, lambda estimator, block: estimator.add(block))
     assert last - first < 1000

@@ -46,6 +46,9 @@ def test_error_bars_of_z_follow_students_t(runs):
     for estimates in (virial, rate):
         assert calibrate(estimates, truth.value).passed
     assert np.mean([e.standard_error for e in rate]) < 0.93 * np.mean([e.standard_error for e in virial])
+    apart = [run.virial_minus_rate for run in runs]
+    assert calibrate(apart, 0.0).passed
+    assert np.mean([e.standard_error for e in apart]) < 0.6 * np.mean([e.standard_error for e in rate])
     rates = [run.collision_rate for run in runs]
     exact = theory.finite_size_collision_rate(0.15, 3, 32)
     assert calibrate(rates, exact.value).passed
@@ -55,6 +58,8 @@ def test_error_bars_of_z_follow_students_t(runs):
     # siblings: no finite-size factor N/(N-1) C_N, and the truth of a gas 5 % denser
     wrong = [replace(e, value=1 + (e.value - 1) * 31 / 32) for e in rate]
     assert not calibrate(wrong, truth.value).passed
+    wrong = [replace(e, value=e.value + (r.value - 1) / 32) for e, r in zip(apart, rate, strict=True)]
+    assert not calibrate(wrong, 0.0).passed
     denser = theory.finite_size_compressibility(0.1575, 3, 32).value
     assert not calibrate(virial, denser).passed
 
@@ -181,6 +186,28 @@ def test_error_bars_between_walls_cover():
     assert not calibrate(small, float(np.mean([e.value for e in virial]))).passed
 
 
+def test_sound_between_walls():
+    """Correlations over 80 waves of what a run's ends add to the walls' forces: 0.17 is 3.5 standard errors or more."""
+    sim = hs.Simulation(hs.random_gas(n=400, packing_fraction=0.2, dim=2, boundary="wall", seed=1))
+    sim.run(collisions=4000)
+    box = sim.scene.box
+    speed, damping = (float(f(0.2, 2).value) for f in (theory.sound_speed, theory.sound_damping))
+    half, rows = float(box[0] - 1) / speed / 2, []
+    for _ in range(160):
+        sim.run(time=half)
+        frame = sim.frame()
+        around = (frame.positions - box / 2) * frame.velocities
+        rows.append([around.sum(axis=0), frame.velocities.sum(axis=0)])
+    for k, (lag, correlation) in enumerate(
+        ((1, theory.virial_correlation), (2, theory.momentum_correlation))
+    ):
+        series = np.array(rows)[:, k]
+        found = np.mean(series[lag:] * series[:-lag]) / np.mean(series**2)
+        expected = correlation(lag * half, float(box[0] - 1), speed, damping)
+        assert abs(found - expected) < 0.17
+        assert abs(found) > 0.17  # sibling: as if the ends of a run knew nothing of each other
+
+
 def test_contact_theorem_at_a_wall():
     """P_wall = kT times the density of centres at the wall, from the frames' own profile near it."""
     sim = hs.Simulation(random_gas("3d_walls", 50, 0.1))
@@ -213,6 +240,7 @@ def test_broken_gases_are_seen():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SeriesWarning)
         assert abs(pressure.virial.deviation(pressure.rate.value)) > 4
+        assert abs(pressure.virial_minus_rate.deviation(0.0)) > 4
     # drifting: a crystal that melts
     sim = hs.Simulation(hs.lattice_gas(n=864, packing_fraction=0.45, seed=1))
     sim.run(collisions=400)
