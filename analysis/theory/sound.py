@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from analysis.theory.prediction import Prediction, packing_fraction
 from analysis.theory.state import compressibility_factor, compressibility_slope
 from analysis.theory.transport import bulk_viscosity, heat_conductivity, shear_viscosity
 
 __all__ = ["momentum_correlation", "sound_damping", "sound_speed", "virial_correlation"]
-
-FloatArray = NDArray[np.float64]
 
 WAVES = 64  # standing waves that are summed
 
@@ -74,10 +72,12 @@ def sound_damping(
     return Prediction(value, shear.uncertainty / shear.value * value)
 
 
-def _left(time: float, k: FloatArray, share: FloatArray, speed: float, damping: float) -> float:
+def _left(time: float, k: ArrayLike, share: ArrayLike, speed: float, damping: float) -> float:
     """Return what is left of standing waves of wave numbers k; those too short to swing fall as fast as they would."""
-    fall = np.minimum(damping * k**2, speed * k)
-    return float((share * np.exp(-fall * time) * np.cos(speed * k * time)).sum() / share.sum())
+    waves, shares = np.asarray(k, dtype=np.float64), np.asarray(share, dtype=np.float64)
+    fall = np.minimum(damping * waves**2, speed * waves)
+    left = shares * np.exp(-fall * time) * np.cos(speed * waves * time)
+    return float(left.sum() / shares.sum())
 
 
 def virial_correlation(time: float, width: float, speed: float, damping: float) -> float:

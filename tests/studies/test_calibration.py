@@ -4,15 +4,19 @@ import csv
 import json
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import studies
 from studies.calibration import Calibrations, calibration, rows_of
 from studies.calibration_runs import FAMILIES, measure
 from studies.cli import main
 from studies.ensemble import replica_seeds
 from studies.report import OutputFolder, Screen
+
+RESULTS = Path(studies.__file__).parent / "results" / "calibration"
 
 
 def right(entry):
@@ -70,6 +74,19 @@ def test_every_estimator_is_calibrated(tmp_path):
     )
     assert all(right(entry) for entry in summary["rows"]), summary["checks"]["failures"]
     assert len(summary["rows"]) == 50 and all(row["runs"] == 200 for row in summary["rows"])
+
+
+def test_the_committed_calibration():
+    """What the long command left: every estimator, none with a wrong error bar."""
+    summary = json.loads((RESULTS / "summary.json").read_text())
+    assert summary["checks"]["passed"] and summary["families"] == {k: f.text for k, f in FAMILIES.items()}
+    assert len(summary["rows"]) == 50 and all(row["runs"] == 200 for row in summary["rows"])
+    for name, family in FAMILIES.items():
+        rows = {row["estimator"]: row for row in summary["rows"] if row["runs_of"] == name}
+        assert all(right(row) and row["calibrated"] for row in rows.values())
+        for estimator, (truth, source) in family.truths.items():  # theory of today
+            assert rows[estimator]["source"] == source
+            assert rows[estimator]["truth"] == pytest.approx(truth, rel=1e-9)
 
 
 def test_bad_input_is_one_sentence(tmp_path, monkeypatch, capsys):
