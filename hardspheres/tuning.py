@@ -15,11 +15,11 @@ from hardspheres.scene import Scene
 Floats = NDArray[np.float64]
 
 NEIGHBOURS_WANTED = {2: 13.0, 3: 14.0}  # per list: fewer means more renewals, more means dearer predictions
-OUT_OF_PACE = 16.0  # epochs that are this many times too long or too short are changed
 SLACK = 1e-6  # by which lists and lines reach further than they must, so that rounding never matters
 # One of each is chosen: flights up to this many sqrt(kT/m) are registered in one piece; so many windows in an epoch.
 THERMAL_SPEEDS = (2.2, 2.6, 3.0, 3.5)
 WINDOWS_IN_AN_EPOCH = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
+OUT_OF_PACE = 16.0  # epochs that are this many times too long or too short are changed
 SPARSE_BELOW = {2: 0.3, 3: 0.25}  # packing fraction below which windows are faster than lists
 REG, PIECE, PAIR, CELL, COLL, NEWP, NEWC = (
     50.0,
@@ -44,10 +44,10 @@ def root_of_power_below(x: float, degree: int) -> float:
 
 
 def epoch_length(scene: Scene) -> float:
-    """Length of an epoch: about one to four times the time to fly the mean distance between particles, a power of two.
+    """Length of the first epochs: about one to four times the time to fly the mean distance between particles, a power of two.
 
-    That of the first epochs: see `pace`. It depends on the scene alone, and on it in a way that scales exactly: multiplying all lengths or times by a power of two
-    multiplies it by a power of two.
+    It depends on the scene alone, and on it in a way that scales exactly: multiplying all lengths or times by a power of two
+    multiplies it by a power of two. Later ones: `pace`.
     """
     v2 = mean_square(scene.velocities)
     return 1.0 if v2 == 0.0 else epoch_length_at(scene, v2)

@@ -384,6 +384,7 @@ def free_path(
     replicas: Annotated[
         int, typer.Option(min=1, max=MOST, help="Independent gases at each packing fraction.")
     ] = 2,
+    until_error: UntilError = None,
     seed: Seed = 1,
     workers: Workers = None,
     out: Out = None,
@@ -407,7 +408,8 @@ def free_path(
     fluid = Fluid(n, dim, 0.3, "periodic", diameter_ratio, mass_ratio, share)
     study = FreePaths(parsed(packing_fractions), fluid, collisions_per_particle, replicas, seed, workers)
     screen = Screen(json)
-    _finish(screen, run(study, _folder(out, "free-path", seed, checkpoint_every, resume), screen))
+    folder = _folder(out, "free-path", seed, checkpoint_every, resume)
+    _finish(screen, _precisely(run, study, folder, screen, until_error))
 
 
 @app.command()

@@ -44,7 +44,8 @@ class Number:
 def main_numbers(summary: Mapping[str, Any]) -> list[Number]:
     """Return what a study's precision is measured by.
 
-    Z from the virial at each packing fraction, D of this box, the decay rate of the temperature difference, or that of a2.
+    Z from the virial, D of this box or the mean free paths at each packing fraction; the decay rate of the temperature
+    difference, or that of a2.
 
     Parameters
     ----------
@@ -67,6 +68,13 @@ def main_numbers(summary: Mapping[str, Any]) -> list[Number]:
             for state in summary["states"]
         ]
         return [_number(f"{name} at packing fraction {eta:g}", found) for eta, found in states]
+    if study == "free-path":
+        return [
+            _number(f"{found['quantity']} at packing fraction {state['packing_fraction']:g}", found)
+            for state in summary["states"]
+            for found in state["measured"]
+            if found["quantity"].startswith("mean free path")
+        ]
     if study == "mixture":
         return [_number(found["quantity"], found) for found in summary["measured"][:1]]
     rate = summary["decay_rate"]

@@ -15,9 +15,10 @@ from studies.cli import main
 from studies.fluid import Fluid
 from studies.pressure import EquationOfState, equation_of_state
 from studies.report import OutputFolder, Screen
-from studies.until_error import Number, Plan, until_error
+from studies.until_error import Number, Plan, main_numbers, until_error
 
 TARGET = 0.02
+NAMES = ("mean free path of 1", "mean free path of 2", "mean free time of 1")
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,18 @@ def test_the_plan():
         Plan.of([Number("Z", math.nan, 1.0)], 1, 1e-3)
 
 
+def test_the_main_numbers_of_free_paths():
+    found = [
+        {"quantity": name, "value": 4.0, "standard_error": 0.02, "degrees_of_freedom": 9.0} for name in NAMES
+    ]
+    states = [{"packing_fraction": eta, "measured": found} for eta in (0.01, 0.1)]
+    numbers = main_numbers({"study": "free-path", "states": states})
+    assert [number.name for number in numbers] == [
+        f"{name} at packing fraction {eta}" for eta in (0.01, 0.1) for name in NAMES[:2]
+    ]
+    assert numbers[0].relative_error == pytest.approx(5e-3)
+
+
 def test_a_real_study(tmp_path, capsys):
     study = EquationOfState((0.05,), Fluid(n=100), 60.0, replicas=2, seed=5, workers=1)
     out = OutputFolder(tmp_path / "pressure")
@@ -109,6 +122,7 @@ def test_what_cannot_be_reached_is_said(tmp_path, monkeypatch, capsys):
     ("options", "sentence"),
     [
         (["pressure", "--until-error", "0"], "--until-error 0 must be between 0 and 1"),
+        (["free-path", "--until-error", "-1"], "--until-error -1 must be between 0 and 1"),
         (["mixture", "--until-error", "2"], "--until-error 2 must be between 0 and 1"),
         (
             [
