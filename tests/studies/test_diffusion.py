@@ -103,7 +103,7 @@ def test_workers_change_nothing(finished, tmp_path):
         (["--packing-fractions", "0.1,0.5"], "0.5 is above 0.494, where hard spheres freeze"),
         (["--packing-fractions", "0.68", "--dim", "2"], "0.68 is above 0.66, where Enskog's theory ends"),
         (["--collisions-per-particle", "10"], "ask for at least 80"),
-        (["--collisions-per-particle", "inf"], "--collisions-per-particle inf is no length"),
+        (["--collisions-per-particle", "inf"], "--collisions-per-particle inf would never end"),
         (["--replicas", "2"], "--replicas 2 gives no error bar"),
         (["--n", "2", "--packing-fractions", "0.3"], "ask for more particles or a lower packing fraction"),
     ],
