@@ -1,8 +1,9 @@
 """Checkpoints: a simulation in a file, to go on from later, elsewhere, to the last bit.
 
 The rows are the canonical state (`hardspheres.kernel`), so pending events, neighbour lists and windows need not be stored: they are
-found again from the rows. Stored are the scene that the simulation began with (from which epochs, shells and windows follow), the
-state that `kernel.layout` names, the clock, and where the tallies began. Every number is checked before a kernel sees it.
+found again from the rows. Stored are the scene that the simulation began with (from which shells and windows follow), the length of
+its epochs by now, the state that `kernel.layout` names, the clock, and where the tallies began. Every number is checked before a
+kernel sees it.
 
 A checkpoint of another version of the package is taken as long as the version of the format is the same: that version changes
 with the content of the file and with whatever changes the bits of a trajectory.
