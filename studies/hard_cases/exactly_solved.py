@@ -17,6 +17,7 @@ from studies.hard_cases.case import Case, Size, counted, kept, pick
 TITLE = "Exactly solved"
 Floats = NDArray[np.float64]
 CHANNEL = ("periodic", "wall", "periodic")
+EPS = float(np.finfo(np.float64).eps)
 
 
 def fractions(numbers: Floats) -> list[Fraction]:
@@ -135,7 +136,9 @@ def tonks(n: int, walls: bool, time: float) -> Iterator[Case]:
         yield counted(f"{n} rods {where}, time {time:g}", pairs, simulation.collisions, "collisions")
     speeds = [np.sort(np.abs(v[:, 1])) for v in (scene.velocities, simulation.velocities)]
     off = float(np.abs(speeds[0] - speeds[1]).max())
-    yield Case(f"{n} rods {where}, velocities", "the first ones, permuted", f"off by {off:.1e}", off, 1e-11)
+    # Rods exchange the same ten numbers over and over, and roundings of equal numbers are equal: they add up, one a collision.
+    allowed = max(1e-11, EPS * 2.0 * simulation.collisions / n)
+    yield Case(f"{n} rods {where}, velocities", "the first ones, permuted", f"off by {off:.1e}", off, allowed)
 
 
 @kept

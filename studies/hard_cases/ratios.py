@@ -9,6 +9,7 @@ contacts are off by as much as it has become faster.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -21,7 +22,7 @@ from hardspheres.reference import ReferenceSimulation
 from studies.hard_cases.case import Case, Size, kept, pick
 
 TITLE = "Wide ratios of mass, diameter and speed"
-DRIFT = 1e-12  # of energy and momentum
+DRIFT = 1e-12  # of energy and momentum, or ten roundings times the root of the number of collisions, over N: a random walk
 OVERLAP = 1e-11  # diameters
 EPS = float(np.finfo(np.float64).eps)
 AGREED = 1e-6  # deviation from the oracle up to which events are compared
@@ -64,12 +65,13 @@ def invariants(name: str, scene: hs.Scene, collisions: int) -> Case:
         momentum = max(momentum, float(np.abs(simulation.momentum_drift).max()))
         depth = max(depth, simulation.worst_overlap)
         late = int(simulation.status()["late_events"])
+    drift = max(DRIFT, 10.0 * EPS * math.sqrt(collisions) / scene.n)
     return Case(
         name,
         f"energy, momentum, no overlap, {collisions:.0e} collisions",
         f"energy {energy:.1e}, momentum {momentum:.1e}, overlap {depth:.1e}, {late} late",
-        max(energy / DRIFT, momentum / DRIFT, depth / OVERLAP) * DRIFT if late == 0 else 1.0,
-        DRIFT,
+        max(energy / drift, momentum / drift, depth / OVERLAP) * drift if late == 0 else 1.0,
+        drift,
     )
 
 
