@@ -71,7 +71,7 @@ def pace(scene: Scene, length: float) -> tuple[float, float]:
     """
     if np.all(scene.masses == scene.masses[0]) or not np.any(scene.velocities):
         return 0.0, math.inf
-    root = 2.0 * root_of_power_below(scene.volume / scene.n, scene.dim) / length
+    root = epoch_length_at(scene, 1.0) / length
     lower = 0.0 if OUT_OF_PACE * length > epoch_length(scene) else 2.0 * root / OUT_OF_PACE
     upper = root * OUT_OF_PACE
     return lower * lower, upper * upper

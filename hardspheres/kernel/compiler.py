@@ -58,21 +58,6 @@ if PURE_PYTHON:
     def prefetch(array, k):
         """In plain Python: nothing."""
 
-    def copy_lanes(target, k, source, m):
-        """Copy LANES elements, one by one."""
-        for lane in range(LANES):
-            target[k + lane] = source[m + lane]
-
-    def turn_rows(target, k, stride, source, ids, entry):
-        """Copy 8 rows of 8 numbers to 8 columns, one by one."""
-        for line in range(8):
-            for column in range(8):
-                target[column * stride + k + line] = source[8 * ids[entry + line] + column]
-
-    def least_of_equal(keys, m, values, k, wanted):
-        """Return the least of 8 keys, of those whose value is the one wanted; the largest int64 where none is."""
-        return min((keys[m + lane] for lane in range(8) if values[k + lane] == wanted), default=MOST)
-
     def bits(x):
         """Return the bits of a float64 as int64."""
         return struct.unpack("q", struct.pack("d", x))[0]
@@ -110,6 +95,62 @@ else:
             return context.get_dummy_value()
 
         return types.none(pointer, types.int64), codegen
+
+    if CHECKED:
+
+        @numba.njit
+        def pointer(array):
+            """With checks an array is its own pointer."""
+            return array
+
+        @numba.njit
+        def prefetch(array, k):
+            """With checks: nothing."""
+
+    @intrinsic
+    def bits(typingctx, x):
+        """Return the bits of a float64 as int64."""
+
+        def codegen(context, builder, signature, args):
+            return builder.bitcast(args[0], context.get_value_type(types.int64))
+
+        return types.int64(types.float64), codegen
+
+    @intrinsic
+    def from_bits(typingctx, k):
+        """Return the float64 that has these bits."""
+
+        def codegen(context, builder, signature, args):
+            return builder.bitcast(args[0], context.get_value_type(types.float64))
+
+        return types.float64(types.int64), codegen
+
+
+if PURE_PYTHON or CHECKED:
+
+    @numba.njit
+    def copy_lanes(target, k, source, m):
+        """Copy LANES elements, one by one."""
+        for lane in range(LANES):
+            target[k + lane] = source[m + lane]
+
+    @numba.njit
+    def turn_rows(target, k, stride, source, ids, entry):
+        """Copy 8 rows of 8 numbers to 8 columns, one by one."""
+        for line in range(8):
+            for column in range(8):
+                target[column * stride + k + line] = source[8 * ids[entry + line] + column]
+
+    @numba.njit
+    def least_of_equal(keys, m, values, k, wanted):
+        """Return the least of 8 keys, of those whose value is the one wanted; the largest int64 where none is."""
+        least = MOST
+        for lane in range(8):
+            if values[k + lane] == wanted:
+                least = min(least, keys[m + lane])
+        return least
+
+else:
 
     @intrinsic
     def copy_lanes(typingctx, target, k, source, m):
@@ -183,57 +224,6 @@ else:
             return builder.call(least, [kept])
 
         return types.int64(keys, types.int64, values, types.int64, types.int64), codegen
-
-    if CHECKED:
-
-        @numba.njit
-        def least_of_equal(keys, m, values, k, wanted):
-            """With checks: one by one."""
-            least = MOST
-            for lane in range(8):
-                if values[k + lane] == wanted:
-                    least = min(least, keys[m + lane])
-            return least
-
-        @numba.njit
-        def turn_rows(target, k, stride, source, ids, entry):
-            """With checks: one by one."""
-            for line in range(8):
-                for column in range(8):
-                    target[column * stride + k + line] = source[8 * ids[entry + line] + column]
-
-        @numba.njit
-        def copy_lanes(target, k, source, m):
-            """With checks: one by one."""
-            for lane in range(LANES):
-                target[k + lane] = source[m + lane]
-
-        @numba.njit
-        def pointer(array):
-            """With checks an array is its own pointer."""
-            return array
-
-        @numba.njit
-        def prefetch(array, k):
-            """With checks: nothing."""
-
-    @intrinsic
-    def bits(typingctx, x):
-        """Return the bits of a float64 as int64."""
-
-        def codegen(context, builder, signature, args):
-            return builder.bitcast(args[0], context.get_value_type(types.int64))
-
-        return types.int64(types.float64), codegen
-
-    @intrinsic
-    def from_bits(typingctx, k):
-        """Return the float64 that has these bits."""
-
-        def codegen(context, builder, signature, args):
-            return builder.bitcast(args[0], context.get_value_type(types.float64))
-
-        return types.float64(types.int64), codegen
 
 
 def cache_folder(tag: str) -> Path | None:
