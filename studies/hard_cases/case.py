@@ -11,15 +11,18 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Any, Literal, ParamSpec, TypeVar
 
+import numpy as np
+
 from studies.journal import Shelf
 from studies.resuming import Recorded
 
-__all__ = ["SIZES", "Case", "Size", "counted", "keeping", "kept", "pick"]
+__all__ = ["EPS", "SIZES", "Case", "Size", "counted", "keeping", "kept", "pick"]
 
 P = ParamSpec("P")
 
 Size = Literal["small", "full", "long"]
 T = TypeVar("T")
+EPS = float(np.finfo(np.float64).eps)
 SIZES: tuple[Size, ...] = ("small", "full", "long")
 
 MOST_DIGITS = 16.0  # that a float64 has

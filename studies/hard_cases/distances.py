@@ -9,11 +9,10 @@ from fractions import Fraction
 import numpy as np
 
 import hardspheres as hs
-from studies.hard_cases.case import Case, Size, pick
+from studies.hard_cases.case import EPS, Case, Size, pick
 from studies.hard_cases.ratios import followed, invariants
 
 TITLE = "Large and small boxes, long times"
-EPS = float(np.finfo(np.float64).eps)
 
 
 def aimed(size: float, offset: float = 0.6) -> hs.Scene:

@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 
 import hardspheres as hs
 from analysis.theory.two_spheres import two_sphere_rates
-from studies.hard_cases.case import Case, Size, counted, kept, pick
+from studies.hard_cases.case import EPS, Case, Size, counted, kept, pick
 
 TITLE = "Exactly solved"
 Floats = NDArray[np.float64]
 CHANNEL = ("periodic", "wall", "periodic")
-EPS = float(np.finfo(np.float64).eps)
 
 
 def fractions(numbers: Floats) -> list[Fraction]:

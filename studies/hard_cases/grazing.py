@@ -16,11 +16,10 @@ import numpy as np
 
 import hardspheres as hs
 from hardspheres.collision import contact_time, discriminant_3d
-from studies.hard_cases.case import Case, Size, pick
+from studies.hard_cases.case import EPS, Case, Size, pick
 
 TITLE = "Grazing collisions, and contacts from afar"
 FAR = 3.0
-EPS = float(np.finfo(np.float64).eps)
 
 
 def passing(k: float, inside: bool, rng: np.random.Generator, far: float = FAR) -> hs.Scene:

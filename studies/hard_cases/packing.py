@@ -8,13 +8,12 @@ from collections.abc import Iterator
 import numpy as np
 
 import hardspheres as hs
-from studies.hard_cases.case import Case, Size, kept, pick
+from studies.hard_cases.case import EPS, Case, Size, kept, pick
 
 TITLE = "Close packing"
 CLOSE_PACKED = {2: math.pi / math.sqrt(12.0), 3: math.pi / math.sqrt(18.0)}
 PARTICLES = {2: 120, 3: 108}
 ROUNDINGS = 1e-12
-EPS = float(np.finfo(np.float64).eps)
 
 
 def crystal(dim: int, gap: float) -> hs.Scene:

@@ -19,12 +19,11 @@ from numpy.typing import NDArray
 
 import hardspheres as hs
 from hardspheres.reference import ReferenceSimulation
-from studies.hard_cases.case import Case, Size, kept, pick
+from studies.hard_cases.case import EPS, Case, Size, kept, pick
 
 TITLE = "Wide ratios of mass, diameter and speed"
 DRIFT = 1e-12  # of energy and momentum, or ten roundings times the root of the number of collisions, over N: a random walk
 OVERLAP = 1e-11  # diameters
-EPS = float(np.finfo(np.float64).eps)
 AGREED = 1e-6  # deviation from the oracle up to which events are compared
 
 Floats = NDArray[np.float64]
