@@ -39,6 +39,21 @@ def aligned(size: int, dtype: type) -> Any:
     return raw[start : start + size * itemsize].view(dtype)
 
 
+def grid_units(cells: Any) -> Any:
+    """Edges of the box in the units of the bounds of lines: with a cell more on each side they fill 16 bits. Even numbers."""
+    return 2.0 * np.floor(32768.0 * cells / (cells + 2.0))
+
+
+def image_shifts(cells: Any) -> Any:
+    """Return half of how far bounds are shifted in each image: minus, no, or plus a box along each axis (two bits of its code)."""
+    shifts = aligned(64 * 8, np.int16).reshape(64, 8)
+    for d, units in enumerate(grid_units(cells).tolist()):
+        for code in range(64):
+            half = min((code >> 2 * d & 3) - 1, 1) * units / 2.0
+            shifts[code, d], shifts[code, d + 3] = half, -half
+    return shifts.ravel()
+
+
 class Engine:
     """Arrays and kernels of one simulation. Holds no physics: everything here follows from the rows.
 
@@ -199,8 +214,15 @@ class Engine:
         number[at.INVERSE_WIDTH] = windows * buckets / number[at.EPOCH_LENGTH]
         count[at.WINDOW_BUCKETS] = count[at.BUCKETS] = buckets
         count[at.EPOCH_BUCKETS] = windows * buckets
-        count[at.LINE_ROOM] = (3 if scene.dim == 3 else 1) * (n + n // 4 + 1024)
-        count[at.NODE_ROOM] = (3 if scene.dim == 3 else 1) * (n // 3 + 1024)
+        count[at.LINE_ROOM] = n + n // 4 + 1024
+        count[at.NODE_ROOM] = n // 3 + 1024
+        count[at.NEAR_ROOM] = 256
+        dim = scene.dim
+        units = grid_units(np.array(plan.cells))
+        number[at.GRID : at.GRID + dim] = units / scene.box
+        number[at.GRID_HALF : at.GRID_HALF + dim] = 0.5 * units
+        number[at.GRID_EDGE : at.GRID_EDGE + dim] = units / plan.cells
+        number[at.GRID_REACH : at.GRID_REACH + dim] = (plan.stretch + plan.small_radius) * units / scene.box
         count[at.CANDIDATE_ROOM] = n // 2 + 1024
         self.chunks = buckets + n // 8 + 256
         count[at.MEETING_ROOM] = 1024
@@ -229,12 +251,9 @@ class Engine:
         room, cell_room = int(count[at.LIST_ROOM]), int(count[at.CELL_ROOM])
         lines, candidates = int(count[at.LINE_ROOM]), int(count[at.CANDIDATE_ROOM])
         agenda = int(count[at.AGENDA_ROOM])
-        in_cells = lines // (3 if dim == 3 else 1)
-        columns, ids = (
-            aligned(max(7 * lines + at.LINE_LANES, 8 * n * windows), np.float32),
-            np.zeros(lines + at.LINE_LANES, dtype=np.int32),
-        )
-        coarse = math.prod(count[at.LARGE_CELLS : at.LARGE_CELLS + 3].tolist())
+        columns = math.prod(count[[at.CELLS, at.CELLS + 2]].tolist())
+        chains = columns * math.ceil(int(count[at.CELLS + 1]) / 8) * windows
+        chains += math.prod(count[at.LARGE_CELLS : at.LARGE_CELLS + 3].tolist())
         places, nodes = self.cells * cell_room, int(count[at.NODE_ROOM])
         if max(places, lines, nodes, candidates, n + 6) >= MOST_ENTRIES:
             raise SimulationError(
@@ -243,10 +262,29 @@ class Engine:
             )
         listed = n * room * (1 + dim * int(count[at.IMAGES])) + places * (1 + at.CELL_COLUMNS)
         needed = (
-            4 * listed + 32 * (lines + nodes + candidates) + 64 * chunks + n * (8 * (at.ROW + at.EVENT) + 32)
+            4 * listed
+            + 48 * (lines + n * windows)
+            + 36 * nodes
+            + 32 * candidates
+            + 64 * chunks
+            + n * (8 * (at.ROW + at.EVENT) + 32)
         )
         require_memory(needed, f"the tables to search among {n} particles", SimulationError)
+        of_lines = {
+            "drafts": aligned(8 * (n * windows + 1), np.float32),
+            "lines": aligned(8 * (lines + 1), np.float32),
+            "nodes": aligned(8 * nodes + 1, np.float32),
+            "draft_bounds": aligned(8 * (n * windows + 1), np.int16),
+            "bounds": aligned(8 * (lines + 16), np.int16),
+        }
+        words = {
+            name[:-1] + "_words": array.view(np.int32)
+            for name, array in of_lines.items()
+            if name != "draft_bounds"
+        }
         return {
+            **of_lines,
+            **words,
             "neighbours": aligned(n * room + 1, np.int32),
             "images": np.zeros(n * room * dim * int(count[at.IMAGES]) + 1, dtype=np.int32),
             "cell_count": np.zeros(self.cells + 1, dtype=np.int32),
@@ -261,21 +299,14 @@ class Engine:
             "agenda_entry": np.zeros(agenda, dtype=np.int64),
             "order": np.setdiff1d(np.arange(n * windows, dtype=np.int32), self.large),
             "large": np.append(self.large, 0).astype(np.int32),
-            "draft": aligned(8, np.float32),
-            "drafts": columns if dim == 3 else aligned(8 * n * windows + 1, np.float32),
-            "cell_lines": aligned(7 * in_cells + at.LINE_LANES, np.float32) if dim == 3 else columns,
-            "cell_line_ids": np.zeros(in_cells + at.LINE_LANES, dtype=np.int32) if dim == 3 else ids,
-            "lines": columns,
-            "line_ids": ids,
-            "row_start": np.zeros(self.cells * windows + 1, dtype=np.int32),
-            "row_own": np.zeros(self.cells * windows + 1, dtype=np.int32),
-            "row_above": np.zeros(self.cells * windows + 1, dtype=np.int32),
-            "row_chain": np.zeros(self.cells * windows + coarse + 1, dtype=np.int32),
-            "nodes": aligned(int(count[at.NODE_ROOM]) * 8 + 1, np.float32),
-            "node_ids": np.zeros(int(count[at.NODE_ROOM]) + 1, dtype=np.int32),
-            "node_next": np.zeros(int(count[at.NODE_ROOM]) + 1, dtype=np.int32),
-            "met": aligned(at.LINE_LANES, np.int32),
-            "met_when": aligned(at.LINE_LANES, np.float32),
+            "image_shifts": image_shifts(count[at.CELLS : at.CELLS + dim]),
+            "near": aligned(int(count[at.NEAR_ROOM]) + 32, np.int32),
+            "near_codes": aligned(int(count[at.NEAR_ROOM]) + 32, np.int32),
+            "near_lines": aligned(64, np.float32),
+            "chain_first": np.zeros(chains + 1, dtype=np.int32),
+            "node_next": np.zeros(nodes + 1, dtype=np.int32),
+            "met": aligned(8, np.int32),
+            "met_when": aligned(8, np.float32),
             "meeting_i": np.zeros(int(count[at.MEETING_ROOM]), dtype=np.int32),
             "meeting_j": np.zeros(int(count[at.MEETING_ROOM]), dtype=np.int32),
             "meeting_when": np.zeros(int(count[at.MEETING_ROOM]), dtype=np.float32),

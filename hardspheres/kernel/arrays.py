@@ -20,7 +20,7 @@ class Arrays(NamedTuple):
     log: object  # float64 (LOG_ROOM * LOG_ROW): events that are still to be handed over
     neighbours: object  # int32 (n * LIST_ROOM): ids, then n in all slots that are left
     images: object  # int32 (n * LIST_ROOM * DIM): image of each neighbour, where IMAGES
-    where: object  # int32 (n): slot in the cells
+    where: object  # int32 (n): slot in the cells; windows: slot of the line, negative where there are several
     cell_count: object  # int32 (cells + 1): particles in each cell; windows: the first line of each cell
     cell_ids: object  # int32 (cells * CELL_ROOM)
     cell_places: object  # float32 (cells * CELL_COLUMNS * CELL_ROOM): centres as seen from the cell's corner, then radii
@@ -33,23 +33,27 @@ class Arrays(NamedTuple):
     agenda_entry: object  # int64: id << 32 | stamp
     scratch: object  # float64 (LANES * 16)
     scratch_int: object  # the same memory as int64
-    order: object  # windows: int32 (n): the particles of the rows in the order in which they are gone through
+    order: (
+        object  # windows: int32 (n): the particles of the cells in the order in which they are gone through
+    )
     large: object  # int32: those that are in the coarse grid
-    draft: object  # float32 (LINE): the latest new line
-    drafts: object  # float32 (n * LINE): lines before they are sorted; in 3D in the memory of `lines`, which are made later
-    cell_lines: object  # float32 (7 * LINE_ROOM / copies + LINE_LANES): sorted by cells, column by column; in 2D the same as lines
-    cell_line_ids: object  # int32, the same
-    lines: object  # float32 (7 * LINE_ROOM + LINE_LANES): sorted into rows, column by column
-    line_ids: object  # int32 (LINE_ROOM + LINE_LANES)
-    row_start: object  # int32 (cells + 1): first line of each row
-    row_own: object  # int32 (cells): first line of the cell in the middle
-    row_above: object  # int32 (cells): first line of the cell above
-    row_chain: object  # int32 (cells + coarse cells): first node of each chain of new lines
+    drafts: object  # float32 ((n + 1) * LINE): lines before they are sorted, and the latest new line
+    draft_words: object  # the same memory as int32
+    draft_bounds: object  # int16 ((n + 1) * BOUNDS)
+    lines: object  # float32 (LINE_ROOM * LINE): sorted by cells
+    line_words: object  # the same memory as int32
+    bounds: object  # int16 ((LINE_ROOM + AT_ONCE) * BOUNDS): of the boxes that hold the lines, see `lines`
+    bound_words: object  # the same memory as int32
+    image_shifts: object  # int16 (64 * BOUNDS): half of how far bounds are shifted in each image
+    near: object  # int32 (NEAR_ROOM + 2 * AT_ONCE): slots of lines whose bounds overlap those of one line
+    near_codes: object  # int32, the same: in which image
+    near_lines: object  # float32 (LINE * LINES): eight of them, column by column
+    chain_first: object  # int32: first node of each chain of new lines
     nodes: object  # float32 (NODE_ROOM * LINE): new lines
-    node_ids: object  # int32 (NODE_ROOM)
+    node_words: object  # the same memory as int32
     node_next: object  # int32 (NODE_ROOM)
-    met: object  # int32 (LINE_LANES): 1 where the filter let a line pass
-    met_when: object  # float32 (LINE_LANES): when the two lines are nearest
+    met: object  # int32 (LINES): 1 where the filter let a line pass
+    met_when: object  # float32 (LINES): when the two lines are nearest
     meeting_i: object  # int32 (MEETING_ROOM): pairs whose lines may meet
     meeting_j: object  # int32 (MEETING_ROOM)
     meeting_when: object  # float32 (MEETING_ROOM)

@@ -21,7 +21,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-LANES = 8  # elements that `copy_lanes` copies
+AT_ONCE = 16  # bounds that `keep_overlapping` compares
 MOST = 2**63 - 1  # the largest int64
 
 config: Any = numba.config
@@ -129,12 +129,6 @@ else:
 if PURE_PYTHON or CHECKED:
 
     @numba.njit
-    def copy_lanes(target, k, source, m):
-        """Copy LANES elements, one by one."""
-        for lane in range(LANES):
-            target[k + lane] = source[m + lane]
-
-    @numba.njit
     def turn_rows(target, k, stride, source, ids, entry):
         """Copy 8 rows of 8 numbers to 8 columns, one by one."""
         for line in range(8):
@@ -150,21 +144,19 @@ if PURE_PYTHON or CHECKED:
                 least = min(least, keys[m + lane])
         return least
 
+    @numba.njit
+    def keep_overlapping(kept, codes, m, bounds, k, those, first, shifts, code):
+        """Append to `kept` which of 16 bounds of `those` overlap bounds k in this image, and the image; returns how many are kept."""
+        for j in range(first, first + AT_ONCE):
+            overlap = True
+            for lane in range(6):
+                far = -bounds[8 * k + (lane + 3) % 6] + 2 * shifts[8 * code + lane]
+                overlap = overlap and those[8 * j + lane] <= min(max(far, -32768), 32767)
+            kept[m], codes[m] = j, code
+            m += 1 if overlap else 0
+        return m
+
 else:
-
-    @intrinsic
-    def copy_lanes(typingctx, target, k, source, m):
-        """Copy LANES elements as one vector; arrays may begin anywhere, but must not overlap."""
-
-        def codegen(context, builder, signature, args):
-            element = context.get_data_type(source.dtype)
-            vector = ir.VectorType(element, LANES).as_pointer()
-            size = context.get_abi_sizeof(element)
-            whole = builder.load(builder.bitcast(builder.gep(args[2], [args[3]]), vector), align=size)
-            builder.store(whole, builder.bitcast(builder.gep(args[0], [args[1]]), vector), align=size)
-            return context.get_dummy_value()
-
-        return types.none(target, types.int64, source, types.int64), codegen
 
     @intrinsic
     def turn_rows(typingctx, target, k, stride, source, ids, entry):
@@ -224,6 +216,73 @@ else:
             return builder.call(least, [kept])
 
         return types.int64(keys, types.int64, values, types.int64, types.int64), codegen
+
+    @intrinsic
+    def keep_overlapping(typingctx, kept, codes, m, bounds, k, those, first, shifts, code):
+        """Append to `kept` which of 16 bounds of `those` overlap bounds k in this image, and the image; returns how many are kept.
+
+        Bounds are 8 int16: the low ends along x, y, z, the high ends negated, and two that may be anything. Two boxes overlap
+        where no low end of the one is above a high end of the other. No branch depends on it.
+        """
+
+        def codegen(context, builder, signature, args):
+            kept, codes, m, bounds, k, those, first, shifts, code = args
+            short, word, long = ir.IntType(16), ir.IntType(32), ir.IntType(64)
+
+            def vector(element, n):
+                return ir.VectorType(element, n)
+
+            def constant(element, numbers):
+                return ir.Constant(vector(element, len(numbers)), numbers)
+
+            def at(p, place, kind):
+                return builder.bitcast(builder.gep(p, [place]), kind.as_pointer())
+
+            def call(name, result, *values):
+                kind = ir.FunctionType(result, [v.type for v in values])
+                return builder.call(cgutils.get_or_insert_function(builder.module, kind, name), values)
+
+            def spread(x, n):
+                one = builder.insert_element(ir.Constant(vector(x.type, n), ir.Undefined), x, word(0))
+                return builder.shuffle_vector(one, one, constant(word, [0] * n))
+
+            eight = vector(short, 8)
+            own = builder.load(at(bounds, builder.mul(k, long(8)), eight), align=16)
+            shift = builder.load(at(shifts, builder.mul(code, long(8)), eight), align=16)
+            turned = builder.shuffle_vector(own, own, constant(word, [3, 4, 5, 0, 1, 2, 6, 7]))
+            far = call("llvm.ssub.sat.v8i16", eight, constant(short, [0] * 8), turned)
+            for _ in range(2):  # a whole box may be more than 16 bits hold
+                far = call("llvm.sadd.sat.v8i16", eight, far, shift)
+            anything = constant(ir.IntType(1), [0] * 6 + [1] * 2)
+            far = builder.select(anything, constant(short, [32767] * 8), far)
+            far = builder.shuffle_vector(far, far, constant(word, list(range(8)) * 4))
+            apart = constant(word, [0] * 4)
+            for quarter in range(4):
+                place = builder.mul(builder.add(first, long(4 * quarter)), long(8))
+                four = builder.load(at(those, place, vector(short, 32)), align=16)
+                beyond = builder.bitcast(builder.icmp_signed(">", four, far), word)
+                apart = builder.insert_element(apart, beyond, word(quarter))
+            none = constant(ir.IntType(8), [0] * AT_ONCE)
+            overlap = builder.icmp_signed("==", builder.bitcast(apart, none.type), none)
+            numbers = builder.add(
+                spread(builder.trunc(first, word), AT_ONCE), constant(word, list(range(AT_ONCE)))
+            )
+            kind = numbers.type
+            some = call(
+                "llvm.experimental.vector.compress.v16i32",
+                kind,
+                numbers,
+                overlap,
+                constant(word, [0] * AT_ONCE),
+            )
+            builder.store(some, at(kept, m, kind), align=4)
+            builder.store(spread(builder.trunc(code, word), AT_ONCE), at(codes, m, kind), align=4)
+            bits_of = builder.zext(builder.bitcast(overlap, short), long)
+            return builder.add(m, call("llvm.ctpop.i64", long, bits_of))
+
+        integer = types.int64
+        signature = integer(kept, codes, integer, bounds, integer, those, integer, shifts, integer)
+        return signature, codegen
 
 
 def cache_folder(tag: str) -> Path | None:

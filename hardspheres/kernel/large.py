@@ -1,18 +1,17 @@
 """Large particles among many small ones, in the window method: cells sized by the small, and a second grid for the large.
 
-With cells as wide as the largest diameter each small particle would meet hundreds of others at every comparison. So the rows
-hold the lines of the small particles only. A large one (radius above SMALL_RADIUS) is compared with all rows within its reach,
-and its line hangs in the one cell of a coarse grid that holds its middle. A small one looks, beside the rows around it, at the
+With cells as wide as the largest diameter each small particle would meet hundreds of others at every comparison. So the cells
+hold the lines of the small particles only. A large one (radius above SMALL_RADIUS) is compared with all cells within its reach,
+and its line hangs in the one cell of a coarse grid that holds its middle. A small one looks, beside the cells around it, at the
 coarse cells within its own reach; they are few and mostly empty. Lines, filter and chains are those of `lines` and `chains`: the
-heads of the coarse cells' chains follow those of the rows.
+coarse cells' chains follow those of the cells.
 """
 
 import math
 
-import numpy as np
-
-from .chains import chain_draft, meet_chain, unchain
+from .chains import chain_draft, chains_before, meet_chain, meet_chains, unchain
 from .compiler import jit
+from .drafts import column_at
 from .flags import DIM, SIZES
 from .layout import (
     BOX,
@@ -23,8 +22,6 @@ from .layout import (
     LARGE_CELLS,
     LARGE_DENSITY,
     LARGEST,
-    LINE_ROOM,
-    LINE_UNIT,
     RADIUS,
     ROW,
     SMALL_RADIUS,
@@ -33,15 +30,15 @@ from .layout import (
     V,
     X,
 )
-from .lines import ZERO, meet_run, shifted
-from .rows import around, row_at
+from .line_cells import around, meet_run
+from .lines import IMAGE, SAME, boxes, examine
 
 ROUNDED_UP = 1.001  # spans are this much wider than they must be
 
 
 @jit
 def is_large(s, i):
-    """Whether i is too large for the rows."""
+    """Whether i is too large for the cells."""
     return SIZES and s.row[i * ROW + RADIUS] > s.number[SMALL_RADIUS]
 
 
@@ -59,45 +56,38 @@ def span(s, i, t, d, reach, cells, density):
 
 
 @jit
-def shifted_along_z(line, sz):
-    """Return the same line in another image."""
-    x, y, z, u, v, w, reach = line
-    return x, y, z + sz, u, v, w, reach
-
-
-@jit
-def meet_small(s, i, other, line, t, since):
-    """Compare the line of a large particle, as registered at time t, with those of all small ones within reach."""
+def meet_small(s, i, k, line, t, since):
+    """Compare the line of a large particle, draft k, as registered at time t, with those of all small ones within reach."""
     reach = (s.row[i * ROW + RADIUS] + s.number[SMALL_RADIUS] + 2.0 * s.number[STRETCH]) * ROUNDED_UP
-    nz = s.counter[CELLS + 2]
     first_x, last_x = span(s, i, t, 0, reach, CELLS, CELL_DENSITY)
     first_y, last_y = span(s, i, t, 1, reach, CELLS, CELL_DENSITY)
     first_z, last_z = 0, 0
     if DIM == 3:
         first_z, last_z = span(s, i, t, 2, reach, CELLS, CELL_DENSITY)
+    edges = boxes(s)
+    m = 0
     for kx in range(first_x, last_x + 1):
-        x, sx = around(s, kx, 0, CELLS)
-        for kz in range(first_z + 1, last_z + 2, 3):  # a row holds the cells above and below it, too
-            z, sz = nz - 1, ZERO
-            if kz < nz or s.number[INVERSE + 2] > 0.0:
-                z, sz = around(s, kz, 2, CELLS)
-            seen = shifted_along_z(shifted(line, -sx, ZERO), -sz)
-            meet_along_y(s, row_at(s, x, 0, z), first_y, last_y, i, other, seen, since)
+        x, image_x = around(s, kx, 0, CELLS)
+        for kz in range(first_z, last_z + 1):
+            z, image_z = around(s, kz, 2, CELLS)
+            code = SAME + image_x + image_z
+            m = meet_along_y(s, m, k, x, z, first_y, last_y, code, i, line, edges, since)
+    examine(s, m, i, line, edges, since)
 
 
 @jit
-def meet_along_y(s, row, first, last, i, other, line, since):
-    """Compare i's line with the rows from `first` to `last`, which may lie beyond the box, and with their chains."""
+def meet_along_y(s, m, k, x, z, first, last, code, i, line, edges, since):
+    """Compare with the cells from `first` to `last` of a column, which may lie beyond the box, and with their chains."""
     ny = s.counter[CELLS + 1]
-    length = np.float32(s.number[BOX + 1] * s.number[LINE_UNIT])
+    column = column_at(s, x, z)
     for turn in range(-1, 2):
-        begin, end = row + max(first - turn * ny, 0), row + min(last - turn * ny, ny - 1) + 1
-        if begin < end:
-            seen = shifted(line, ZERO, -length * np.float32(turn))
-            room = s.counter[LINE_ROOM]
-            meet_run(s, room, s.row_start[begin], s.row_start[end], i, other, seen, since)
-            for beside in range(begin, end):
-                meet_chain(s, beside, i, seen, since)
+        begin, end = max(first - turn * ny, 0), min(last - turn * ny, ny - 1)
+        if begin <= end:
+            image = code - turn * IMAGE[1]
+            run, behind = s.cell_count[column + begin], s.cell_count[column + end + 1]
+            m = meet_run(s, m, s.draft_bounds, k, run, behind, image, i, line, edges, since)
+            meet_chains(s, x, z, begin, end, image, i, line, edges, since)
+    return m
 
 
 @jit
@@ -117,16 +107,17 @@ def meet_large(s, i, line, t, since):
             y, sy = around(s, ky, 1, LARGE_CELLS)
             for kz in range(first_z, last_z + 1):
                 z, sz = around(s, kz, 2, LARGE_CELLS)
-                head = chain_of_large(s, x, y, z)
-                if s.row_chain[head] >= 0:
-                    meet_chain(s, head, i, shifted_along_z(shifted(line, -sx, -sy), -sz), since)
+                meet_chain(s, chain_of_large(s, x, y, z), SAME + sx + sy + sz, i, line, boxes(s), since)
 
 
 @jit
 def chain_of_large(s, x, y, z):
-    """Which chain holds the large particles of a coarse cell: they follow those of the rows."""
-    rows = s.counter[CELLS] * s.counter[CELLS + 1] * s.counter[CELLS + 2]
-    return rows + (x * s.counter[LARGE_CELLS + 1] + y) * s.counter[LARGE_CELLS + 2] + z
+    """Which chain holds the large particles of a coarse cell: they follow those of the cells."""
+    return (
+        chains_before(s, s.counter[CELLS], 0)
+        + (x * s.counter[LARGE_CELLS + 1] + y) * s.counter[LARGE_CELLS + 2]
+        + z
+    )
 
 
 @jit
@@ -137,13 +128,13 @@ def coarse_cell(s, i, t, d):
 
 
 @jit
-def chain_large(s, i, t, replaces):
-    """Hang the new line of a large particle, as registered at time t, in its coarse cell, perhaps in place of older ones."""
+def chain_large(s, i, k, t, replaces):
+    """Hang the new line of a large particle, draft k, as registered at time t, in its coarse cell, perhaps in place of older ones."""
     z = coarse_cell(s, i, t, 2) if DIM == 3 else 0
     head = chain_of_large(s, coarse_cell(s, i, t, 0), coarse_cell(s, i, t, 1), z)
     if replaces:
         unchain(s, head, i)
-    chain_draft(s, i, head, ZERO)
+    chain_draft(s, k, head)
 
 
 @jit
@@ -151,4 +142,4 @@ def clear_large(s):
     """Empty the coarse grid."""
     first = chain_of_large(s, 0, 0, 0)
     for head in range(first, chain_of_large(s, s.counter[LARGE_CELLS], 0, 0)):
-        s.row_chain[head] = -1
+        s.chain_first[head] = -1

@@ -52,8 +52,12 @@ LARGE_DENSITY = 32  # coarse cells per length, 3 slots
 MEAN_SQUARE = 35  # mean square speed when this epoch began, where masses differ
 HASTE = 36  # from this mean square speed on epochs are too long
 LEISURE = 37  # below this one they are too short
-NUMBERS = 38
-FLIGHT_UNITS = 38  # where FLIGHTS, of each species: 1 / the units of its paths, times, and bins of speed
+GRID = 38  # windows: units of the bounds of lines per length, 3 slots
+GRID_HALF = 41  # half a box in those units, 3 slots
+GRID_EDGE = 44  # a cell in those units, 3 slots
+GRID_REACH = 47  # how far a line may reach beyond its cell in those units, 3 slots
+NUMBERS = 50
+FLIGHT_UNITS = NUMBERS  # where FLIGHTS, of each species: 1 / the units of its paths, times, and bins of speed
 
 # Sums since the tallies were reset, float64.
 VIRIAL = 0  # sum of r_a dp_b over pair collisions: xx, yy, zz, xy, xz, yz
@@ -90,8 +94,8 @@ SHORT_CELLS = 21
 SHORT_QUEUE = 22
 LAST_PAIR_EPOCH = 23  # epoch of the last pair collision
 WINDOW_BUCKETS = 24  # buckets in a window; 0 for lists
-LINE_ROOM = 25  # windows: lines that the rows can hold, each three times
-NODES = 26  # new lines of this window, each in each of its rows
+LINE_ROOM = 25  # windows: lines that the cells can hold
+NODES = 26  # new lines of this window that are chained
 REGISTERED = 27  # lines at the beginning of this window
 CANDIDATE_ROOM = 28
 CANDIDATES = 29  # contacts noted in this window
@@ -105,7 +109,8 @@ BEYOND_CACHE = 38  # 1: the gas is larger than the caches, so what is needed soo
 LOGGED = 39  # events in the log's buffer
 LOG_ROOM = 40  # how many it can hold; 0: there is no log
 KINDS = 41  # species that flights are told apart by
-COUNTERS = 42
+NEAR_ROOM = 42  # windows: lines that the table of those with overlapping bounds can hold
+COUNTERS = 43
 
 # Flights, where FLIGHTS. Of a particle, float64:
 FLIGHT = 4 if FLIGHTS else 0
@@ -157,7 +162,6 @@ CHUNK = 8
 STAMP_BITS = 0xFFFFFFFF
 
 CANDIDATE = 4  # int64 in a candidate
-LINE_LANES = 16  # lines that one pass of the filter handles
 
 LANES = 16  # neighbours that one pass of the prediction handles
 CELL_LANES = 16  # centres that one pass through a cell handles
@@ -193,18 +197,20 @@ def pointers(a):
         pointer(a.scratch_int),
         pointer(a.order),
         pointer(a.large),
-        pointer(a.draft),
         pointer(a.drafts),
-        pointer(a.cell_lines),
-        pointer(a.cell_line_ids),
+        pointer(a.draft_words),
+        pointer(a.draft_bounds),
         pointer(a.lines),
-        pointer(a.line_ids),
-        pointer(a.row_start),
-        pointer(a.row_own),
-        pointer(a.row_above),
-        pointer(a.row_chain),
+        pointer(a.line_words),
+        pointer(a.bounds),
+        pointer(a.bound_words),
+        pointer(a.image_shifts),
+        pointer(a.near),
+        pointer(a.near_codes),
+        pointer(a.near_lines),
+        pointer(a.chain_first),
         pointer(a.nodes),
-        pointer(a.node_ids),
+        pointer(a.node_words),
         pointer(a.node_next),
         pointer(a.met),
         pointer(a.met_when),

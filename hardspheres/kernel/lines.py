@@ -1,65 +1,75 @@
 """Lines of the window method: the straight flights of a window, in single precision, and the filter that compares them.
 
-A line is its place in the middle of the window, half its way through it, and its reach (radius and margin), in units of the
-longest cell edge. The filter asks whether two lines come within contact; rounding is covered by margins, so it lets pass
-whatever does, and a little more. It compares one line with a run of others in whole vectors, without a branch.
+A line is its place in the middle of the window, half its way through it, its reach (radius and margin), in units of the
+longest cell edge, and its id. The filter asks whether two lines come within contact; rounding is covered by margins, so it lets
+pass whatever does, and a little more. It compares one line with eight others at a time, without a branch.
 """
 
 import numpy as np
 
 from .candidates import note_candidate
-from .compiler import jit, part, rough
+from .compiler import jit, part, rough, turn_rows
 from .flags import DIM
-from .layout import HALF_WINDOW, LINE_LANES, MEETING_ROOM, MEETINGS, MIDDLE, SHORT_QUEUE
+from .layout import BOX, HALF_WINDOW, LINE_UNIT, MEETING_ROOM, MEETINGS, MIDDLE, SHORT_QUEUE
 from .prediction import pair_contact
 
 ZERO = np.float32(0.0)
 ONE = np.float32(1.0)
 TWO = np.float32(2.0)
 TINY = np.float32(1e-30)
-ALL = np.int32(-2)  # in place of a partner: the lines of all count
 SLACK = np.float32(1e-5)  # for rounding: of squared distances, of b, of the moment from which a line counts
 
-# Columns of the lines.
+LINE = 8  # float32 in a line
 PLACE = 0
 WAY = 3
 REACH_OF_LINE = 6
-LINE = 8  # float32 in a line that stands alone
+WHOSE = 7  # the id, in the same memory as int32
+LINES = 8  # lines that the filter compares at once
+
+# Bounds, int16: the low ends along x, y, z, the high ends negated, and what nobody looks at (in 2D the ends along z too).
+BOUNDS = 8
+LOW = 0
+NEGATED_HIGH = 3
+CELL = 3  # in the same memory as int32: which cell the line is registered in
+
+# The image in which a line is compared: 1, plus or minus a box, for each axis.
+IMAGE = (1, 4, 16)
+SAME = 21
 
 
 @jit
-def line_at(p, stride, k):
+def line_at(p, k):
     """Place, way and reach of line k."""
-    x, y, u, v = (
-        p[PLACE * stride + k],
-        p[(PLACE + 1) * stride + k],
-        p[WAY * stride + k],
-        p[(WAY + 1) * stride + k],
-    )
-    z, w = ZERO, ZERO
-    if DIM == 3:
-        z, w = p[(PLACE + 2) * stride + k], p[(WAY + 2) * stride + k]
-    return x, y, z, u, v, w, p[REACH_OF_LINE * stride + k]
+    k = k * LINE
+    return p[k], p[k + 1], p[k + 2], p[k + WAY], p[k + WAY + 1], p[k + WAY + 2], p[k + REACH_OF_LINE]
 
 
 @jit
-def shifted(line, sx, sy):
-    """Return the same line in another image."""
-    x, y, z, u, v, w, reach = line
-    return x + sx, y + sy, z, u, v, w, reach
+def boxes(s):
+    """Edges of the box in the units of lines; what lies between walls has no other image."""
+    unit = s.number[LINE_UNIT]
+    return (
+        np.float32(s.number[BOX] * unit),
+        np.float32(s.number[BOX + 1] * unit),
+        np.float32(s.number[BOX + 2] * unit),
+    )
 
 
 @rough
-def compare(p, stride, k, line):
-    """B = r.v, v.v, and r.r less the squared contact distance, of line k against the one given."""
+def compare(p, stride, k, code, line, edges):
+    """B = r.v, v.v, and r.r less the squared contact distance, of line k against the one given in this image."""
     x, y, z, u, v, w, reach = line
-    dx, du = p[PLACE * stride + k] - x, p[WAY * stride + k] - u
-    dy, dv = p[(PLACE + 1) * stride + k] - y, p[(WAY + 1) * stride + k] - v
+    ex, ey, ez = edges
+    dx = (p[k] - x) - np.float32((code & 3) - 1) * ex
+    dy = (p[stride + k] - y) - np.float32(((code >> 2) & 3) - 1) * ey
+    du = p[WAY * stride + k] - u
+    dv = p[(WAY + 1) * stride + k] - v
     rr = dx * dx + dy * dy
     b = dx * du + dy * dv
     vv = du * du + dv * dv
     if DIM == 3:
-        dz, dw = p[(PLACE + 2) * stride + k] - z, p[(WAY + 2) * stride + k] - w
+        dz = (p[2 * stride + k] - z) - np.float32((code >> 4) - 1) * ez
+        dw = p[(WAY + 2) * stride + k] - w
         rr += dz * dz
         b += dz * dw
         vv += dw * dw
@@ -77,53 +87,48 @@ def may_meet(b, vv, c, since):
 
 
 @jit
-def counts(j, i, other):
-    """Whether a line of j that the rows hold still counts for i, which has just met `other`."""
-    return (other == ALL) | ((j != i) & (j != other))
-
-
-@jit
-def meet_run(s, stride, first, last, i, other, line, since):
-    """Compare i's line with those of the rows from `first` to `last`, and note those that it may meet.
-
-    Unless `other` is ALL, i and `other` have just changed and what the rows have of them no longer counts.
-    """
-    p, ids = s.lines, s.line_ids
-    own, partner = np.int32(i), np.int32(other)
-    for block in range(first, last, LINE_LANES):
+def examine(s, m, i, line, edges, since):
+    """Compare i's line with those whose bounds it overlaps, the first m of the table, and note those that it may meet."""
+    for block in range(0, m, LINES):
+        turn_rows(s.near_lines, 0, LINES, s.lines, s.near, block)
         met = False
-        for k in range(block, block + LINE_LANES):
-            b, vv, c = compare(p, stride, k, line)
-            met |= may_meet(b, vv, c, since) & counts(ids[k], own, partner)
+        for k in range(LINES):
+            b, vv, c = compare(s.near_lines, LINES, k, s.near_codes[block + k], line, edges)
+            meets = may_meet(b, vv, c, since) & (block + k < m)
+            met |= meets
+            s.met[k] = 1 if meets else 0
+            s.met_when[k] = min(max(-b / (vv + TINY), since), ONE)
         if met:
-            for k in range(LINE_LANES):
-                b, vv, c = compare(p, stride, block + k, line)
-                s.met[k] = 1 if may_meet(b, vv, c, since) & counts(ids[block + k], own, partner) else 0
-                s.met_when[k] = min(max(-b / (vv + TINY), since), ONE)
-            m = s.counter[MEETINGS]
-            if m + LINE_LANES > s.counter[MEETING_ROOM]:
-                s.counter[SHORT_QUEUE] = 1
-                return
-            for k in range(min(LINE_LANES, last - block)):
-                s.meeting_i[m] = i
-                s.meeting_j[m] = ids[block + k]
-                s.meeting_when[m] = s.met_when[k]
-                m += s.met[k]
-            s.counter[MEETINGS] = m
+            note_meetings(s, i, block)
 
 
 @jit
-def meet_line(s, p, ids, k, i, line, since):
+def note_meetings(s, i, block):
+    """Note those of eight lines that i's line may meet."""
+    m = s.counter[MEETINGS]
+    if m + LINES > s.counter[MEETING_ROOM]:
+        s.counter[SHORT_QUEUE] = 1
+        return
+    for k in range(LINES):
+        s.meeting_i[m] = i
+        s.meeting_j[m] = s.line_words[s.near[block + k] * LINE + WHOSE]
+        s.meeting_when[m] = s.met_when[k]
+        m += s.met[k]
+    s.counter[MEETINGS] = m
+
+
+@jit
+def meet_line(s, p, words, k, code, i, line, edges, since):
     """Compare i's line with one that stands alone, and note it if they may meet."""
-    b, vv, c = compare(p, 1, k * LINE, line)
+    b, vv, c = compare(p, 1, k * LINE, code, line, edges)
     m = s.counter[MEETINGS]
     if m == s.counter[MEETING_ROOM]:
         s.counter[SHORT_QUEUE] = 1
         return
     s.meeting_i[m] = i
-    s.meeting_j[m] = ids[k]
+    s.meeting_j[m] = words[k * LINE + WHOSE]
     s.meeting_when[m] = min(max(-b / (vv + TINY), since), ONE)
-    s.counter[MEETINGS] = m + (1 if may_meet(b, vv, c, since) & (ids[k] != i) else 0)
+    s.counter[MEETINGS] = m + (1 if may_meet(b, vv, c, since) else 0)
 
 
 @part

@@ -39,6 +39,7 @@ from .layout import (
     N,
     pointers,
 )
+from .line_cells import withdraw
 from .neighbours import make_all_lists, renew_list
 from .prediction import next_event
 from .windows import follow, open_window
@@ -165,16 +166,17 @@ def execute_candidate(s, c, time):
         return
     i, partner = partners(s, c)
     keep_clock(s, time)
-    changed = 2
+    changed = 1
+    withdraw(s, i)
     if partner < s.counter[N]:
         collide_pair(s, i, partner, time)
+        withdraw(s, partner)
+        changed = 2
     elif WALLS:
         hit_wall(s, i, partner, time)
-        partner = -1
-        changed = 1
     for _ in range(changed):
-        follow(s, i, partner, time)
-        i, partner = partner, i
+        follow(s, i, time)
+        i = partner
 
 
 @jit

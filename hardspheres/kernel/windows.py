@@ -2,10 +2,11 @@
 
 In a window every flight is a known straight line, and few lines come near another. Each line is registered once, in the
 cell that holds its middle (fast particles in several pieces, so that no piece reaches further than half a cell less a
-contact distance), and compared with the lines of the cells around: do the two come within contact during the window?
-That filter (`lines`, `rows`) runs in single precision with a safe margin; whatever passes it is computed exactly from the
-rows, so the filter never enters the trajectory. True contacts become candidates (`candidates`). A particle that has collided
-gets a new line, which is compared with those around it and then chained to the rows that it belongs to.
+contact distance), and compared with the lines of the cells around (`line_cells`): first their bounds, in 16 bits, then whether
+the two come within contact during the window (`lines`). These filters run with a safe margin; whatever passes them is computed
+exactly from the rows, so the filters never enter the trajectory. True contacts become candidates (`candidates`). A particle that
+has collided gets a new line, which is compared with those around it and then takes the place of the old one, or is chained to
+those of its cell (`chains`).
 
 There are no events but collisions: nothing is done for particles that nobody meets, except to register them.
 """
@@ -13,29 +14,36 @@ There are no events but collisions: nothing is done for particles that nobody me
 import numpy as np
 
 from .candidates import note_wall
-from .chains import chain_draft, meet_chain
+from .chains import chain_at, chain_draft, clear_chains, meet_chains
 from .chunks import clear_buckets
-from .compiler import jit, part, prefetch
+from .compiler import jit, part
+from .drafts import lone_draft, pieces_of, write_draft
 from .flags import DIM, SIZES, WALLS
 from .large import chain_large, clear_large, is_large, meet_large, meet_small
 from .layout import (
     AGENDA_LENGTH,
-    BEYOND_CACHE,
     BUCKET,
     CANDIDATES,
     CELLS,
     HALF_WINDOW,
     LARGE,
-    LINE_LANES,
-    LINE_ROOM,
     MIDDLE,
     NODES,
     SHORT_LISTS,
     SHORT_QUEUE,
     WINDOW_BUCKETS,
 )
-from .lines import ALL, LINE, ZERO, line_at, shifted, solve_meetings
-from .rows import ALWAYS, around, draft_line, meet_all, meet_rows, pieces_of, register_all, row_at
+from .line_cells import (
+    ALWAYS,
+    SEVERAL,
+    around,
+    column_at,
+    meet_all,
+    meet_column,
+    register_all,
+    replace_line,
+)
+from .lines import SAME, boxes, examine, line_at, solve_meetings
 
 
 @jit
@@ -49,6 +57,7 @@ def open_window(s, cells, chunks):
     clear_buckets(s, s.counter[WINDOW_BUCKETS], chunks)
     begin = s.counter[BUCKET] // s.counter[WINDOW_BUCKETS] * (2.0 * s.number[HALF_WINDOW])
     s.number[MIDDLE] = begin + s.number[HALF_WINDOW]
+    clear_chains(s)
     register_all(s, cells, begin)
     if s.counter[SHORT_LISTS]:
         return
@@ -64,25 +73,27 @@ def register_large(s, begin):
     """Hang the lines of all large particles in the coarse grid, compared with all small ones and with each other."""
     clear_large(s)
     duration = 2.0 * s.number[HALF_WINDOW]
-    for k in range(s.counter[LARGE]):
-        i = int(s.large[k])
+    k = lone_draft(s)
+    for a in range(s.counter[LARGE]):
+        i = int(s.large[a])
+        s.where[i] = SEVERAL
         if WALLS:
             note_wall(s, i)
         pieces = pieces_of(s, i, duration)
         for p in range(pieces):
             time = begin + duration * (p + 0.5) / pieces
-            draft_line(s, s.draft, 0, i, time, pieces)
-            line = line_at(s.draft, 1, 0)
-            meet_small(s, i, ALL, line, time, ALWAYS)
+            write_draft(s, k, i, time, duration, pieces)
+            line = line_at(s.drafts, k)
+            meet_small(s, i, k, line, time, ALWAYS)
             meet_large(s, i, line, time, ALWAYS)
-            chain_large(s, i, time, p == 0)
+            chain_large(s, i, k, time, p == 0)
     if s.counter[SHORT_LISTS]:
         s.counter[NODES] = 0  # more lines than there is room for, and none that was replaced
 
 
 @jit
-def follow(s, i, other, now):
-    """Find what happens to i, which has just met another particle (or -1, a wall), in the rest of the window, and chain its new line to its rows."""
+def follow(s, i, now):
+    """Find what happens to i, whose row has just changed, in the rest of the window, and register its new line."""
     if WALLS:
         note_wall(s, i)
     middle, half = s.number[MIDDLE], s.number[HALF_WINDOW]
@@ -91,64 +102,41 @@ def follow(s, i, other, now):
         return
     since = np.float32((now - middle) / half - 1e-5)
     pieces = pieces_of(s, i, duration)
+    k = lone_draft(s)
     for p in range(pieces):
         time = now + duration * (p + 0.5) / pieces
-        x, y, z = draft_line(s, s.draft, 0, i, time, pieces)
-        line = line_at(s.draft, 1, 0)
+        x, y, z = write_draft(s, k, i, time, duration, pieces)
+        line = line_at(s.drafts, k)
         large = is_large(s, i)
         if large:
-            meet_small(s, i, other, line, time, since)
+            meet_small(s, i, k, line, time, since)
         else:
-            meet_around(s, i, other, line, x, y, z, since)
+            meet_around(s, i, k, line, x, y, z, since)
         if SIZES:
             meet_large(s, i, line, time, since)
         solve_meetings(s)
         if large:
-            chain_large(s, i, time, p == 0)
-            continue
-        chain_draft(s, i, row_at(s, x, y, z), ZERO)
-        if DIM == 3:
-            for step in range(-1, 2, 2):
-                beside, shift = around(s, z + step, 2, CELLS)
-                if beside >= 0:
-                    chain_draft(s, i, row_at(s, x, y, beside), -shift)
+            chain_large(s, i, k, time, p == 0)
+        elif pieces > 1 or not replace_line(s, i, k):
+            chain_draft(s, k, chain_at(s, x, y, z))
 
 
 @jit
-def meet_around(s, i, other, line, cx, cy, cz, since):
-    """Compare a new line with all lines of its cell and the cells around."""
-    if s.counter[BEYOND_CACHE]:
-        fetch_around(s, cx, cy, cz)
-    for kx in range(cx - 1, cx + 2):
-        x, sx = around(s, kx, 0, CELLS)
-        if x >= 0:
-            row = row_at(s, x, 0, cz)
-            meet_rows(s, row, cy, i, other, shifted(line, -sx, ZERO), since)
-            for ky in range(cy - 1, cy + 2):
-                y, sy = around(s, ky, 1, CELLS)
-                if y >= 0:
-                    meet_chain(s, row + y, i, shifted(line, -sx, -sy), since)
-
-
-@jit
-def fetch_lines(s, row):
-    """Have in the cache the first lines of a row, and those after them."""
-    for column in range(LINE - 1):
-        if DIM == 3 or not (column == 2 or column == 5):
-            first = column * s.counter[LINE_ROOM] + s.row_start[row]
-            prefetch(s.lines, first)
-            prefetch(s.lines, first + LINE_LANES)
-
-
-@jit
-def fetch_around(s, cx, cy, cz):
-    """Have in the cache the lines around a cell, and the first of those chained to its rows."""
-    for kx in range(cx - 1, cx + 2):
-        x, _ = around(s, kx, 0, CELLS)
-        if x >= 0:
-            row = row_at(s, x, 0, cz)
-            fetch_lines(s, row + max(cy - 1, 0))
-            for ky in range(cy - 1, cy + 2):
-                y, _ = around(s, ky, 1, CELLS)
-                if y >= 0:
-                    prefetch(s.nodes, s.row_chain[row + y] * LINE)
+def meet_around(s, i, k, line, cx, cy, cz, since):
+    """Compare a new line, draft k, with all lines of its cell and the cells around."""
+    edges = boxes(s)
+    ny = s.counter[CELLS + 1]
+    m = 0
+    for ox in range(-1, 2):
+        x, image_x = around(s, cx + ox, 0, CELLS)
+        for oz in range(-1 if DIM == 3 else 0, 2 if DIM == 3 else 1):
+            z, image_z = around(s, cz + oz, 2, CELLS)
+            if x >= 0 and z >= 0:
+                code = SAME + image_x + image_z
+                m = meet_column(s, m, s.draft_bounds, k, column_at(s, x, z), cy, code, i, line, edges, since)
+                meet_chains(s, x, z, max(cy - 1, 0), min(cy + 1, ny - 1), code, i, line, edges, since)
+                if cy == 0 or cy == ny - 1:
+                    beyond, image_y = around(s, cy - 1 if cy == 0 else cy + 1, 1, CELLS)
+                    if beyond >= 0:
+                        meet_chains(s, x, z, beyond, beyond, code + image_y, i, line, edges, since)
+    examine(s, m, i, line, edges, since)

@@ -1,0 +1,291 @@
+"""The grid of the window method: all lines sorted by cells, and who among them comes near a line.
+
+A line stands in the cell that holds its middle, and reaches no further than half a cell beyond. Cells follow each other in y, so
+the lines around a cell stand in nine runs (in 2D three), one for each column of cells along y. Runs are compared by the bounds of
+lines, 16 at a time (`compiler.keep_overlapping`): a run may well be overstepped, since what stands there overlaps nothing.
+Those that are left are compared as lines (`lines`). To meet each pair once, a line meets all that stand behind it in its own and
+the following cell, and four of the columns around.
+
+A particle that has collided has a new line. It takes the place of the old one where it reaches no further beyond that cell than
+lines may; otherwise it is chained to those of its cell (`chains`).
+"""
+
+import numpy as np
+
+from .candidates import note_wall
+from .compiler import AT_ONCE, jit, keep_overlapping, part, prefetch
+from .drafts import cell_at, column_at, pieces_of, write_draft
+from .flags import DIM, SIZES, WALLS
+from .layout import (
+    BUCKET,
+    CELLS,
+    GRID_EDGE,
+    GRID_HALF,
+    GRID_REACH,
+    HALF_WINDOW,
+    INVERSE,
+    LARGE,
+    LINE_ROOM,
+    MEETING_ROOM,
+    MEETINGS,
+    MIDDLE,
+    NEAR_ROOM,
+    REGISTERED,
+    ROW,
+    SHORT_LISTS,
+    N,
+)
+from .lines import (
+    BOUNDS,
+    CELL,
+    IMAGE,
+    LINE,
+    LOW,
+    NEGATED_HIGH,
+    SAME,
+    WHOSE,
+    boxes,
+    examine,
+    line_at,
+    solve_meetings,
+)
+
+ALWAYS = np.float32(-1.00001)  # from the beginning of the window
+AHEAD = 12  # particles from here to that whose row is fetched
+SEVERAL = -1  # slots of a flight in pieces, which has many
+SEEN = -2  # the same, and it has its place in the order
+NOWHERE = 32767  # low end of what overlaps nothing
+
+
+@jit
+def in_cells(s):
+    """How many particles stand in the cells: all but the large ones (`large`)."""
+    return s.counter[N] - s.counter[LARGE] if SIZES else s.counter[N]
+
+
+@jit
+def at_edge(s, x, y, z):
+    """Whether a cell lies at a wall: flights in one piece whose middle is in another cell reach none."""
+    edge = False
+    for d in range(DIM):
+        cell = x if d == 0 else (y if d == 1 else z)
+        edge |= (s.number[INVERSE + d] == 0.0) & ((cell == 0) | (cell == s.counter[CELLS + d] - 1))
+    return edge
+
+
+@jit
+def count_lines(s, begin, duration):
+    """Draft the lines of all particles, count those of each cell, and find who meets a wall.
+
+    A flight in several pieces is drafted later.
+    """
+    n = in_cells(s)
+    total = n
+    for m in range(n):
+        i = int(s.order[m])
+        prefetch(s.row, s.order[min(m + AHEAD, n - 1)] * ROW)
+        pieces = pieces_of(s, i, duration)
+        if pieces == 1:
+            x, y, z = write_draft(s, m, i, s.number[MIDDLE], duration, 1)
+            cell = cell_at(s, x, y, z)
+            s.where[i] = cell
+            s.cell_count[cell] += 1
+            if WALLS and at_edge(s, x, y, z):
+                note_wall(s, i)
+        else:
+            if WALLS:
+                note_wall(s, i)
+            s.where[i] = -pieces
+            total += pieces - 1
+            for p in range(pieces):
+                x, y, z = write_draft(s, m, i, begin + duration * (p + 0.5) / pieces, duration, pieces)
+                s.cell_count[cell_at(s, x, y, z)] += 1
+    return total
+
+
+@jit
+def copy_draft(s, k, slot, cell):
+    """Copy a draft to a slot."""
+    for a in range(LINE):
+        s.lines[slot * LINE + a] = s.drafts[k * LINE + a]
+    for a in range(6):
+        s.bounds[slot * BOUNDS + a] = s.draft_bounds[k * BOUNDS + a]
+    s.bound_words[slot * (BOUNDS // 2) + CELL] = cell
+
+
+@jit
+def insert_draft(s, k, cell):
+    """Copy a draft to the lines of its cell, the last free slot first; returns the slot."""
+    slot = s.cell_count[cell] - 1
+    s.cell_count[cell] = slot
+    copy_draft(s, k, slot, cell)
+    return slot
+
+
+@jit
+def sort_lines(s, cells, begin, duration):
+    """Bring the lines into the order of their cells; `cell_count` then tells where each cell begins."""
+    end = 0
+    for cell in range(cells):
+        end += s.cell_count[cell]
+        s.cell_count[cell] = end
+    s.cell_count[cells] = end
+    for m in range(in_cells(s)):
+        i = int(s.order[m])
+        cell = int(s.where[i])
+        if cell >= 0:
+            s.where[i] = insert_draft(s, m, cell)
+        else:
+            s.where[i] = SEVERAL
+            pieces = -cell
+            for p in range(pieces):
+                x, y, z = write_draft(s, m, i, begin + duration * (p + 0.5) / pieces, duration, pieces)
+                insert_draft(s, m, cell_at(s, x, y, z))
+
+
+@part
+def register_all(s, cells, begin):
+    """Sort all lines into cells; SHORT_LISTS tells if there was no room."""
+    duration = 2.0 * s.number[HALF_WINDOW]
+    for cell in range(cells):
+        s.cell_count[cell] = 0
+    total = count_lines(s, begin, duration)
+    s.counter[REGISTERED] = total
+    if total > s.counter[LINE_ROOM]:
+        s.counter[SHORT_LISTS] = 1
+        return
+    sort_lines(s, cells, begin, duration)
+    if s.counter[BUCKET] == 0:
+        keep_order(s)
+
+
+@part
+def keep_order(s):
+    """Go through the particles in the order of their cells from now on: it saves waiting for memory, and changes nothing else."""
+    m = 0
+    for slot in range(s.counter[REGISTERED]):
+        i = int(s.line_words[slot * LINE + WHOSE])
+        if s.where[i] == slot or s.where[i] == SEVERAL:
+            s.order[m] = i
+            m += 1
+            if s.where[i] == SEVERAL:
+                s.where[i] = SEEN
+
+
+@jit
+def around(s, cell, d, grid):
+    """Index of a cell of a grid that may lie beyond the box's edge, -1 where there is none, and the image seen there."""
+    cells = s.counter[grid + d]
+    if 0 <= cell < cells:
+        return cell, 0
+    if s.number[INVERSE + d] == 0.0:
+        return -1, 0
+    if cell < 0:
+        return cell + cells, IMAGE[d]
+    return cell - cells, -IMAGE[d]
+
+
+@jit
+def meet_run(s, m, bounds, k, first, last, code, i, line, edges, since):
+    """Add to the table, which has m lines, those from `first` to `last` whose bounds overlap bounds k in this image; returns how many it has.
+
+    A full table is emptied: its lines are compared with i's.
+    """
+    for slot in range(first, last, AT_ONCE):
+        m = keep_overlapping(s.near, s.near_codes, m, bounds, k, s.bounds, slot, s.image_shifts, code)
+        if m > s.counter[NEAR_ROOM]:
+            examine(s, m, i, line, edges, since)
+            m = 0
+    return m
+
+
+@jit
+def meet_column(s, m, bounds, k, column, y, code, i, line, edges, since):
+    """Do so with the cells from y - 1 to y + 1 of a column."""
+    ny = s.counter[CELLS + 1]
+    first, last = s.cell_count[column + max(y - 1, 0)], s.cell_count[column + min(y + 1, ny - 1) + 1]
+    m = meet_run(s, m, bounds, k, first, last, code, i, line, edges, since)
+    if y == 0 or y == ny - 1:
+        m = meet_beyond(s, m, bounds, k, column, y, -1, code, i, line, edges, since)
+        m = meet_beyond(s, m, bounds, k, column, y, 1, code, i, line, edges, since)
+    return m
+
+
+@jit
+def meet_beyond(s, m, bounds, k, column, y, step, code, i, line, edges, since):
+    """Do so with the cell at y + step of a column, if that lies on the other side of the box."""
+    beside, image = around(s, y + step, 1, CELLS)
+    if beside < 0 or image == 0:
+        return m
+    first, last = s.cell_count[column + beside], s.cell_count[column + beside + 1]
+    return meet_run(s, m, bounds, k, first, last, code + image, i, line, edges, since)
+
+
+@part
+def meet_all(s):
+    """Compare all lines with those of the same and the neighbouring cells, each pair once."""
+    nx, ny, nz = s.counter[CELLS], s.counter[CELLS + 1], s.counter[CELLS + 2]
+    edges = boxes(s)
+    for x in range(nx):
+        for z in range(nz):
+            own = column_at(s, x, z)
+            for y in range(ny):
+                behind = s.cell_count[own + min(y + 2, ny)]
+                for k in range(s.cell_count[own + y], s.cell_count[own + y + 1]):
+                    i = int(s.line_words[k * LINE + WHOSE])
+                    line = line_at(s.lines, k)
+                    m = meet_run(s, 0, s.bounds, k, k + 1, behind, SAME, i, line, edges, ALWAYS)
+                    if y == ny - 1:
+                        m = meet_beyond(s, m, s.bounds, k, own, y, 1, SAME, i, line, edges, ALWAYS)
+                    for step in range(4 if DIM == 3 else 1):
+                        kx, image_x = around(s, x + (1 if DIM == 2 or step > 0 else 0), 0, CELLS)
+                        kz, image_z = around(
+                            s, z + (step - 2 if step > 0 else 1) if DIM == 3 else 0, 2, CELLS
+                        )
+                        if kx >= 0 and kz >= 0:
+                            column = column_at(s, kx, kz)
+                            m = meet_column(
+                                s, m, s.bounds, k, column, y, SAME + image_x + image_z, i, line, edges, ALWAYS
+                            )
+                    examine(s, m, i, line, edges, ALWAYS)
+                if 2 * s.counter[MEETINGS] > s.counter[MEETING_ROOM]:
+                    solve_meetings(s)
+    solve_meetings(s)
+
+
+@jit
+def withdraw(s, i):
+    """Take the line away that i had."""
+    slot = s.where[i]
+    if slot >= 0:
+        s.bounds[slot * BOUNDS + LOW] = NOWHERE
+
+
+@jit
+def fits(s, k, cell):
+    """Whether a draft reaches no further beyond a cell than lines may."""
+    column = cell // s.counter[CELLS + 1]
+    y = cell - column * s.counter[CELLS + 1]
+    x = column // s.counter[CELLS + 2]
+    z = column - x * s.counter[CELLS + 2]
+    inside = True
+    for d in range(DIM):
+        place = x if d == 0 else (y if d == 1 else z)
+        first = place * s.number[GRID_EDGE + d] - s.number[GRID_HALF + d] - s.number[GRID_REACH + d]
+        last = first + s.number[GRID_EDGE + d] + 2.0 * s.number[GRID_REACH + d]
+        low, high = s.draft_bounds[k * BOUNDS + LOW + d], -s.draft_bounds[k * BOUNDS + NEGATED_HIGH + d]
+        inside &= (low >= first) & (high <= last)
+    return inside
+
+
+@jit
+def replace_line(s, i, k):
+    """Put draft k in the place of i's old line, if it reaches no further; otherwise that place stays empty."""
+    slot = s.where[i]
+    if slot < 0:
+        return False
+    cell = s.bound_words[slot * (BOUNDS // 2) + CELL]
+    if not fits(s, k, cell):
+        return False
+    copy_draft(s, k, slot, cell)
+    return True
