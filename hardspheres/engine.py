@@ -28,6 +28,7 @@ from hardspheres.tuning import (
 EVENTS_PER_BUCKET = {False: 8, True: 32}  # more of them, where what they need is fetched ahead
 CACHED = 16000  # particles that the processor's own caches hold
 MOST_ENTRIES = 2**31 - 1  # of a table: its places are kept in 32 bits
+UNITS = 60  # of the bounds of lines in a cell, see `kernel.lines`
 LINE_MARGIN = 1e-4  # in cells, of boxes that are not many cells long: single precision is off by a few 1e-6
 
 
@@ -39,19 +40,15 @@ def aligned(size: int, dtype: type) -> Any:
     return raw[start : start + size * itemsize].view(dtype)
 
 
-def grid_units(cells: Any) -> Any:
-    """Edges of the box in the units of the bounds of lines: with a cell more on each side they fill 16 bits. Even numbers."""
-    return 2.0 * np.floor(32768.0 * cells / (cells + 2.0))
-
-
-def image_shifts(cells: Any) -> Any:
-    """Return half of how far bounds are shifted in each image: minus, no, or plus a box along each axis (two bits of its code)."""
-    shifts = aligned(64 * 8, np.int16).reshape(64, 8)
-    for d, units in enumerate(grid_units(cells).tolist()):
-        for code in range(64):
-            half = min((code >> 2 * d & 3) - 1, 1) * units / 2.0
-            shifts[code, d], shifts[code, d + 3] = half, -half
-    return shifts.ravel()
+def image_shifts(cells: Any, units: int) -> Any:
+    """Return how far bounds are shifted in each image: minus, no, or plus a box along each axis (two bits of the image's code)."""
+    shifts = aligned(64, np.int64)
+    ends = shifts.view(np.uint8).reshape(64, 8)
+    for code in range(64):
+        for d, number in enumerate(cells.tolist()):
+            box = units * number * min((code >> 2 * d & 3) - 1, 1)
+            ends[code, d], ends[code, d + 3] = box % 256, -box % 256
+    return shifts
 
 
 class Engine:
@@ -217,12 +214,8 @@ class Engine:
         count[at.LINE_ROOM] = n + n // 4 + 1024
         count[at.NODE_ROOM] = n // 3 + 1024
         count[at.NEAR_ROOM] = 256
-        dim = scene.dim
-        units = grid_units(np.array(plan.cells))
-        number[at.GRID : at.GRID + dim] = units / scene.box
-        number[at.GRID_HALF : at.GRID_HALF + dim] = 0.5 * units
-        number[at.GRID_EDGE : at.GRID_EDGE + dim] = units / plan.cells
-        number[at.GRID_REACH : at.GRID_REACH + dim] = (plan.stretch + plan.small_radius) * units / scene.box
+        reach = (plan.stretch + plan.small_radius) * UNITS * np.array(plan.cells) / scene.box
+        count[at.REACH_OF_BOUNDS : at.REACH_OF_BOUNDS + scene.dim] = reach
         count[at.CANDIDATE_ROOM] = n // 2 + 1024
         self.chunks = buckets + n // 8 + 256
         count[at.MEETING_ROOM] = 1024
@@ -263,7 +256,7 @@ class Engine:
         listed = n * room * (1 + dim * int(count[at.IMAGES])) + places * (1 + at.CELL_COLUMNS)
         needed = (
             4 * listed
-            + 48 * (lines + n * windows)
+            + 44 * (lines + n * windows)
             + 36 * nodes
             + 32 * candidates
             + 64 * chunks
@@ -274,14 +267,8 @@ class Engine:
             "drafts": aligned(8 * (n * windows + 1), np.float32),
             "lines": aligned(8 * (lines + 1), np.float32),
             "nodes": aligned(8 * nodes + 1, np.float32),
-            "draft_bounds": aligned(8 * (n * windows + 1), np.int16),
-            "bounds": aligned(8 * (lines + 16), np.int16),
         }
-        words = {
-            name[:-1] + "_words": array.view(np.int32)
-            for name, array in of_lines.items()
-            if name != "draft_bounds"
-        }
+        words = {name[:-1] + "_words": array.view(np.int32) for name, array in of_lines.items()}
         return {
             **of_lines,
             **words,
@@ -299,7 +286,12 @@ class Engine:
             "agenda_entry": np.zeros(agenda, dtype=np.int64),
             "order": np.setdiff1d(np.arange(n * windows, dtype=np.int32), self.large),
             "large": np.append(self.large, 0).astype(np.int32),
-            "image_shifts": image_shifts(count[at.CELLS : at.CELLS + dim]),
+            "draft_bounds": aligned(n * windows + 1, np.int64),
+            "bounds": aligned(lines + 16, np.int64),
+            "cell_of_line": np.zeros(lines + 1, dtype=np.int32),
+            "columns": np.zeros(4, dtype=np.int32),
+            "column_codes": np.zeros(4, dtype=np.int32),
+            "image_shifts": image_shifts(count[at.CELLS : at.CELLS + dim], UNITS),
             "near": aligned(int(count[at.NEAR_ROOM]) + 32, np.int32),
             "near_codes": aligned(int(count[at.NEAR_ROOM]) + 32, np.int32),
             "near_lines": aligned(64, np.float32),

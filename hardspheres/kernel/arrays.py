@@ -39,12 +39,14 @@ class Arrays(NamedTuple):
     large: object  # int32: those that are in the coarse grid
     drafts: object  # float32 ((n + 1) * LINE): lines before they are sorted, and the latest new line
     draft_words: object  # the same memory as int32
-    draft_bounds: object  # int16 ((n + 1) * BOUNDS)
+    draft_bounds: object  # int64 (n + 1)
     lines: object  # float32 (LINE_ROOM * LINE): sorted by cells
     line_words: object  # the same memory as int32
-    bounds: object  # int16 ((LINE_ROOM + AT_ONCE) * BOUNDS): of the boxes that hold the lines, see `lines`
-    bound_words: object  # the same memory as int32
-    image_shifts: object  # int16 (64 * BOUNDS): half of how far bounds are shifted in each image
+    bounds: object  # int64 (LINE_ROOM + AT_ONCE): of the boxes that hold the lines, see `lines`
+    cell_of_line: object  # int32 (LINE_ROOM)
+    image_shifts: object  # int64 (64): how far bounds are shifted in each image
+    columns: object  # int32 (4): columns of cells beside one
+    column_codes: object  # int32 (4): and the images seen there
     near: object  # int32 (NEAR_ROOM + 2 * AT_ONCE): slots of lines whose bounds overlap those of one line
     near_codes: object  # int32, the same: in which image
     near_lines: object  # float32 (LINE * LINES): eight of them, column by column

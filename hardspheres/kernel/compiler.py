@@ -145,13 +145,19 @@ if PURE_PYTHON or CHECKED:
         return least
 
     @numba.njit
-    def keep_overlapping(kept, codes, m, bounds, k, those, first, shifts, code):
-        """Append to `kept` which of 16 bounds of `those` overlap bounds k in this image, and the image; returns how many are kept."""
-        for j in range(first, first + AT_ONCE):
+    def copy_lanes(target, k, source, m):
+        """Copy 8 elements, one by one."""
+        for lane in range(8):
+            target[k + lane] = source[m + lane]
+
+    @numba.njit
+    def keep_overlapping(kept, codes, m, word, those, first, last, shift, code):
+        """Append to `kept` which of those from `first` to `last`, at most 16, have bounds that overlap `word`; returns how many it has."""
+        for j in range(first, min(first + AT_ONCE, last)):
             overlap = True
             for lane in range(6):
-                far = -bounds[8 * k + (lane + 3) % 6] + 2 * shifts[8 * code + lane]
-                overlap = overlap and those[8 * j + lane] <= min(max(far, -32768), 32767)
+                own, other = word >> 8 * ((lane + 3) % 6), those[j] >> 8 * lane
+                overlap = overlap and (((shift >> 8 * lane) - own - other) & 255) < 128
             kept[m], codes[m] = j, code
             m += 1 if overlap else 0
         return m
@@ -218,71 +224,76 @@ else:
         return types.int64(keys, types.int64, values, types.int64, types.int64), codegen
 
     @intrinsic
-    def keep_overlapping(typingctx, kept, codes, m, bounds, k, those, first, shifts, code):
-        """Append to `kept` which of 16 bounds of `those` overlap bounds k in this image, and the image; returns how many are kept.
+    def copy_lanes(typingctx, target, k, source, m):
+        """Copy 8 elements as one vector; arrays may begin anywhere, but must not overlap."""
 
-        Bounds are 8 int16: the low ends along x, y, z, the high ends negated, and two that may be anything. Two boxes overlap
-        where no low end of the one is above a high end of the other. No branch depends on it.
+        def codegen(context, builder, signature, args):
+            element = context.get_data_type(source.dtype)
+            vector = ir.VectorType(element, 8).as_pointer()
+            size = context.get_abi_sizeof(element)
+            whole = builder.load(builder.bitcast(builder.gep(args[2], [args[3]]), vector), align=size)
+            builder.store(whole, builder.bitcast(builder.gep(args[0], [args[1]]), vector), align=size)
+            return context.get_dummy_value()
+
+        return types.none(target, types.int64, source, types.int64), codegen
+
+    @intrinsic
+    def keep_overlapping(typingctx, kept, codes, m, word, those, first, last, shift, code):
+        """Append to `kept` which of those from `first` to `last`, at most 16, have bounds that overlap `word`; returns how many it has.
+
+        Bounds are 6 bytes, see `lines`; `shift` and `code` are of the image in which `word` is seen. No branch depends on it.
         """
 
         def codegen(context, builder, signature, args):
-            kept, codes, m, bounds, k, those, first, shifts, code = args
-            short, word, long = ir.IntType(16), ir.IntType(32), ir.IntType(64)
-
-            def vector(element, n):
-                return ir.VectorType(element, n)
+            kept, codes, m, word, those, first, last, shift, code = args
+            byte, short, int32, int64 = (ir.IntType(k) for k in (8, 16, 32, 64))
 
             def constant(element, numbers):
-                return ir.Constant(vector(element, len(numbers)), numbers)
-
-            def at(p, place, kind):
-                return builder.bitcast(builder.gep(p, [place]), kind.as_pointer())
+                return ir.Constant(ir.VectorType(element, len(numbers)), numbers)
 
             def call(name, result, *values):
                 kind = ir.FunctionType(result, [v.type for v in values])
                 return builder.call(cgutils.get_or_insert_function(builder.module, kind, name), values)
 
-            def spread(x, n):
-                one = builder.insert_element(ir.Constant(vector(x.type, n), ir.Undefined), x, word(0))
-                return builder.shuffle_vector(one, one, constant(word, [0] * n))
+            def spread(x):
+                one = builder.insert_element(
+                    ir.Constant(ir.VectorType(x.type, AT_ONCE), ir.Undefined), x, int32(0)
+                )
+                return builder.shuffle_vector(one, one, constant(int32, [0] * AT_ONCE))
 
-            eight = vector(short, 8)
-            own = builder.load(at(bounds, builder.mul(k, long(8)), eight), align=16)
-            shift = builder.load(at(shifts, builder.mul(code, long(8)), eight), align=16)
-            turned = builder.shuffle_vector(own, own, constant(word, [3, 4, 5, 0, 1, 2, 6, 7]))
-            far = call("llvm.ssub.sat.v8i16", eight, constant(short, [0] * 8), turned)
-            for _ in range(2):  # a whole box may be more than 16 bits hold
-                far = call("llvm.sadd.sat.v8i16", eight, far, shift)
-            anything = constant(ir.IntType(1), [0] * 6 + [1] * 2)
-            far = builder.select(anything, constant(short, [32767] * 8), far)
-            far = builder.shuffle_vector(far, far, constant(word, list(range(8)) * 4))
-            apart = constant(word, [0] * 4)
-            for quarter in range(4):
-                place = builder.mul(builder.add(first, long(4 * quarter)), long(8))
-                four = builder.load(at(those, place, vector(short, 32)), align=16)
-                beyond = builder.bitcast(builder.icmp_signed(">", four, far), word)
-                apart = builder.insert_element(apart, beyond, word(quarter))
-            none = constant(ir.IntType(8), [0] * AT_ONCE)
-            overlap = builder.icmp_signed("==", builder.bitcast(apart, none.type), none)
-            numbers = builder.add(
-                spread(builder.trunc(first, word), AT_ONCE), constant(word, list(range(AT_ONCE)))
+            def put(vector, array):
+                builder.store(
+                    vector, builder.bitcast(builder.gep(array, [m]), vector.type.as_pointer()), align=4
+                )
+
+            words = ir.VectorType(int64, AT_ONCE)
+            eight, all_bytes = ir.VectorType(byte, 8), ir.VectorType(byte, 8 * AT_ONCE)
+            own = builder.bitcast(word, eight)
+            own = builder.shuffle_vector(
+                own, constant(byte, [0] * 8), constant(int32, [3, 4, 5, 0, 1, 2, 8, 8])
             )
-            kind = numbers.type
-            some = call(
-                "llvm.experimental.vector.compress.v16i32",
-                kind,
-                numbers,
-                overlap,
-                constant(word, [0] * AT_ONCE),
+            own = builder.sub(builder.bitcast(shift, eight), own)
+            own = builder.bitcast(spread(builder.bitcast(own, int64)), all_bytes)
+            others = builder.load(builder.bitcast(builder.gep(those, [first]), words.as_pointer()), align=8)
+            gap = builder.bitcast(builder.sub(own, builder.bitcast(others, all_bytes)), words)
+            signs = constant(int64, [-0x7F7F7F7F7F7F7F80] * AT_ONCE)
+            overlap = builder.icmp_signed("==", builder.and_(gap, signs), constant(int64, [0] * AT_ONCE))
+            numbers = builder.add(spread(builder.trunc(first, int32)), constant(int32, list(range(AT_ONCE))))
+            overlap = builder.and_(
+                overlap, builder.icmp_signed("<", numbers, spread(builder.trunc(last, int32)))
             )
-            builder.store(some, at(kept, m, kind), align=4)
-            builder.store(spread(builder.trunc(code, word), AT_ONCE), at(codes, m, kind), align=4)
-            bits_of = builder.zext(builder.bitcast(overlap, short), long)
-            return builder.add(m, call("llvm.ctpop.i64", long, bits_of))
+            nothing = constant(int32, [0] * AT_ONCE)
+            put(
+                call("llvm.experimental.vector.compress.v16i32", numbers.type, numbers, overlap, nothing),
+                kept,
+            )
+            put(spread(builder.trunc(code, int32)), codes)
+            return builder.add(
+                m, call("llvm.ctpop.i64", int64, builder.zext(builder.bitcast(overlap, short), int64))
+            )
 
         integer = types.int64
-        signature = integer(kept, codes, integer, bounds, integer, those, integer, shifts, integer)
-        return signature, codegen
+        return integer(kept, codes, integer, integer, those, integer, integer, integer, integer), codegen
 
 
 def cache_folder(tag: str) -> Path | None:

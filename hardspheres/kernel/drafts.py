@@ -1,7 +1,6 @@
 """Drafts: a flight of the window method as a line, and the bounds of the box that holds it.
 
-The bounds are in 16 bits, so coarse, and rounded outwards: they only spare most pairs a closer look. A box of the scene is
-CELLS + 2 cells wide in them, so that what lies half a cell outside can be told, too.
+The bounds are coarse and rounded outwards: they only spare most pairs a closer look.
 """
 
 import math
@@ -15,8 +14,6 @@ from .layout import (
     CELL_DENSITY,
     CELLS,
     CORE,
-    GRID,
-    GRID_HALF,
     HALF_WINDOW,
     INVERSE,
     LINE_MARGIN,
@@ -30,11 +27,10 @@ from .layout import (
     V,
     X,
 )
-from .lines import BOUNDS, LINE, NEGATED_HIGH, PLACE, REACH_OF_LINE, WAY, WHOSE
+from .lines import BYTE, LINE, PLACE, REACH_OF_LINE, UNITS, WAY, WHOSE
 
 MANY = 1000000  # pieces; more than anybody can need
-OUTWARDS = 2.0  # bounds are rounded by more than a unit
-LEAST, MOST = -32768.0, 32767.0  # bounds
+OUTWARDS = 1e-3  # units that bounds are further out than they must be, because of rounding
 
 
 @jit
@@ -67,7 +63,8 @@ def write_draft(s, k, i, t, duration, pieces):
     on = s.number[MIDDLE] - t
     unit = s.number[LINE_UNIT]
     radius = s.row[ri + RADIUS] if SIZES else s.number[CORE]
-    line, bounds = k * LINE, k * BOUNDS
+    line = k * LINE
+    bounds = 0
     cx, cy, cz = 0, 0, 0
     for d in range(DIM):
         v = s.row[ri + V + d]
@@ -75,10 +72,10 @@ def write_draft(s, k, i, t, duration, pieces):
         x -= s.number[BOX + d] * np.floor(x * s.number[INVERSE + d])  # INVERSE is 0 between walls
         s.drafts[line + PLACE + d] = (x + v * on) * unit
         s.drafts[line + WAY + d] = v * s.number[HALF_WINDOW] * unit
-        middle = x * s.number[GRID + d] - s.number[GRID_HALF + d]
-        half = (0.5 * (duration / pieces) * abs(v) + radius) * s.number[GRID + d] + OUTWARDS
-        s.draft_bounds[bounds + d] = int(max(min(middle - half, MOST), LEAST))
-        s.draft_bounds[bounds + NEGATED_HIGH + d] = int(max(min(-middle - half, MOST), LEAST))
+        density = UNITS * s.number[CELL_DENSITY + d]
+        half = (0.5 * (duration / pieces) * abs(v) + radius) * density + OUTWARDS
+        low, negated_high = np.floor(x * density - half), np.floor(-x * density - half)
+        bounds |= (int(low) & BYTE) << 8 * d | (int(negated_high) & BYTE) << 8 * (d + 3)
         cell = cell_of(s, d, x)
         if d == 0:
             cx = cell
@@ -91,6 +88,7 @@ def write_draft(s, k, i, t, duration, pieces):
         reach += 3e-3 * pieces * s.number[STRETCH] * unit
     s.drafts[line + REACH_OF_LINE] = reach
     s.draft_words[line + WHOSE] = i
+    s.draft_bounds[k] = bounds
     return cx, cy, cz
 
 

@@ -22,6 +22,7 @@ from .layout import (
     LARGE_CELLS,
     LARGE_DENSITY,
     LARGEST,
+    NEAR_ROOM,
     RADIUS,
     ROW,
     SMALL_RADIUS,
@@ -30,7 +31,7 @@ from .layout import (
     V,
     X,
 )
-from .line_cells import around, meet_run
+from .line_cells import around
 from .lines import IMAGE, SAME, boxes, examine
 
 ROUNDED_UP = 1.001  # spans are this much wider than they must be
@@ -56,8 +57,8 @@ def span(s, i, t, d, reach, cells, density):
 
 
 @jit
-def meet_small(s, i, k, line, t, since):
-    """Compare the line of a large particle, draft k, as registered at time t, with those of all small ones within reach."""
+def meet_small(s, i, line, t, since):
+    """Compare the line of a large particle, as registered at time t, with those of all small ones within reach."""
     reach = (s.row[i * ROW + RADIUS] + s.number[SMALL_RADIUS] + 2.0 * s.number[STRETCH]) * ROUNDED_UP
     first_x, last_x = span(s, i, t, 0, reach, CELLS, CELL_DENSITY)
     first_y, last_y = span(s, i, t, 1, reach, CELLS, CELL_DENSITY)
@@ -71,12 +72,12 @@ def meet_small(s, i, k, line, t, since):
         for kz in range(first_z, last_z + 1):
             z, image_z = around(s, kz, 2, CELLS)
             code = SAME + image_x + image_z
-            m = meet_along_y(s, m, k, x, z, first_y, last_y, code, i, line, edges, since)
+            m = meet_along_y(s, m, x, z, first_y, last_y, code, i, line, edges, since)
     examine(s, m, i, line, edges, since)
 
 
 @jit
-def meet_along_y(s, m, k, x, z, first, last, code, i, line, edges, since):
+def meet_along_y(s, m, x, z, first, last, code, i, line, edges, since):
     """Compare with the cells from `first` to `last` of a column, which may lie beyond the box, and with their chains."""
     ny = s.counter[CELLS + 1]
     column = column_at(s, x, z)
@@ -85,7 +86,12 @@ def meet_along_y(s, m, k, x, z, first, last, code, i, line, edges, since):
         if begin <= end:
             image = code - turn * IMAGE[1]
             run, behind = s.cell_count[column + begin], s.cell_count[column + end + 1]
-            m = meet_run(s, m, s.draft_bounds, k, run, behind, image, i, line, edges, since)
+            for slot in range(run, behind):  # bounds tell nothing of boxes that are wider than a cell
+                s.near[m], s.near_codes[m] = slot, image
+                m += 1
+                if m > s.counter[NEAR_ROOM]:
+                    examine(s, m, i, line, edges, since)
+                    m = 0
             meet_chains(s, x, z, begin, end, image, i, line, edges, since)
     return m
 

@@ -52,11 +52,7 @@ LARGE_DENSITY = 32  # coarse cells per length, 3 slots
 MEAN_SQUARE = 35  # mean square speed when this epoch began, where masses differ
 HASTE = 36  # from this mean square speed on epochs are too long
 LEISURE = 37  # below this one they are too short
-GRID = 38  # windows: units of the bounds of lines per length, 3 slots
-GRID_HALF = 41  # half a box in those units, 3 slots
-GRID_EDGE = 44  # a cell in those units, 3 slots
-GRID_REACH = 47  # how far a line may reach beyond its cell in those units, 3 slots
-NUMBERS = 50
+NUMBERS = 38
 FLIGHT_UNITS = NUMBERS  # where FLIGHTS, of each species: 1 / the units of its paths, times, and bins of speed
 
 # Sums since the tallies were reset, float64.
@@ -110,7 +106,8 @@ LOGGED = 39  # events in the log's buffer
 LOG_ROOM = 40  # how many it can hold; 0: there is no log
 KINDS = 41  # species that flights are told apart by
 NEAR_ROOM = 42  # windows: lines that the table of those with overlapping bounds can hold
-COUNTERS = 43
+REACH_OF_BOUNDS = 43  # how far a line may reach beyond its cell, in the units of bounds, 3 slots
+COUNTERS = 46
 
 # Flights, where FLIGHTS. Of a particle, float64:
 FLIGHT = 4 if FLIGHTS else 0
@@ -203,8 +200,10 @@ def pointers(a):
         pointer(a.lines),
         pointer(a.line_words),
         pointer(a.bounds),
-        pointer(a.bound_words),
+        pointer(a.cell_of_line),
         pointer(a.image_shifts),
+        pointer(a.columns),
+        pointer(a.column_codes),
         pointer(a.near),
         pointer(a.near_codes),
         pointer(a.near_lines),

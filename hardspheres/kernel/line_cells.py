@@ -2,8 +2,7 @@
 
 A line stands in the cell that holds its middle, and reaches no further than half a cell beyond. Cells follow each other in y, so
 the lines around a cell stand in nine runs (in 2D three), one for each column of cells along y. Runs are compared by the bounds of
-lines, 16 at a time (`compiler.keep_overlapping`): a run may well be overstepped, since what stands there overlaps nothing.
-Those that are left are compared as lines (`lines`). To meet each pair once, a line meets all that stand behind it in its own and
+lines, 16 at a time (`compiler.keep_overlapping`): Those that are left are compared as lines (`lines`). To meet each pair once, a line meets all that stand behind it in its own and
 the following cell, and four of the columns around.
 
 A particle that has collided has a new line. It takes the place of the old one where it reaches no further beyond that cell than
@@ -13,15 +12,12 @@ lines may; otherwise it is chained to those of its cell (`chains`).
 import numpy as np
 
 from .candidates import note_wall
-from .compiler import AT_ONCE, jit, keep_overlapping, part, prefetch
+from .compiler import AT_ONCE, copy_lanes, jit, keep_overlapping, part, prefetch
 from .drafts import cell_at, column_at, pieces_of, write_draft
 from .flags import DIM, SIZES, WALLS
 from .layout import (
     BUCKET,
     CELLS,
-    GRID_EDGE,
-    GRID_HALF,
-    GRID_REACH,
     HALF_WINDOW,
     INVERSE,
     LARGE,
@@ -30,19 +26,18 @@ from .layout import (
     MEETINGS,
     MIDDLE,
     NEAR_ROOM,
+    REACH_OF_BOUNDS,
     REGISTERED,
     ROW,
     SHORT_LISTS,
     N,
 )
 from .lines import (
-    BOUNDS,
-    CELL,
+    BYTE,
     IMAGE,
     LINE,
-    LOW,
-    NEGATED_HIGH,
     SAME,
+    UNITS,
     WHOSE,
     boxes,
     examine,
@@ -54,7 +49,6 @@ ALWAYS = np.float32(-1.00001)  # from the beginning of the window
 AHEAD = 12  # particles from here to that whose row is fetched
 SEVERAL = -1  # slots of a flight in pieces, which has many
 SEEN = -2  # the same, and it has its place in the order
-NOWHERE = 32767  # low end of what overlaps nothing
 
 
 @jit
@@ -106,11 +100,9 @@ def count_lines(s, begin, duration):
 @jit
 def copy_draft(s, k, slot, cell):
     """Copy a draft to a slot."""
-    for a in range(LINE):
-        s.lines[slot * LINE + a] = s.drafts[k * LINE + a]
-    for a in range(6):
-        s.bounds[slot * BOUNDS + a] = s.draft_bounds[k * BOUNDS + a]
-    s.bound_words[slot * (BOUNDS // 2) + CELL] = cell
+    copy_lanes(s.lines, slot * LINE, s.drafts, k * LINE)
+    s.bounds[slot] = s.draft_bounds[k]
+    s.cell_of_line[slot] = cell
 
 
 @jit
@@ -186,13 +178,13 @@ def around(s, cell, d, grid):
 
 
 @jit
-def meet_run(s, m, bounds, k, first, last, code, i, line, edges, since):
-    """Add to the table, which has m lines, those from `first` to `last` whose bounds overlap bounds k in this image; returns how many it has.
+def meet_run(s, m, word, first, last, code, i, line, edges, since):
+    """Add to the table, which has m lines, those from `first` to `last` whose bounds overlap `word` in this image; returns how many it has.
 
     A full table is emptied: its lines are compared with i's.
     """
     for slot in range(first, last, AT_ONCE):
-        m = keep_overlapping(s.near, s.near_codes, m, bounds, k, s.bounds, slot, s.image_shifts, code)
+        m = keep_overlapping(s.near, s.near_codes, m, word, s.bounds, slot, last, s.image_shifts[code], code)
         if m > s.counter[NEAR_ROOM]:
             examine(s, m, i, line, edges, since)
             m = 0
@@ -200,53 +192,61 @@ def meet_run(s, m, bounds, k, first, last, code, i, line, edges, since):
 
 
 @jit
-def meet_column(s, m, bounds, k, column, y, code, i, line, edges, since):
+def meet_column(s, m, word, column, y, code, i, line, edges, since):
     """Do so with the cells from y - 1 to y + 1 of a column."""
     ny = s.counter[CELLS + 1]
     first, last = s.cell_count[column + max(y - 1, 0)], s.cell_count[column + min(y + 1, ny - 1) + 1]
-    m = meet_run(s, m, bounds, k, first, last, code, i, line, edges, since)
+    m = meet_run(s, m, word, first, last, code, i, line, edges, since)
     if y == 0 or y == ny - 1:
-        m = meet_beyond(s, m, bounds, k, column, y, -1, code, i, line, edges, since)
-        m = meet_beyond(s, m, bounds, k, column, y, 1, code, i, line, edges, since)
+        m = meet_beyond(s, m, word, column, y, -1, code, i, line, edges, since)
+        m = meet_beyond(s, m, word, column, y, 1, code, i, line, edges, since)
     return m
 
 
 @jit
-def meet_beyond(s, m, bounds, k, column, y, step, code, i, line, edges, since):
+def meet_beyond(s, m, word, column, y, step, code, i, line, edges, since):
     """Do so with the cell at y + step of a column, if that lies on the other side of the box."""
     beside, image = around(s, y + step, 1, CELLS)
     if beside < 0 or image == 0:
         return m
     first, last = s.cell_count[column + beside], s.cell_count[column + beside + 1]
-    return meet_run(s, m, bounds, k, first, last, code + image, i, line, edges, since)
+    return meet_run(s, m, word, first, last, code + image, i, line, edges, since)
+
+
+@jit
+def find_columns(s, x, z):
+    """Find the columns that follow one: those beside it at x + 1, and that at z + 1; returns how many there are."""
+    found = 0
+    for step in range(4 if DIM == 3 else 1):
+        kx, image_x = around(s, x + (1 if DIM == 2 or step > 0 else 0), 0, CELLS)
+        kz, image_z = around(s, z + (step - 2 if step > 0 else 1) if DIM == 3 else 0, 2, CELLS)
+        if kx >= 0 and kz >= 0:
+            s.columns[found] = column_at(s, kx, kz)
+            s.column_codes[found] = SAME + image_x + image_z
+            found += 1
+    return found
 
 
 @part
 def meet_all(s):
     """Compare all lines with those of the same and the neighbouring cells, each pair once."""
-    nx, ny, nz = s.counter[CELLS], s.counter[CELLS + 1], s.counter[CELLS + 2]
+    ny = s.counter[CELLS + 1]
     edges = boxes(s)
-    for x in range(nx):
-        for z in range(nz):
+    for x in range(s.counter[CELLS]):
+        for z in range(s.counter[CELLS + 2]):
             own = column_at(s, x, z)
+            columns = find_columns(s, x, z)
             for y in range(ny):
                 behind = s.cell_count[own + min(y + 2, ny)]
                 for k in range(s.cell_count[own + y], s.cell_count[own + y + 1]):
                     i = int(s.line_words[k * LINE + WHOSE])
-                    line = line_at(s.lines, k)
-                    m = meet_run(s, 0, s.bounds, k, k + 1, behind, SAME, i, line, edges, ALWAYS)
+                    line, word = line_at(s.lines, k), s.bounds[k]
+                    m = meet_run(s, 0, word, k + 1, behind, SAME, i, line, edges, ALWAYS)
                     if y == ny - 1:
-                        m = meet_beyond(s, m, s.bounds, k, own, y, 1, SAME, i, line, edges, ALWAYS)
-                    for step in range(4 if DIM == 3 else 1):
-                        kx, image_x = around(s, x + (1 if DIM == 2 or step > 0 else 0), 0, CELLS)
-                        kz, image_z = around(
-                            s, z + (step - 2 if step > 0 else 1) if DIM == 3 else 0, 2, CELLS
-                        )
-                        if kx >= 0 and kz >= 0:
-                            column = column_at(s, kx, kz)
-                            m = meet_column(
-                                s, m, s.bounds, k, column, y, SAME + image_x + image_z, i, line, edges, ALWAYS
-                            )
+                        m = meet_beyond(s, m, word, own, y, 1, SAME, i, line, edges, ALWAYS)
+                    for a in range(columns):
+                        column, code = int(s.columns[a]), int(s.column_codes[a])
+                        m = meet_column(s, m, word, column, y, code, i, line, edges, ALWAYS)
                     examine(s, m, i, line, edges, ALWAYS)
                 if 2 * s.counter[MEETINGS] > s.counter[MEETING_ROOM]:
                     solve_meetings(s)
@@ -254,38 +254,43 @@ def meet_all(s):
 
 
 @jit
-def withdraw(s, i):
-    """Take the line away that i had."""
-    slot = s.where[i]
-    if slot >= 0:
-        s.bounds[slot * BOUNDS + LOW] = NOWHERE
+def signed(difference):
+    """Return a difference of bounds, given with whole turns, without them."""
+    return ((difference + 128) & BYTE) - 128
 
 
 @jit
-def fits(s, k, cell):
-    """Whether a draft reaches no further beyond a cell than lines may."""
+def fits(s, word, cell, cx, cy, cz):
+    """Whether a line with these bounds, whose middle is in (cx, cy, cz), reaches no further beyond another cell than lines may."""
     column = cell // s.counter[CELLS + 1]
     y = cell - column * s.counter[CELLS + 1]
     x = column // s.counter[CELLS + 2]
     z = column - x * s.counter[CELLS + 2]
-    inside = True
+    inside = (abs(cx - x) <= 1) & (abs(cy - y) <= 1) & (abs(cz - z) <= 1)
     for d in range(DIM):
-        place = x if d == 0 else (y if d == 1 else z)
-        first = place * s.number[GRID_EDGE + d] - s.number[GRID_HALF + d] - s.number[GRID_REACH + d]
-        last = first + s.number[GRID_EDGE + d] + 2.0 * s.number[GRID_REACH + d]
-        low, high = s.draft_bounds[k * BOUNDS + LOW + d], -s.draft_bounds[k * BOUNDS + NEGATED_HIGH + d]
-        inside &= (low >= first) & (high <= last)
+        reach = s.counter[REACH_OF_BOUNDS + d]
+        first = (x if d == 0 else (y if d == 1 else z)) * UNITS - reach
+        last = first + UNITS + 2 * reach
+        inside &= (signed((word >> 8 * d) - first) >= 0) & (signed(last + (word >> 8 * (d + 3))) >= 0)
     return inside
 
 
 @jit
-def replace_line(s, i, k):
-    """Put draft k in the place of i's old line, if it reaches no further; otherwise that place stays empty."""
+def withdraw(s, i):
+    """Take the line away that i had."""
+    slot = s.where[i]
+    if slot >= 0:
+        s.lines[slot * LINE] = np.nan
+
+
+@jit
+def replace_line(s, i, k, x, y, z):
+    """Put draft k, whose middle is in (x, y, z), in the place of i's old line, if it reaches no further; returns whether it does."""
     slot = s.where[i]
     if slot < 0:
         return False
-    cell = s.bound_words[slot * (BOUNDS // 2) + CELL]
-    if not fits(s, k, cell):
+    cell = int(s.cell_of_line[slot])
+    if not fits(s, s.draft_bounds[k], cell, x, y, z):
         return False
     copy_draft(s, k, slot, cell)
     return True

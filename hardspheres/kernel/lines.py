@@ -26,11 +26,11 @@ REACH_OF_LINE = 6
 WHOSE = 7  # the id, in the same memory as int32
 LINES = 8  # lines that the filter compares at once
 
-# Bounds, int16: the low ends along x, y, z, the high ends negated, and what nobody looks at (in 2D the ends along z too).
-BOUNDS = 8
-LOW = 0
-NEGATED_HIGH = 3
-CELL = 3  # in the same memory as int32: which cell the line is registered in
+# Bounds of a line, 6 bytes of an int64: the low ends of a box that holds it, along x, y, z, and the high ends negated. A cell is
+# UNITS wide, and whole turns of 256 are left out: the difference of two that overlap is less than two cells, so that its sign
+# can be told; of others that stand in cells that touch, too.
+UNITS = 60
+BYTE = 255
 
 # The image in which a line is compared: 1, plus or minus a box, for each axis.
 IMAGE = (1, 4, 16)
@@ -94,22 +94,23 @@ def examine(s, m, i, line, edges, since):
         met = False
         for k in range(LINES):
             b, vv, c = compare(s.near_lines, LINES, k, s.near_codes[block + k], line, edges)
-            meets = may_meet(b, vv, c, since) & (block + k < m)
-            met |= meets
-            s.met[k] = 1 if meets else 0
-            s.met_when[k] = min(max(-b / (vv + TINY), since), ONE)
+            met |= may_meet(b, vv, c, since)
         if met:
-            note_meetings(s, i, block)
+            for k in range(LINES):
+                b, vv, c = compare(s.near_lines, LINES, k, s.near_codes[block + k], line, edges)
+                s.met[k] = 1 if may_meet(b, vv, c, since) else 0
+                s.met_when[k] = min(max(-b / (vv + TINY), since), ONE)
+            note_meetings(s, i, block, min(m - block, LINES))
 
 
 @jit
-def note_meetings(s, i, block):
-    """Note those of eight lines that i's line may meet."""
+def note_meetings(s, i, block, lines):
+    """Note those of up to eight lines that i's line may meet."""
     m = s.counter[MEETINGS]
     if m + LINES > s.counter[MEETING_ROOM]:
         s.counter[SHORT_QUEUE] = 1
         return
-    for k in range(LINES):
+    for k in range(lines):
         s.meeting_i[m] = i
         s.meeting_j[m] = s.line_words[s.near[block + k] * LINE + WHOSE]
         s.meeting_when[m] = s.met_when[k]

@@ -2,7 +2,7 @@
 
 In a window every flight is a known straight line, and few lines come near another. Each line is registered once, in the
 cell that holds its middle (fast particles in several pieces, so that no piece reaches further than half a cell less a
-contact distance), and compared with the lines of the cells around (`line_cells`): first their bounds, in 16 bits, then whether
+contact distance), and compared with the lines of the cells around (`line_cells`): first their bounds, in bytes, then whether
 the two come within contact during the window (`lines`). These filters run with a safe margin; whatever passes them is computed
 exactly from the rows, so the filters never enter the trajectory. True contacts become candidates (`candidates`). A particle that
 has collided gets a new line, which is compared with those around it and then takes the place of the old one, or is chained to
@@ -84,7 +84,7 @@ def register_large(s, begin):
             time = begin + duration * (p + 0.5) / pieces
             write_draft(s, k, i, time, duration, pieces)
             line = line_at(s.drafts, k)
-            meet_small(s, i, k, line, time, ALWAYS)
+            meet_small(s, i, line, time, ALWAYS)
             meet_large(s, i, line, time, ALWAYS)
             chain_large(s, i, k, time, p == 0)
     if s.counter[SHORT_LISTS]:
@@ -109,7 +109,7 @@ def follow(s, i, now):
         line = line_at(s.drafts, k)
         large = is_large(s, i)
         if large:
-            meet_small(s, i, k, line, time, since)
+            meet_small(s, i, line, time, since)
         else:
             meet_around(s, i, k, line, x, y, z, since)
         if SIZES:
@@ -117,14 +117,14 @@ def follow(s, i, now):
         solve_meetings(s)
         if large:
             chain_large(s, i, k, time, p == 0)
-        elif pieces > 1 or not replace_line(s, i, k):
+        elif pieces > 1 or not replace_line(s, i, k, x, y, z):
             chain_draft(s, k, chain_at(s, x, y, z))
 
 
 @jit
 def meet_around(s, i, k, line, cx, cy, cz, since):
     """Compare a new line, draft k, with all lines of its cell and the cells around."""
-    edges = boxes(s)
+    edges, word = boxes(s), s.draft_bounds[k]
     ny = s.counter[CELLS + 1]
     m = 0
     for ox in range(-1, 2):
@@ -133,7 +133,7 @@ def meet_around(s, i, k, line, cx, cy, cz, since):
             z, image_z = around(s, cz + oz, 2, CELLS)
             if x >= 0 and z >= 0:
                 code = SAME + image_x + image_z
-                m = meet_column(s, m, s.draft_bounds, k, column_at(s, x, z), cy, code, i, line, edges, since)
+                m = meet_column(s, m, word, column_at(s, x, z), cy, code, i, line, edges, since)
                 meet_chains(s, x, z, max(cy - 1, 0), min(cy + 1, ny - 1), code, i, line, edges, since)
                 if cy == 0 or cy == ny - 1:
                     beyond, image_y = around(s, cy - 1 if cy == 0 else cy + 1, 1, CELLS)
