@@ -29,6 +29,7 @@ EVENTS_PER_BUCKET = {False: 8, True: 32}  # more of them, where what they need i
 CACHED = 16000  # particles that the processor's own caches hold
 MOST_ENTRIES = 2**31 - 1  # of a table: its places are kept in 32 bits
 UNITS = 60  # of the bounds of lines in a cell, see `kernel.lines`
+SAME = 21  # the code of an image that is not shifted
 LINE_MARGIN = 1e-4  # in cells, of boxes that are not many cells long: single precision is off by a few 1e-6
 
 
@@ -213,12 +214,11 @@ class Engine:
         count[at.EPOCH_BUCKETS] = windows * buckets
         count[at.LINE_ROOM] = n + n // 4 + 1024
         count[at.NODE_ROOM] = n // 3 + 1024
-        count[at.NEAR_ROOM] = 256
+        count[at.NEAR_ROOM] = 1024
         reach = (plan.stretch + plan.small_radius) * UNITS * np.array(plan.cells) / scene.box
         count[at.REACH_OF_BOUNDS : at.REACH_OF_BOUNDS + scene.dim] = reach
         count[at.CANDIDATE_ROOM] = n // 2 + 1024
         self.chunks = buckets + n // 8 + 256
-        count[at.MEETING_ROOM] = 1024
         number[at.SMALL_RADIUS] = plan.small_radius
         number[at.LARGEST] = scene.radii.max()
         number[at.LARGE_DENSITY : at.LARGE_DENSITY + 3] = 1.0
@@ -263,10 +263,10 @@ class Engine:
             + n * (8 * (at.ROW + at.EVENT) + 32)
         )
         require_memory(needed, f"the tables to search among {n} particles", SimulationError)
+        pairs = int(count[at.NEAR_ROOM]) + 32
         of_lines = {
-            "drafts": aligned(8 * (n * windows + 1), np.float32),
-            "lines": aligned(8 * (lines + 1), np.float32),
-            "nodes": aligned(8 * nodes + 1, np.float32),
+            "drafts": aligned(8 * n * windows + 8, np.float32),
+            "lines": aligned(8 * (lines + nodes + 1), np.float32),
         }
         words = {name[:-1] + "_words": array.view(np.int32) for name, array in of_lines.items()}
         return {
@@ -287,21 +287,18 @@ class Engine:
             "order": np.setdiff1d(np.arange(n * windows, dtype=np.int32), self.large),
             "large": np.append(self.large, 0).astype(np.int32),
             "draft_bounds": aligned(n * windows + 1, np.int64),
-            "bounds": aligned(lines + 16, np.int64),
+            "bounds": aligned(lines + nodes + 16, np.int64),
             "cell_of_line": np.zeros(lines + 1, dtype=np.int32),
             "columns": np.zeros(4, dtype=np.int32),
             "column_codes": np.zeros(4, dtype=np.int32),
             "image_shifts": image_shifts(count[at.CELLS : at.CELLS + dim], UNITS),
-            "near": aligned(int(count[at.NEAR_ROOM]) + 32, np.int32),
-            "near_codes": aligned(int(count[at.NEAR_ROOM]) + 32, np.int32),
-            "near_lines": aligned(64, np.float32),
+            "near": aligned(pairs, np.int32),
+            "near_to": aligned(pairs, np.int32),
+            "near_codes": np.full(pairs, SAME, dtype=np.int32),
+            "near_lines": aligned(128, np.float32),
+            "meetings": aligned(pairs, np.int32),
             "chain_first": np.zeros(chains + 1, dtype=np.int32),
             "node_next": np.zeros(nodes + 1, dtype=np.int32),
-            "met": aligned(8, np.int32),
-            "met_when": aligned(8, np.float32),
-            "meeting_i": np.zeros(int(count[at.MEETING_ROOM]), dtype=np.int32),
-            "meeting_j": np.zeros(int(count[at.MEETING_ROOM]), dtype=np.int32),
-            "meeting_when": np.zeros(int(count[at.MEETING_ROOM]), dtype=np.float32),
             "candidates": aligned(candidates * at.CANDIDATE + 1, np.int64),
         }
 
@@ -317,7 +314,7 @@ class Engine:
         if count[at.SHORT_QUEUE]:
             count[at.AGENDA_ROOM] *= 2
             count[at.CANDIDATE_ROOM] *= 2
-            count[at.MEETING_ROOM] *= 2
+            count[at.NEAR_ROOM] *= 2
             chunks *= 2
         count[[at.SHORT_LISTS, at.SHORT_CELLS, at.SHORT_QUEUE]] = 0
         self.arrays = self.arrays._replace(**self._searching_arrays(count, chunks))

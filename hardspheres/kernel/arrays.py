@@ -37,28 +37,23 @@ class Arrays(NamedTuple):
         object  # windows: int32 (n): the particles of the cells in the order in which they are gone through
     )
     large: object  # int32: those that are in the coarse grid
-    drafts: object  # float32 ((n + 1) * LINE): lines before they are sorted, and the latest new line
+    drafts: object  # float32 (n * LINE): lines before they are sorted
     draft_words: object  # the same memory as int32
-    draft_bounds: object  # int64 (n + 1)
-    lines: object  # float32 (LINE_ROOM * LINE): sorted by cells
+    draft_bounds: object  # int64 (n)
+    lines: object  # float32 ((LINE_ROOM + NODE_ROOM + 1) * LINE): sorted by cells; those in chains; the latest new one
     line_words: object  # the same memory as int32
-    bounds: object  # int64 (LINE_ROOM + AT_ONCE): of the boxes that hold the lines, see `lines`
+    bounds: object  # int64 (LINE_ROOM + NODE_ROOM + AT_ONCE): of the boxes that hold the lines, see `lines`
     cell_of_line: object  # int32 (LINE_ROOM)
     image_shifts: object  # int64 (64): how far bounds are shifted in each image
     columns: object  # int32 (4): columns of cells beside one
     column_codes: object  # int32 (4): and the images seen there
-    near: object  # int32 (NEAR_ROOM + 2 * AT_ONCE): slots of lines whose bounds overlap those of one line
-    near_codes: object  # int32, the same: in which image
-    near_lines: object  # float32 (LINE * LINES): eight of them, column by column
+    near: object  # int32 (NEAR_ROOM + 2 * AT_ONCE): the slots of lines whose bounds overlap those of another
+    near_to: object  # int32, the same: the slots of that other
+    near_codes: object  # int32, the same: the image in which that is seen
+    near_lines: object  # float32 (2 * LINE * LINES): the lines of eight pairs, column by column
+    meetings: object  # int32 (NEAR_ROOM + 2 * AT_ONCE): which pairs may meet
     chain_first: object  # int32: first node of each chain of new lines
-    nodes: object  # float32 (NODE_ROOM * LINE): new lines
-    node_words: object  # the same memory as int32
     node_next: object  # int32 (NODE_ROOM)
-    met: object  # int32 (LINES): 1 where the filter let a line pass
-    met_when: object  # float32 (LINES): when the two lines are nearest
-    meeting_i: object  # int32 (MEETING_ROOM): pairs whose lines may meet
-    meeting_j: object  # int32 (MEETING_ROOM)
-    meeting_when: object  # float32 (MEETING_ROOM)
     candidates: object  # int64 (CANDIDATE_ROOM * CANDIDATE), see `candidates`
     number: object  # float64: the numbers above
     counter: object  # int64: the counters above

@@ -1,8 +1,8 @@
 """Chains of the window method: the new lines that fit no slot, one chain for each stretch of cells of a column."""
 
-from .compiler import jit, part
-from .layout import CELLS, NODE_ROOM, NODES, SHORT_LISTS
-from .lines import LINE, WHOSE, meet_line
+from .compiler import copy_lanes, jit, part
+from .layout import CELLS, LINE_ROOM, NODE_ROOM, NODES, SHORT_LISTS
+from .lines import LINE, WHOSE, enter_pair, new_line
 
 CELLS_OF_CHAIN = 8  # along y
 
@@ -27,34 +27,35 @@ def clear_chains(s):
 
 
 @jit
-def chain_draft(s, k, head):
-    """Add draft k to a chain."""
+def chain_line(s, head):
+    """Add the new line to a chain."""
     node = s.counter[NODES]
     if node == s.counter[NODE_ROOM]:
         s.counter[SHORT_LISTS] = 1
         return
     s.counter[NODES] = node + 1
-    for a in range(LINE):
-        s.nodes[node * LINE + a] = s.drafts[k * LINE + a]
+    copy_lanes(s.lines, (s.counter[LINE_ROOM] + node) * LINE, s.lines, new_line(s) * LINE)
     s.node_next[node] = s.chain_first[head]
     s.chain_first[head] = node
 
 
 @jit
-def meet_chain(s, head, code, i, line, edges, since):
-    """Compare i's line with those of a chain in this image."""
+def meet_chain(s, m, head, code):
+    """Enter the pairs of the new line in this image and those of a chain in the table, which has m; returns how many it has."""
     node = int(s.chain_first[head])
     while node >= 0:
-        meet_line(s, s.nodes, s.node_words, node, code, i, line, edges, since)
+        m = enter_pair(s, m, new_line(s), s.counter[LINE_ROOM] + node, code)
         node = int(s.node_next[node])
+    return m
 
 
 @jit
-def meet_chains(s, x, z, first, last, code, i, line, edges, since):
+def meet_chains(s, m, x, z, first, last, code):
     """Do so with the chains of the cells from `first` to `last` of a column."""
     before = chains_before(s, x, z)
     for head in range(before + first // CELLS_OF_CHAIN, before + last // CELLS_OF_CHAIN + 1):
-        meet_chain(s, head, code, i, line, edges, since)
+        m = meet_chain(s, m, head, code)
+    return m
 
 
 @jit
@@ -64,7 +65,7 @@ def unchain(s, head, i):
     node = int(s.chain_first[head])
     while node >= 0:
         after = int(s.node_next[node])
-        if s.node_words[node * LINE + WHOSE] != i:
+        if s.line_words[(s.counter[LINE_ROOM] + node) * LINE + WHOSE] != i:
             before = node
         elif before < 0:
             s.chain_first[head] = after

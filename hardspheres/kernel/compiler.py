@@ -151,15 +151,23 @@ if PURE_PYTHON or CHECKED:
             target[k + lane] = source[m + lane]
 
     @numba.njit
-    def keep_overlapping(kept, codes, m, word, those, first, last, shift, code):
-        """Append to `kept` which of those from `first` to `last`, at most 16, have bounds that overlap `word`; returns how many it has."""
+    def keep_overlapping(kept, to, m, word, own, those, first, last, shift):
+        """Append to `kept` which of those from `first` to `last`, at most 16, have bounds that overlap `word`, and `own` to `to`; returns how many there are."""
         for j in range(first, min(first + AT_ONCE, last)):
             overlap = True
             for lane in range(6):
-                own, other = word >> 8 * ((lane + 3) % 6), those[j] >> 8 * lane
-                overlap = overlap and (((shift >> 8 * lane) - own - other) & 255) < 128
-            kept[m], codes[m] = j, code
+                mine, other = word >> 8 * ((lane + 3) % 6), those[j] >> 8 * lane
+                overlap = overlap and (((shift >> 8 * lane) - mine - other) & 255) < 128
+            kept[m], to[m] = j, own
             m += 1 if overlap else 0
+        return m
+
+    @numba.njit
+    def keep_marked(kept, m, first, last, marks):
+        """Append to `kept` the numbers from `first` to `last`, at most 8, that have a bit in `marks`; returns how many there are."""
+        for lane in range(min(8, last - first)):
+            kept[m] = first + lane
+            m += (marks >> lane) & 1
         return m
 
 else:
@@ -237,63 +245,74 @@ else:
 
         return types.none(target, types.int64, source, types.int64), codegen
 
-    @intrinsic
-    def keep_overlapping(typingctx, kept, codes, m, word, those, first, last, shift, code):
-        """Append to `kept` which of those from `first` to `last`, at most 16, have bounds that overlap `word`; returns how many it has.
+    def _constant(element, numbers):
+        return ir.Constant(ir.VectorType(element, len(numbers)), numbers)
 
-        Bounds are 6 bytes, see `lines`; `shift` and `code` are of the image in which `word` is seen. No branch depends on it.
+    def _spread(builder, x, lanes):
+        """Return a vector with x in all lanes."""
+        one = builder.insert_element(
+            ir.Constant(ir.VectorType(x.type, lanes), ir.Undefined), x, ir.IntType(32)(0)
+        )
+        return builder.shuffle_vector(one, one, _constant(ir.IntType(32), [0] * lanes))
+
+    def _call(builder, name, result, *values):
+        kind = ir.FunctionType(result, [v.type for v in values])
+        return builder.call(cgutils.get_or_insert_function(builder.module, kind, name), values)
+
+    def _append(builder, array, m, first, last, chosen):
+        """Store first, first + 1, ... as far as they are below last and chosen; returns how many there are."""
+        lanes, word, long = chosen.type.count, ir.IntType(32), ir.IntType(64)
+        numbers = builder.add(
+            _spread(builder, builder.trunc(first, word), lanes), _constant(word, list(range(lanes)))
+        )
+        inside = builder.icmp_signed("<", numbers, _spread(builder, builder.trunc(last, word), lanes))
+        chosen = builder.and_(chosen, inside)
+        name = f"llvm.experimental.vector.compress.v{lanes}i32"
+        some = _call(builder, name, numbers.type, numbers, chosen, _constant(word, [0] * lanes))
+        builder.store(some, builder.bitcast(builder.gep(array, [m]), some.type.as_pointer()), align=4)
+        count = builder.zext(builder.bitcast(chosen, ir.IntType(lanes)), long)
+        return builder.add(m, _call(builder, "llvm.ctpop.i64", long, count))
+
+    @intrinsic
+    def keep_overlapping(typingctx, kept, to, m, word, own, those, first, last, shift):
+        """Append to `kept` which of those from `first` to `last`, at most 16, have bounds that overlap `word`, and `own` to `to`; returns how many there are.
+
+        Bounds are 6 bytes, see `lines`; `shift` is that of the image in which `word` is seen. No branch depends on it.
         """
 
         def codegen(context, builder, signature, args):
-            kept, codes, m, word, those, first, last, shift, code = args
-            byte, short, int32, int64 = (ir.IntType(k) for k in (8, 16, 32, 64))
-
-            def constant(element, numbers):
-                return ir.Constant(ir.VectorType(element, len(numbers)), numbers)
-
-            def call(name, result, *values):
-                kind = ir.FunctionType(result, [v.type for v in values])
-                return builder.call(cgutils.get_or_insert_function(builder.module, kind, name), values)
-
-            def spread(x):
-                one = builder.insert_element(
-                    ir.Constant(ir.VectorType(x.type, AT_ONCE), ir.Undefined), x, int32(0)
-                )
-                return builder.shuffle_vector(one, one, constant(int32, [0] * AT_ONCE))
-
-            def put(vector, array):
-                builder.store(
-                    vector, builder.bitcast(builder.gep(array, [m]), vector.type.as_pointer()), align=4
-                )
-
+            kept, to, m, word, own, those, first, last, shift = args
+            byte, int32, int64 = (ir.IntType(k) for k in (8, 32, 64))
             words = ir.VectorType(int64, AT_ONCE)
             eight, all_bytes = ir.VectorType(byte, 8), ir.VectorType(byte, 8 * AT_ONCE)
-            own = builder.bitcast(word, eight)
-            own = builder.shuffle_vector(
-                own, constant(byte, [0] * 8), constant(int32, [3, 4, 5, 0, 1, 2, 8, 8])
+            ends = builder.bitcast(word, eight)
+            ends = builder.shuffle_vector(
+                ends, _constant(byte, [0] * 8), _constant(int32, [3, 4, 5, 0, 1, 2, 8, 8])
             )
-            own = builder.sub(builder.bitcast(shift, eight), own)
-            own = builder.bitcast(spread(builder.bitcast(own, int64)), all_bytes)
+            ends = builder.sub(builder.bitcast(shift, eight), ends)
+            ends = builder.bitcast(_spread(builder, builder.bitcast(ends, int64), AT_ONCE), all_bytes)
             others = builder.load(builder.bitcast(builder.gep(those, [first]), words.as_pointer()), align=8)
-            gap = builder.bitcast(builder.sub(own, builder.bitcast(others, all_bytes)), words)
-            signs = constant(int64, [-0x7F7F7F7F7F7F7F80] * AT_ONCE)
-            overlap = builder.icmp_signed("==", builder.and_(gap, signs), constant(int64, [0] * AT_ONCE))
-            numbers = builder.add(spread(builder.trunc(first, int32)), constant(int32, list(range(AT_ONCE))))
-            overlap = builder.and_(
-                overlap, builder.icmp_signed("<", numbers, spread(builder.trunc(last, int32)))
-            )
-            nothing = constant(int32, [0] * AT_ONCE)
-            put(
-                call("llvm.experimental.vector.compress.v16i32", numbers.type, numbers, overlap, nothing),
-                kept,
-            )
-            put(spread(builder.trunc(code, int32)), codes)
-            return builder.add(
-                m, call("llvm.ctpop.i64", int64, builder.zext(builder.bitcast(overlap, short), int64))
-            )
+            gap = builder.bitcast(builder.sub(ends, builder.bitcast(others, all_bytes)), words)
+            signs = _constant(int64, [-0x7F7F7F7F7F7F7F80] * AT_ONCE)
+            overlap = builder.icmp_signed("==", builder.and_(gap, signs), _constant(int64, [0] * AT_ONCE))
+            mine = _spread(builder, builder.trunc(own, int32), AT_ONCE)
+            builder.store(mine, builder.bitcast(builder.gep(to, [m]), mine.type.as_pointer()), align=4)
+            return _append(builder, kept, m, first, last, overlap)
 
         integer = types.int64
-        return integer(kept, codes, integer, integer, those, integer, integer, integer, integer), codegen
+        return integer(kept, to, integer, integer, integer, those, integer, integer, integer), codegen
+
+    @intrinsic
+    def keep_marked(typingctx, kept, m, first, last, marks):
+        """Append to `kept` the numbers from `first` to `last`, at most 8, that have a bit in `marks`; returns how many there are."""
+
+        def codegen(context, builder, signature, args):
+            kept, m, first, last, marks = args
+            chosen = builder.bitcast(builder.trunc(marks, ir.IntType(8)), ir.VectorType(ir.IntType(1), 8))
+            return _append(builder, kept, m, first, last, chosen)
+
+        integer = types.int64
+        return integer(kept, integer, integer, integer, integer), codegen
 
 
 def cache_folder(tag: str) -> Path | None:

@@ -22,7 +22,6 @@ from .layout import (
     RADIUS,
     ROW,
     STRETCH,
-    N,
     T,
     V,
     X,
@@ -53,8 +52,8 @@ def cell_of(s, d, x):
 
 
 @jit
-def write_draft(s, k, i, t, duration, pieces):
-    """Write draft k: i's line, in the image that is in the box at time t, and its bounds for one of the pieces of this duration, around t.
+def write_draft(s, lines, words, bounds, k, i, t, duration, pieces):
+    """Write i's line, in the image that is in the box at time t, to slot k, and its bounds for one of the pieces of this duration, around t.
 
     Returns the cell (x, y, z) that holds i at time t.
     """
@@ -64,18 +63,18 @@ def write_draft(s, k, i, t, duration, pieces):
     unit = s.number[LINE_UNIT]
     radius = s.row[ri + RADIUS] if SIZES else s.number[CORE]
     line = k * LINE
-    bounds = 0
+    ends = 0
     cx, cy, cz = 0, 0, 0
     for d in range(DIM):
         v = s.row[ri + V + d]
         x = s.row[ri + X + d] + v * dt
         x -= s.number[BOX + d] * np.floor(x * s.number[INVERSE + d])  # INVERSE is 0 between walls
-        s.drafts[line + PLACE + d] = (x + v * on) * unit
-        s.drafts[line + WAY + d] = v * s.number[HALF_WINDOW] * unit
+        lines[line + PLACE + d] = (x + v * on) * unit
+        lines[line + WAY + d] = v * s.number[HALF_WINDOW] * unit
         density = UNITS * s.number[CELL_DENSITY + d]
         half = (0.5 * (duration / pieces) * abs(v) + radius) * density + OUTWARDS
         low, negated_high = np.floor(x * density - half), np.floor(-x * density - half)
-        bounds |= (int(low) & BYTE) << 8 * d | (int(negated_high) & BYTE) << 8 * (d + 3)
+        ends |= (int(low) & BYTE) << 8 * d | (int(negated_high) & BYTE) << 8 * (d + 3)
         cell = cell_of(s, d, x)
         if d == 0:
             cx = cell
@@ -86,16 +85,16 @@ def write_draft(s, k, i, t, duration, pieces):
     reach = radius * unit + s.number[LINE_MARGIN]
     if pieces > 1:
         reach += 3e-3 * pieces * s.number[STRETCH] * unit
-    s.drafts[line + REACH_OF_LINE] = reach
-    s.draft_words[line + WHOSE] = i
-    s.draft_bounds[k] = bounds
+    lines[line + REACH_OF_LINE] = reach
+    words[line + WHOSE] = i
+    bounds[k] = ends
     return cx, cy, cz
 
 
 @jit
-def lone_draft(s):
-    """Which draft is that of a new line; those before it are of the window's opening."""
-    return s.counter[N]
+def draft(s, k, i, t, duration, pieces):
+    """Write a draft before lines are sorted."""
+    return write_draft(s, s.drafts, s.draft_words, s.draft_bounds, k, i, t, duration, pieces)
 
 
 @jit

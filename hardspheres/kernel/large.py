@@ -9,7 +9,7 @@ coarse cells' chains follow those of the cells.
 
 import math
 
-from .chains import chain_draft, chains_before, meet_chain, meet_chains, unchain
+from .chains import chain_line, chains_before, meet_chain, meet_chains, unchain
 from .compiler import jit
 from .drafts import column_at
 from .flags import DIM, SIZES
@@ -22,7 +22,6 @@ from .layout import (
     LARGE_CELLS,
     LARGE_DENSITY,
     LARGEST,
-    NEAR_ROOM,
     RADIUS,
     ROW,
     SMALL_RADIUS,
@@ -32,7 +31,7 @@ from .layout import (
     X,
 )
 from .line_cells import around
-from .lines import IMAGE, SAME, boxes, examine
+from .lines import IMAGE, SAME, enter_pair, new_line
 
 ROUNDED_UP = 1.001  # spans are this much wider than they must be
 
@@ -57,50 +56,43 @@ def span(s, i, t, d, reach, cells, density):
 
 
 @jit
-def meet_small(s, i, line, t, since):
-    """Compare the line of a large particle, as registered at time t, with those of all small ones within reach."""
+def meet_small(s, m, i, t):
+    """Enter the pairs of the new line, of a large particle as registered at time t, and all small ones within reach; returns how many pairs there are."""
     reach = (s.row[i * ROW + RADIUS] + s.number[SMALL_RADIUS] + 2.0 * s.number[STRETCH]) * ROUNDED_UP
     first_x, last_x = span(s, i, t, 0, reach, CELLS, CELL_DENSITY)
     first_y, last_y = span(s, i, t, 1, reach, CELLS, CELL_DENSITY)
     first_z, last_z = 0, 0
     if DIM == 3:
         first_z, last_z = span(s, i, t, 2, reach, CELLS, CELL_DENSITY)
-    edges = boxes(s)
-    m = 0
     for kx in range(first_x, last_x + 1):
         x, image_x = around(s, kx, 0, CELLS)
         for kz in range(first_z, last_z + 1):
             z, image_z = around(s, kz, 2, CELLS)
-            code = SAME + image_x + image_z
-            m = meet_along_y(s, m, x, z, first_y, last_y, code, i, line, edges, since)
-    examine(s, m, i, line, edges, since)
+            m = meet_along_y(s, m, x, z, first_y, last_y, SAME + image_x + image_z)
+    return m
 
 
 @jit
-def meet_along_y(s, m, x, z, first, last, code, i, line, edges, since):
-    """Compare with the cells from `first` to `last` of a column, which may lie beyond the box, and with their chains."""
+def meet_along_y(s, m, x, z, first, last, code):
+    """Do so with the cells from `first` to `last` of a column, which may lie beyond the box, and with their chains."""
     ny = s.counter[CELLS + 1]
     column = column_at(s, x, z)
     for turn in range(-1, 2):
         begin, end = max(first - turn * ny, 0), min(last - turn * ny, ny - 1)
         if begin <= end:
             image = code - turn * IMAGE[1]
-            run, behind = s.cell_count[column + begin], s.cell_count[column + end + 1]
-            for slot in range(run, behind):  # bounds tell nothing of boxes that are wider than a cell
-                s.near[m], s.near_codes[m] = slot, image
-                m += 1
-                if m > s.counter[NEAR_ROOM]:
-                    examine(s, m, i, line, edges, since)
-                    m = 0
-            meet_chains(s, x, z, begin, end, image, i, line, edges, since)
+            # Bounds tell nothing of boxes that are wider than a cell.
+            for slot in range(s.cell_count[column + begin], s.cell_count[column + end + 1]):
+                m = enter_pair(s, m, new_line(s), slot, image)
+            m = meet_chains(s, m, x, z, begin, end, image)
     return m
 
 
 @jit
-def meet_large(s, i, line, t, since):
-    """Compare any line, as registered at time t, with those of the large particles within reach."""
+def meet_large(s, m, i, t):
+    """Enter the pairs of any new line, as registered at time t, and the large particles within reach; returns how many pairs there are."""
     if s.counter[LARGE] == 0:
-        return
+        return m
     reach = (s.row[i * ROW + RADIUS] + s.number[LARGEST] + 2.0 * s.number[STRETCH]) * ROUNDED_UP
     first_x, last_x = span(s, i, t, 0, reach, LARGE_CELLS, LARGE_DENSITY)
     first_y, last_y = span(s, i, t, 1, reach, LARGE_CELLS, LARGE_DENSITY)
@@ -108,12 +100,13 @@ def meet_large(s, i, line, t, since):
     if DIM == 3:
         first_z, last_z = span(s, i, t, 2, reach, LARGE_CELLS, LARGE_DENSITY)
     for kx in range(first_x, last_x + 1):
-        x, sx = around(s, kx, 0, LARGE_CELLS)
+        x, image_x = around(s, kx, 0, LARGE_CELLS)
         for ky in range(first_y, last_y + 1):
-            y, sy = around(s, ky, 1, LARGE_CELLS)
+            y, image_y = around(s, ky, 1, LARGE_CELLS)
             for kz in range(first_z, last_z + 1):
-                z, sz = around(s, kz, 2, LARGE_CELLS)
-                meet_chain(s, chain_of_large(s, x, y, z), SAME + sx + sy + sz, i, line, boxes(s), since)
+                z, image_z = around(s, kz, 2, LARGE_CELLS)
+                m = meet_chain(s, m, chain_of_large(s, x, y, z), SAME + image_x + image_y + image_z)
+    return m
 
 
 @jit
@@ -134,13 +127,13 @@ def coarse_cell(s, i, t, d):
 
 
 @jit
-def chain_large(s, i, k, t, replaces):
-    """Hang the new line of a large particle, draft k, as registered at time t, in its coarse cell, perhaps in place of older ones."""
+def chain_large(s, i, t, replaces):
+    """Hang the new line of a large particle, as registered at time t, in its coarse cell, perhaps in place of older ones."""
     z = coarse_cell(s, i, t, 2) if DIM == 3 else 0
     head = chain_of_large(s, coarse_cell(s, i, t, 0), coarse_cell(s, i, t, 1), z)
     if replaces:
         unchain(s, head, i)
-    chain_draft(s, k, head)
+    chain_line(s, head)
 
 
 @jit

@@ -96,8 +96,6 @@ REGISTERED = 27  # lines at the beginning of this window
 CANDIDATE_ROOM = 28
 CANDIDATES = 29  # contacts noted in this window
 NODE_ROOM = 30
-MEETINGS = 31  # pairs whose lines may meet
-MEETING_ROOM = 32
 EPOCH_BUCKETS = 33  # buckets in an epoch
 LARGE = 34  # windows: how many particles are in the coarse grid
 LARGE_CELLS = 35  # coarse cells per axis, 3 slots
@@ -105,9 +103,9 @@ BEYOND_CACHE = 38  # 1: the gas is larger than the caches, so what is needed soo
 LOGGED = 39  # events in the log's buffer
 LOG_ROOM = 40  # how many it can hold; 0: there is no log
 KINDS = 41  # species that flights are told apart by
-NEAR_ROOM = 42  # windows: lines that the table of those with overlapping bounds can hold
-REACH_OF_BOUNDS = 43  # how far a line may reach beyond its cell, in the units of bounds, 3 slots
-COUNTERS = 46
+NEAR_ROOM = 31  # windows: pairs of lines whose bounds overlap that the table can hold
+REACH_OF_BOUNDS = 42  # how far a line may reach beyond its cell, in the units of bounds, 3 slots
+COUNTERS = 45
 
 # Flights, where FLIGHTS. Of a particle, float64:
 FLIGHT = 4 if FLIGHTS else 0
@@ -205,17 +203,12 @@ def pointers(a):
         pointer(a.columns),
         pointer(a.column_codes),
         pointer(a.near),
+        pointer(a.near_to),
         pointer(a.near_codes),
         pointer(a.near_lines),
+        pointer(a.meetings),
         pointer(a.chain_first),
-        pointer(a.nodes),
-        pointer(a.node_words),
         pointer(a.node_next),
-        pointer(a.met),
-        pointer(a.met_when),
-        pointer(a.meeting_i),
-        pointer(a.meeting_j),
-        pointer(a.meeting_when),
         pointer(a.candidates),
         pointer(a.number),
         pointer(a.counter),

@@ -13,7 +13,7 @@ import numpy as np
 
 from .candidates import note_wall
 from .compiler import AT_ONCE, copy_lanes, jit, keep_overlapping, part, prefetch
-from .drafts import cell_at, column_at, pieces_of, write_draft
+from .drafts import cell_at, column_at, draft, pieces_of
 from .flags import DIM, SIZES, WALLS
 from .layout import (
     BUCKET,
@@ -22,32 +22,19 @@ from .layout import (
     INVERSE,
     LARGE,
     LINE_ROOM,
-    MEETING_ROOM,
-    MEETINGS,
     MIDDLE,
-    NEAR_ROOM,
     REACH_OF_BOUNDS,
     REGISTERED,
     ROW,
     SHORT_LISTS,
     N,
 )
-from .lines import (
-    BYTE,
-    IMAGE,
-    LINE,
-    SAME,
-    UNITS,
-    WHOSE,
-    boxes,
-    examine,
-    line_at,
-    solve_meetings,
-)
+from .lines import BYTE, IMAGE, LINE, SAME, UNITS, WHOSE, checked, examine, new_line
 
 ALWAYS = np.float32(-1.00001)  # from the beginning of the window
 AHEAD = 12  # particles from here to that whose row is fetched
 SEVERAL = -1  # slots of a flight in pieces, which has many
+ENOUGH = 64  # pairs that are worth a look
 SEEN = -2  # the same, and it has its place in the order
 
 
@@ -80,7 +67,7 @@ def count_lines(s, begin, duration):
         prefetch(s.row, s.order[min(m + AHEAD, n - 1)] * ROW)
         pieces = pieces_of(s, i, duration)
         if pieces == 1:
-            x, y, z = write_draft(s, m, i, s.number[MIDDLE], duration, 1)
+            x, y, z = draft(s, m, i, s.number[MIDDLE], duration, 1)
             cell = cell_at(s, x, y, z)
             s.where[i] = cell
             s.cell_count[cell] += 1
@@ -92,17 +79,9 @@ def count_lines(s, begin, duration):
             s.where[i] = -pieces
             total += pieces - 1
             for p in range(pieces):
-                x, y, z = write_draft(s, m, i, begin + duration * (p + 0.5) / pieces, duration, pieces)
+                x, y, z = draft(s, m, i, begin + duration * (p + 0.5) / pieces, duration, pieces)
                 s.cell_count[cell_at(s, x, y, z)] += 1
     return total
-
-
-@jit
-def copy_draft(s, k, slot, cell):
-    """Copy a draft to a slot."""
-    copy_lanes(s.lines, slot * LINE, s.drafts, k * LINE)
-    s.bounds[slot] = s.draft_bounds[k]
-    s.cell_of_line[slot] = cell
 
 
 @jit
@@ -110,7 +89,9 @@ def insert_draft(s, k, cell):
     """Copy a draft to the lines of its cell, the last free slot first; returns the slot."""
     slot = s.cell_count[cell] - 1
     s.cell_count[cell] = slot
-    copy_draft(s, k, slot, cell)
+    copy_lanes(s.lines, slot * LINE, s.drafts, k * LINE)
+    s.bounds[slot] = s.draft_bounds[k]
+    s.cell_of_line[slot] = cell
     return slot
 
 
@@ -131,7 +112,7 @@ def sort_lines(s, cells, begin, duration):
             s.where[i] = SEVERAL
             pieces = -cell
             for p in range(pieces):
-                x, y, z = write_draft(s, m, i, begin + duration * (p + 0.5) / pieces, duration, pieces)
+                x, y, z = draft(s, m, i, begin + duration * (p + 0.5) / pieces, duration, pieces)
                 insert_draft(s, m, cell_at(s, x, y, z))
 
 
@@ -178,39 +159,44 @@ def around(s, cell, d, grid):
 
 
 @jit
-def meet_run(s, m, word, first, last, code, i, line, edges, since):
-    """Add to the table, which has m lines, those from `first` to `last` whose bounds overlap `word` in this image; returns how many it has.
+def meet_run(s, m, begin, end, first, last, code):
+    """Enter all pairs of lines from `begin` to `end`, seen in this image, and those from `first` to `last` whose bounds overlap.
 
-    A full table is emptied: its lines are compared with i's.
+    The table has m pairs; returns how many it has then.
     """
-    for slot in range(first, last, AT_ONCE):
-        m = keep_overlapping(s.near, s.near_codes, m, word, s.bounds, slot, last, s.image_shifts[code], code)
-        if m > s.counter[NEAR_ROOM]:
-            examine(s, m, i, line, edges, since)
-            m = 0
+    before = m
+    shift = s.image_shifts[code]
+    for block in range(first, last, AT_ONCE):
+        for own in range(begin, end):
+            m = checked(
+                s, keep_overlapping(s.near, s.near_to, m, s.bounds[own], own, s.bounds, block, last, shift)
+            )
+    if code != SAME:
+        for pair in range(before, m):
+            s.near_codes[pair] = code
     return m
 
 
 @jit
-def meet_column(s, m, word, column, y, code, i, line, edges, since):
+def meet_column(s, m, begin, end, column, y, code):
     """Do so with the cells from y - 1 to y + 1 of a column."""
     ny = s.counter[CELLS + 1]
     first, last = s.cell_count[column + max(y - 1, 0)], s.cell_count[column + min(y + 1, ny - 1) + 1]
-    m = meet_run(s, m, word, first, last, code, i, line, edges, since)
+    m = meet_run(s, m, begin, end, first, last, code)
     if y == 0 or y == ny - 1:
-        m = meet_beyond(s, m, word, column, y, -1, code, i, line, edges, since)
-        m = meet_beyond(s, m, word, column, y, 1, code, i, line, edges, since)
+        m = meet_beyond(s, m, begin, end, column, y, -1, code)
+        m = meet_beyond(s, m, begin, end, column, y, 1, code)
     return m
 
 
 @jit
-def meet_beyond(s, m, word, column, y, step, code, i, line, edges, since):
+def meet_beyond(s, m, begin, end, column, y, step, code):
     """Do so with the cell at y + step of a column, if that lies on the other side of the box."""
     beside, image = around(s, y + step, 1, CELLS)
     if beside < 0 or image == 0:
         return m
     first, last = s.cell_count[column + beside], s.cell_count[column + beside + 1]
-    return meet_run(s, m, word, first, last, code + image, i, line, edges, since)
+    return meet_run(s, m, begin, end, first, last, code + image)
 
 
 @jit
@@ -231,26 +217,33 @@ def find_columns(s, x, z):
 def meet_all(s):
     """Compare all lines with those of the same and the neighbouring cells, each pair once."""
     ny = s.counter[CELLS + 1]
-    edges = boxes(s)
+    m = 0
     for x in range(s.counter[CELLS]):
         for z in range(s.counter[CELLS + 2]):
             own = column_at(s, x, z)
             columns = find_columns(s, x, z)
             for y in range(ny):
+                begin, end = int(s.cell_count[own + y]), int(s.cell_count[own + y + 1])
                 behind = s.cell_count[own + min(y + 2, ny)]
-                for k in range(s.cell_count[own + y], s.cell_count[own + y + 1]):
-                    i = int(s.line_words[k * LINE + WHOSE])
-                    line, word = line_at(s.lines, k), s.bounds[k]
-                    m = meet_run(s, 0, word, k + 1, behind, SAME, i, line, edges, ALWAYS)
-                    if y == ny - 1:
-                        m = meet_beyond(s, m, word, own, y, 1, SAME, i, line, edges, ALWAYS)
-                    for a in range(columns):
-                        column, code = int(s.columns[a]), int(s.column_codes[a])
-                        m = meet_column(s, m, word, column, y, code, i, line, edges, ALWAYS)
-                    examine(s, m, i, line, edges, ALWAYS)
-                if 2 * s.counter[MEETINGS] > s.counter[MEETING_ROOM]:
-                    solve_meetings(s)
-    solve_meetings(s)
+                for k in range(begin, end):
+                    m = meet_run(s, m, k, k + 1, k + 1, behind, SAME)
+                if y == ny - 1:
+                    m = meet_beyond(s, m, begin, end, own, y, 1, SAME)
+                for a in range(columns):
+                    m = meet_column(s, m, begin, end, int(s.columns[a]), y, int(s.column_codes[a]))
+                if m >= ENOUGH:
+                    examine(s, m, ALWAYS)
+                    forget_images(s, m)
+                    m = 0
+    examine(s, m, ALWAYS)
+    forget_images(s, m)
+
+
+@jit
+def forget_images(s, m):
+    """Have no image but the same in the first m lines of the table."""
+    for pair in range(m):
+        s.near_codes[pair] = SAME
 
 
 @jit
@@ -284,13 +277,14 @@ def withdraw(s, i):
 
 
 @jit
-def replace_line(s, i, k, x, y, z):
-    """Put draft k, whose middle is in (x, y, z), in the place of i's old line, if it reaches no further; returns whether it does."""
+def replace_line(s, i, x, y, z):
+    """Put i's new line, whose middle is in (x, y, z), in the place of the old one, if it reaches no further; returns whether it does."""
     slot = s.where[i]
     if slot < 0:
         return False
-    cell = int(s.cell_of_line[slot])
-    if not fits(s, s.draft_bounds[k], cell, x, y, z):
+    new = new_line(s)
+    if not fits(s, s.bounds[new], int(s.cell_of_line[slot]), x, y, z):
         return False
-    copy_draft(s, k, slot, cell)
+    copy_lanes(s.lines, slot * LINE, s.lines, new * LINE)
+    s.bounds[slot] = s.bounds[new]
     return True

@@ -2,15 +2,15 @@
 
 A line is its place in the middle of the window, half its way through it, its reach (radius and margin), in units of the
 longest cell edge, and its id. The filter asks whether two lines come within contact; rounding is covered by margins, so it lets
-pass whatever does, and a little more. It compares one line with eight others at a time, without a branch.
+pass whatever does, and a little more. It works through a table of pairs, eight at a time and without a branch.
 """
 
 import numpy as np
 
 from .candidates import note_candidate
-from .compiler import jit, part, rough, turn_rows
+from .compiler import jit, keep_marked, rough, turn_rows
 from .flags import DIM
-from .layout import BOX, HALF_WINDOW, LINE_UNIT, MEETING_ROOM, MEETINGS, MIDDLE, SHORT_QUEUE
+from .layout import BOX, HALF_WINDOW, LINE_ROOM, LINE_UNIT, MIDDLE, NEAR_ROOM, NODE_ROOM, SHORT_QUEUE
 from .prediction import pair_contact
 
 ZERO = np.float32(0.0)
@@ -32,48 +32,52 @@ LINES = 8  # lines that the filter compares at once
 UNITS = 60
 BYTE = 255
 
-# The image in which a line is compared: 1, plus or minus a box, for each axis.
+# The image of one line in which another is compared with it: 1, plus or minus a box, for each axis.
 IMAGE = (1, 4, 16)
 SAME = 21
 
 
 @jit
-def line_at(p, k):
-    """Place, way and reach of line k."""
-    k = k * LINE
-    return p[k], p[k + 1], p[k + 2], p[k + WAY], p[k + WAY + 1], p[k + WAY + 2], p[k + REACH_OF_LINE]
+def new_line(s):
+    """Slot of the latest new line. The slots of the cells' lines come first, and then those of lines in chains."""
+    return s.counter[LINE_ROOM] + s.counter[NODE_ROOM]
 
 
 @jit
-def boxes(s):
-    """Edges of the box in the units of lines; what lies between walls has no other image."""
-    unit = s.number[LINE_UNIT]
-    return (
-        np.float32(s.number[BOX] * unit),
-        np.float32(s.number[BOX + 1] * unit),
-        np.float32(s.number[BOX + 2] * unit),
-    )
+def enter_pair(s, m, own, slot, code):
+    """Enter a pair in the table, which has m; returns how many it has."""
+    s.near[m], s.near_to[m], s.near_codes[m] = slot, own, code
+    return checked(s, m + 1)
+
+
+@jit
+def checked(s, m):
+    """How many pairs the table has; none where it is full (then the run makes room and starts over)."""
+    if m > s.counter[NEAR_ROOM]:
+        s.counter[SHORT_QUEUE] = 1
+        return 0
+    return m
 
 
 @rough
-def compare(p, stride, k, code, line, edges):
-    """B = r.v, v.v, and r.r less the squared contact distance, of line k against the one given in this image."""
-    x, y, z, u, v, w, reach = line
-    ex, ey, ez = edges
-    dx = (p[k] - x) - np.float32((code & 3) - 1) * ex
-    dy = (p[stride + k] - y) - np.float32(((code >> 2) & 3) - 1) * ey
-    du = p[WAY * stride + k] - u
-    dv = p[(WAY + 1) * stride + k] - v
+def compare(p, stride, k, q, own, code, ex, ey, ez):
+    """B = r.v, v.v, and r.r less the squared contact distance, of line k of p against one of q in the image of this code."""
+    dx = (p[PLACE * stride + k] - q[PLACE * stride + own]) - np.float32((code & 3) - 1) * ex
+    dy = (p[(PLACE + 1) * stride + k] - q[(PLACE + 1) * stride + own]) - np.float32(
+        ((code >> 2) & 3) - 1
+    ) * ey
+    du = p[WAY * stride + k] - q[WAY * stride + own]
+    dv = p[(WAY + 1) * stride + k] - q[(WAY + 1) * stride + own]
     rr = dx * dx + dy * dy
     b = dx * du + dy * dv
     vv = du * du + dv * dv
     if DIM == 3:
-        dz = (p[2 * stride + k] - z) - np.float32((code >> 4) - 1) * ez
-        dw = p[(WAY + 2) * stride + k] - w
+        dz = (p[(PLACE + 2) * stride + k] - q[(PLACE + 2) * stride + own]) - np.float32((code >> 4) - 1) * ez
+        dw = p[(WAY + 2) * stride + k] - q[(WAY + 2) * stride + own]
         rr += dz * dz
         b += dz * dw
         vv += dw * dw
-    limit = p[REACH_OF_LINE * stride + k] + reach
+    limit = p[REACH_OF_LINE * stride + k] + q[REACH_OF_LINE * stride + own]
     return b, vv, rr - (limit * limit + SLACK)
 
 
@@ -87,57 +91,35 @@ def may_meet(b, vv, c, since):
 
 
 @jit
-def examine(s, m, i, line, edges, since):
-    """Compare i's line with those whose bounds it overlaps, the first m of the table, and note those that it may meet."""
+def examine(s, m, since):
+    """Compare the lines of the first m pairs of the table, and compute the contacts of those that may meet."""
+    unit = s.number[LINE_UNIT]
+    ex, ey, ez = (
+        np.float32(s.number[BOX] * unit),
+        np.float32(s.number[BOX + 1] * unit),
+        np.float32(s.number[BOX + 2] * unit),
+    )
+    meetings = 0
     for block in range(0, m, LINES):
         turn_rows(s.near_lines, 0, LINES, s.lines, s.near, block)
-        met = False
+        turn_rows(s.near_lines, LINE * LINES, LINES, s.lines, s.near_to, block)
+        marks = 0
         for k in range(LINES):
-            b, vv, c = compare(s.near_lines, LINES, k, s.near_codes[block + k], line, edges)
-            met |= may_meet(b, vv, c, since)
-        if met:
-            for k in range(LINES):
-                b, vv, c = compare(s.near_lines, LINES, k, s.near_codes[block + k], line, edges)
-                s.met[k] = 1 if may_meet(b, vv, c, since) else 0
-                s.met_when[k] = min(max(-b / (vv + TINY), since), ONE)
-            note_meetings(s, i, block, min(m - block, LINES))
+            code = s.near_codes[block + k]
+            b, vv, c = compare(s.near_lines, LINES, k, s.near_lines, LINE * LINES + k, code, ex, ey, ez)
+            marks |= (1 << k) if may_meet(b, vv, c, since) else 0
+        meetings = keep_marked(s.meetings, meetings, block, m, marks)
+    for a in range(meetings):
+        pair = int(s.meetings[a])
+        slot, own = int(s.near[pair]), int(s.near_to[pair])
+        b, vv, c = compare(s.lines, 1, slot * LINE, s.lines, own * LINE, s.near_codes[pair], ex, ey, ez)
+        when = min(max(-b / (vv + TINY), since), ONE)
+        solve_meeting(s, int(s.line_words[own * LINE + WHOSE]), int(s.line_words[slot * LINE + WHOSE]), when)
 
 
 @jit
-def note_meetings(s, i, block, lines):
-    """Note those of up to eight lines that i's line may meet."""
-    m = s.counter[MEETINGS]
-    if m + LINES > s.counter[MEETING_ROOM]:
-        s.counter[SHORT_QUEUE] = 1
-        return
-    for k in range(lines):
-        s.meeting_i[m] = i
-        s.meeting_j[m] = s.line_words[s.near[block + k] * LINE + WHOSE]
-        s.meeting_when[m] = s.met_when[k]
-        m += s.met[k]
-    s.counter[MEETINGS] = m
-
-
-@jit
-def meet_line(s, p, words, k, code, i, line, edges, since):
-    """Compare i's line with one that stands alone, and note it if they may meet."""
-    b, vv, c = compare(p, 1, k * LINE, code, line, edges)
-    m = s.counter[MEETINGS]
-    if m == s.counter[MEETING_ROOM]:
-        s.counter[SHORT_QUEUE] = 1
-        return
-    s.meeting_i[m] = i
-    s.meeting_j[m] = words[k * LINE + WHOSE]
-    s.meeting_when[m] = min(max(-b / (vv + TINY), since), ONE)
-    s.counter[MEETINGS] = m + (1 if may_meet(b, vv, c, since) else 0)
-
-
-@part
-def solve_meetings(s):
-    """Compute the contacts of those whose lines may meet: in the image in which they are nearest when the lines are."""
-    for m in range(s.counter[MEETINGS]):
-        i, j = int(s.meeting_i[m]), int(s.meeting_j[m])
-        if i != j:
-            about = s.number[MIDDLE] + s.number[HALF_WINDOW] * s.meeting_when[m]
-            note_candidate(s, min(i, j), max(i, j), pair_contact(s, i, j, about))
-    s.counter[MEETINGS] = 0
+def solve_meeting(s, i, j, when):
+    """Compute the contact of two whose lines may meet: in the image in which they are nearest when the lines are."""
+    if i != j:
+        about = s.number[MIDDLE] + s.number[HALF_WINDOW] * when
+        note_candidate(s, min(i, j), max(i, j), pair_contact(s, i, j, about))

@@ -14,10 +14,10 @@ There are no events but collisions: nothing is done for particles that nobody me
 import numpy as np
 
 from .candidates import note_wall
-from .chains import chain_at, chain_draft, clear_chains, meet_chains
+from .chains import chain_at, chain_line, clear_chains, meet_chains
 from .chunks import clear_buckets
 from .compiler import jit, part
-from .drafts import lone_draft, pieces_of, write_draft
+from .drafts import pieces_of, write_draft
 from .flags import DIM, SIZES, WALLS
 from .large import chain_large, clear_large, is_large, meet_large, meet_small
 from .layout import (
@@ -38,12 +38,13 @@ from .line_cells import (
     SEVERAL,
     around,
     column_at,
+    forget_images,
     meet_all,
     meet_column,
     register_all,
     replace_line,
 )
-from .lines import SAME, boxes, examine, line_at, solve_meetings
+from .lines import SAME, examine, new_line
 
 
 @jit
@@ -73,7 +74,6 @@ def register_large(s, begin):
     """Hang the lines of all large particles in the coarse grid, compared with all small ones and with each other."""
     clear_large(s)
     duration = 2.0 * s.number[HALF_WINDOW]
-    k = lone_draft(s)
     for a in range(s.counter[LARGE]):
         i = int(s.large[a])
         s.where[i] = SEVERAL
@@ -82,11 +82,11 @@ def register_large(s, begin):
         pieces = pieces_of(s, i, duration)
         for p in range(pieces):
             time = begin + duration * (p + 0.5) / pieces
-            write_draft(s, k, i, time, duration, pieces)
-            line = line_at(s.drafts, k)
-            meet_small(s, i, line, time, ALWAYS)
-            meet_large(s, i, line, time, ALWAYS)
-            chain_large(s, i, k, time, p == 0)
+            draft_new(s, i, time, duration, pieces)
+            m = meet_large(s, meet_small(s, 0, i, time), i, time)
+            examine(s, m, ALWAYS)
+            forget_images(s, m)
+            chain_large(s, i, time, p == 0)
     if s.counter[SHORT_LISTS]:
         s.counter[NODES] = 0  # more lines than there is room for, and none that was replaced
 
@@ -102,30 +102,31 @@ def follow(s, i, now):
         return
     since = np.float32((now - middle) / half - 1e-5)
     pieces = pieces_of(s, i, duration)
-    k = lone_draft(s)
     for p in range(pieces):
         time = now + duration * (p + 0.5) / pieces
-        x, y, z = write_draft(s, k, i, time, duration, pieces)
-        line = line_at(s.drafts, k)
+        x, y, z = draft_new(s, i, time, duration, pieces)
         large = is_large(s, i)
-        if large:
-            meet_small(s, i, line, time, since)
-        else:
-            meet_around(s, i, k, line, x, y, z, since)
+        m = meet_small(s, 0, i, time) if large else meet_around(s, x, y, z)
         if SIZES:
-            meet_large(s, i, line, time, since)
-        solve_meetings(s)
+            m = meet_large(s, m, i, time)
+        examine(s, m, since)
+        forget_images(s, m)
         if large:
-            chain_large(s, i, k, time, p == 0)
-        elif pieces > 1 or not replace_line(s, i, k, x, y, z):
-            chain_draft(s, k, chain_at(s, x, y, z))
+            chain_large(s, i, time, p == 0)
+        elif pieces > 1 or not replace_line(s, i, x, y, z):
+            chain_line(s, chain_at(s, x, y, z))
 
 
 @jit
-def meet_around(s, i, k, line, cx, cy, cz, since):
-    """Compare a new line, draft k, with all lines of its cell and the cells around."""
-    edges, word = boxes(s), s.draft_bounds[k]
-    ny = s.counter[CELLS + 1]
+def draft_new(s, i, t, duration, pieces):
+    """Write i's new line."""
+    return write_draft(s, s.lines, s.line_words, s.bounds, new_line(s), i, t, duration, pieces)
+
+
+@jit
+def meet_around(s, cx, cy, cz):
+    """Enter the pairs of the new line and all whose bounds overlap in its cell and the cells around; returns how many there are."""
+    ny, new = s.counter[CELLS + 1], new_line(s)
     m = 0
     for ox in range(-1, 2):
         x, image_x = around(s, cx + ox, 0, CELLS)
@@ -133,10 +134,10 @@ def meet_around(s, i, k, line, cx, cy, cz, since):
             z, image_z = around(s, cz + oz, 2, CELLS)
             if x >= 0 and z >= 0:
                 code = SAME + image_x + image_z
-                m = meet_column(s, m, word, column_at(s, x, z), cy, code, i, line, edges, since)
-                meet_chains(s, x, z, max(cy - 1, 0), min(cy + 1, ny - 1), code, i, line, edges, since)
+                m = meet_column(s, m, new, new + 1, column_at(s, x, z), cy, code)
+                m = meet_chains(s, m, x, z, max(cy - 1, 0), min(cy + 1, ny - 1), code)
                 if cy == 0 or cy == ny - 1:
                     beyond, image_y = around(s, cy - 1 if cy == 0 else cy + 1, 1, CELLS)
                     if beyond >= 0:
-                        meet_chains(s, x, z, beyond, beyond, code + image_y, i, line, edges, since)
-    examine(s, m, i, line, edges, since)
+                        m = meet_chains(s, m, x, z, beyond, beyond, code + image_y)
+    return m
