@@ -245,7 +245,7 @@ class Engine:
         lines, candidates = int(count[at.LINE_ROOM]), int(count[at.CANDIDATE_ROOM])
         agenda = int(count[at.AGENDA_ROOM])
         columns = math.prod(count[[at.CELLS, at.CELLS + 2]].tolist())
-        chains = columns * math.ceil(int(count[at.CELLS + 1]) / 8) * windows
+        chains = (columns + 1) * math.ceil(int(count[at.CELLS + 1]) / 8) * windows
         chains += math.prod(count[at.LARGE_CELLS : at.LARGE_CELLS + 3].tolist())
         places, nodes = self.cells * cell_room, int(count[at.NODE_ROOM])
         if max(places, lines, nodes, candidates, n + 6) >= MOST_ENTRIES:
@@ -266,7 +266,7 @@ class Engine:
         pairs = int(count[at.NEAR_ROOM]) + 32
         of_lines = {
             "drafts": aligned(8 * n * windows + 8, np.float32),
-            "lines": aligned(8 * (lines + nodes + 1), np.float32),
+            "lines": aligned(8 * (lines + nodes + 2), np.float32),
         }
         words = {name[:-1] + "_words": array.view(np.int32) for name, array in of_lines.items()}
         return {
@@ -274,7 +274,7 @@ class Engine:
             **words,
             "neighbours": aligned(n * room + 1, np.int32),
             "images": np.zeros(n * room * dim * int(count[at.IMAGES]) + 1, dtype=np.int32),
-            "cell_count": np.zeros(self.cells + 1, dtype=np.int32),
+            "cell_count": np.zeros(self.cells + int(count[at.CELLS + 1]) + 1, dtype=np.int32),
             "cell_ids": np.zeros(self.cells * cell_room + 1, dtype=np.int32),
             "cell_places": aligned(self.cells * at.CELL_COLUMNS * cell_room + 1, np.float32),
             "near_excess": aligned((27 * cell_room + at.CELL_LANES) * lists + 1, np.float32),
@@ -287,20 +287,30 @@ class Engine:
             "order": np.setdiff1d(np.arange(n * windows, dtype=np.int32), self.large),
             "large": np.append(self.large, 0).astype(np.int32),
             "draft_bounds": aligned(n * windows + 1, np.int64),
-            "bounds": aligned(lines + nodes + 16, np.int64),
+            "bounds": aligned(lines + nodes + 18, np.int64),
             "cell_of_line": np.zeros(lines + 1, dtype=np.int32),
-            "columns": np.zeros(4, dtype=np.int32),
-            "column_codes": np.zeros(4, dtype=np.int32),
+            **self._columns(count),
             "image_shifts": image_shifts(count[at.CELLS : at.CELLS + dim], UNITS),
             "near": aligned(pairs, np.int32),
             "near_to": aligned(pairs, np.int32),
-            "near_codes": np.full(pairs, SAME, dtype=np.int32),
+            "near_own": aligned(8, np.int32),
             "near_lines": aligned(128, np.float32),
             "meetings": aligned(pairs, np.int32),
+            "changed": np.zeros(10, dtype=np.int64),
             "chain_first": np.zeros(chains + 1, dtype=np.int32),
             "node_next": np.zeros(nodes + 1, dtype=np.int32),
             "candidates": aligned(candidates * at.CANDIDATE + 1, np.int64),
         }
+
+    def _columns(self, count: Any) -> dict[str, Any]:
+        """Return the table of columns of cells: those one cell beyond a wall are all one, which is empty."""
+        nx, _, nz = count[self.layout.CELLS : self.layout.CELLS + 3].tolist()
+        x, z = (np.arange(-1, cells + 1) for cells in (nx, nz))
+        periodic = dict(enumerate(self.scene.periodic.tolist()))
+        outside = (x % nx != x)[:, None] & (not periodic[0]) | (z % nz != z) & (not periodic.get(2, False))
+        column = np.where(outside, nx * nz, (x % nx)[:, None] * nz + z % nz)
+        code = SAME - x[:, None] // nx - 16 * (z // nz)
+        return {"column": column.astype(np.int32).ravel(), "column_code": code.astype(np.int32).ravel()}
 
     def _make_room(self) -> None:
         """Double whatever ran out; the search then starts again from the rows. Complete, or not at all."""

@@ -40,18 +40,19 @@ class Arrays(NamedTuple):
     drafts: object  # float32 (n * LINE): lines before they are sorted
     draft_words: object  # the same memory as int32
     draft_bounds: object  # int64 (n)
-    lines: object  # float32 ((LINE_ROOM + NODE_ROOM + 1) * LINE): sorted by cells; those in chains; the latest new one
+    lines: object  # float32 ((LINE_ROOM + NODE_ROOM + 2) * LINE): sorted by cells; those in chains; the latest new ones
     line_words: object  # the same memory as int32
     bounds: object  # int64 (LINE_ROOM + NODE_ROOM + AT_ONCE): of the boxes that hold the lines, see `lines`
     cell_of_line: object  # int32 (LINE_ROOM)
     image_shifts: object  # int64 (64): how far bounds are shifted in each image
-    columns: object  # int32 (4): columns of cells beside one
-    column_codes: object  # int32 (4): and the images seen there
+    column: object  # int32 ((nx + 2) (nz + 2)): index of each column of cells, and of those one cell beyond the box
+    column_code: object  # int32, the same: the image in which the box is seen from there
     near: object  # int32 (NEAR_ROOM + 2 * AT_ONCE): the slots of lines whose bounds overlap those of another
-    near_to: object  # int32, the same: the slots of that other
-    near_codes: object  # int32, the same: the image in which that is seen
+    near_to: object  # int32, the same: the slot of that other, and the image in which it is seen
+    near_own: object  # int32 (LINES): such slots alone
     near_lines: object  # float32 (2 * LINE * LINES): the lines of eight pairs, column by column
     meetings: object  # int32 (NEAR_ROOM + 2 * AT_ONCE): which pairs may meet
+    changed: object  # int64 (2 * CHANGED): those that an event has changed, see `windows`
     chain_first: object  # int32: first node of each chain of new lines
     node_next: object  # int32 (NODE_ROOM)
     candidates: object  # int64 (CANDIDATE_ROOM * CANDIDATE), see `candidates`

@@ -1,60 +1,67 @@
 """Chains of the window method: the new lines that fit no slot, one chain for each stretch of cells of a column."""
 
 from .compiler import copy_lanes, jit, part
+from .drafts import column_at
 from .layout import CELLS, LINE_ROOM, NODE_ROOM, NODES, SHORT_LISTS
-from .lines import LINE, WHOSE, enter_pair, new_line
+from .lines import LINE, WHOSE, enter_pair
 
 CELLS_OF_CHAIN = 8  # along y
 
 
 @jit
-def chains_before(s, x, z):
+def chains_before(s, column):
     """Index of the first chain of a column."""
-    return (x * s.counter[CELLS + 2] + z) * ((s.counter[CELLS + 1] + CELLS_OF_CHAIN - 1) // CELLS_OF_CHAIN)
+    return column * ((s.counter[CELLS + 1] + CELLS_OF_CHAIN - 1) // CELLS_OF_CHAIN)
+
+
+@jit
+def all_chains(s):
+    """How many chains the columns have, with that which stands for all beyond walls."""
+    return chains_before(s, s.counter[CELLS] * s.counter[CELLS + 2] + 1)
 
 
 @jit
 def chain_at(s, x, y, z):
     """Which chain holds the new lines of a cell."""
-    return chains_before(s, x, z) + y // CELLS_OF_CHAIN
+    return chains_before(s, column_at(s, x, z)) + y // CELLS_OF_CHAIN
 
 
 @part
 def clear_chains(s):
     """Empty all chains of the cells."""
-    for head in range(chains_before(s, s.counter[CELLS], 0)):
+    for head in range(all_chains(s)):
         s.chain_first[head] = -1
 
 
 @jit
-def chain_line(s, head):
-    """Add the new line to a chain."""
+def chain_line(s, new, head):
+    """Add a new line to a chain."""
     node = s.counter[NODES]
     if node == s.counter[NODE_ROOM]:
         s.counter[SHORT_LISTS] = 1
         return
     s.counter[NODES] = node + 1
-    copy_lanes(s.lines, (s.counter[LINE_ROOM] + node) * LINE, s.lines, new_line(s) * LINE)
+    copy_lanes(s.lines, (s.counter[LINE_ROOM] + node) * LINE, s.lines, new * LINE)
     s.node_next[node] = s.chain_first[head]
     s.chain_first[head] = node
 
 
 @jit
-def meet_chain(s, m, head, code):
-    """Enter the pairs of the new line in this image and those of a chain in the table, which has m; returns how many it has."""
+def meet_chain(s, m, new, head, code):
+    """Enter the pairs of a new line in this image and those of a chain in the table, which has m; returns how many it has."""
     node = int(s.chain_first[head])
     while node >= 0:
-        m = enter_pair(s, m, new_line(s), s.counter[LINE_ROOM] + node, code)
+        m = enter_pair(s, m, new, s.counter[LINE_ROOM] + node, code)
         node = int(s.node_next[node])
     return m
 
 
 @jit
-def meet_chains(s, m, x, z, first, last, code):
+def meet_chains(s, m, new, column, first, last, code):
     """Do so with the chains of the cells from `first` to `last` of a column."""
-    before = chains_before(s, x, z)
+    before = chains_before(s, column)
     for head in range(before + first // CELLS_OF_CHAIN, before + last // CELLS_OF_CHAIN + 1):
-        m = meet_chain(s, m, head, code)
+        m = meet_chain(s, m, new, head, code)
     return m
 
 

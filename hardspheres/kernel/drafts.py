@@ -100,10 +100,10 @@ def draft(s, k, i, t, duration, pieces):
 @jit
 def cell_at(s, x, y, z):
     """Index of a cell; y runs fastest, so that a column of cells stands together."""
-    return column_at(s, x, z) + y
+    return column_at(s, x, z) * s.counter[CELLS + 1] + y
 
 
 @jit
 def column_at(s, x, z):
-    """Index of the first cell of a column."""
-    return (x * s.counter[CELLS + 2] + z) * s.counter[CELLS + 1]
+    """Index of a column of cells."""
+    return x * s.counter[CELLS + 2] + z

@@ -9,7 +9,7 @@ coarse cells' chains follow those of the cells.
 
 import math
 
-from .chains import chain_line, chains_before, meet_chain, meet_chains, unchain
+from .chains import all_chains, chain_line, meet_chain, meet_chains, unchain
 from .compiler import jit
 from .drafts import column_at
 from .flags import DIM, SIZES
@@ -31,7 +31,7 @@ from .layout import (
     X,
 )
 from .line_cells import around
-from .lines import IMAGE, SAME, enter_pair, new_line
+from .lines import IMAGE, SAME, enter_pair
 
 ROUNDED_UP = 1.001  # spans are this much wider than they must be
 
@@ -56,8 +56,8 @@ def span(s, i, t, d, reach, cells, density):
 
 
 @jit
-def meet_small(s, m, i, t):
-    """Enter the pairs of the new line, of a large particle as registered at time t, and all small ones within reach; returns how many pairs there are."""
+def meet_small(s, m, i, new, t):
+    """Enter the pairs of a new line, of a large particle as registered at time t, and all small ones within reach; returns how many pairs there are."""
     reach = (s.row[i * ROW + RADIUS] + s.number[SMALL_RADIUS] + 2.0 * s.number[STRETCH]) * ROUNDED_UP
     first_x, last_x = span(s, i, t, 0, reach, CELLS, CELL_DENSITY)
     first_y, last_y = span(s, i, t, 1, reach, CELLS, CELL_DENSITY)
@@ -68,29 +68,29 @@ def meet_small(s, m, i, t):
         x, image_x = around(s, kx, 0, CELLS)
         for kz in range(first_z, last_z + 1):
             z, image_z = around(s, kz, 2, CELLS)
-            m = meet_along_y(s, m, x, z, first_y, last_y, SAME + image_x + image_z)
+            m = meet_along_y(s, m, new, column_at(s, x, z), first_y, last_y, SAME + image_x + image_z)
     return m
 
 
 @jit
-def meet_along_y(s, m, x, z, first, last, code):
+def meet_along_y(s, m, new, column, first, last, code):
     """Do so with the cells from `first` to `last` of a column, which may lie beyond the box, and with their chains."""
     ny = s.counter[CELLS + 1]
-    column = column_at(s, x, z)
+    cells = column * ny
     for turn in range(-1, 2):
         begin, end = max(first - turn * ny, 0), min(last - turn * ny, ny - 1)
         if begin <= end:
             image = code - turn * IMAGE[1]
             # Bounds tell nothing of boxes that are wider than a cell.
-            for slot in range(s.cell_count[column + begin], s.cell_count[column + end + 1]):
-                m = enter_pair(s, m, new_line(s), slot, image)
-            m = meet_chains(s, m, x, z, begin, end, image)
+            for slot in range(s.cell_count[cells + begin], s.cell_count[cells + end + 1]):
+                m = enter_pair(s, m, new, slot, image)
+            m = meet_chains(s, m, new, column, begin, end, image)
     return m
 
 
 @jit
-def meet_large(s, m, i, t):
-    """Enter the pairs of any new line, as registered at time t, and the large particles within reach; returns how many pairs there are."""
+def meet_large(s, m, i, new, t):
+    """Enter the pairs of a new line, as registered at time t, and the large particles within reach; returns how many pairs there are."""
     if s.counter[LARGE] == 0:
         return m
     reach = (s.row[i * ROW + RADIUS] + s.number[LARGEST] + 2.0 * s.number[STRETCH]) * ROUNDED_UP
@@ -105,18 +105,14 @@ def meet_large(s, m, i, t):
             y, image_y = around(s, ky, 1, LARGE_CELLS)
             for kz in range(first_z, last_z + 1):
                 z, image_z = around(s, kz, 2, LARGE_CELLS)
-                m = meet_chain(s, m, chain_of_large(s, x, y, z), SAME + image_x + image_y + image_z)
+                m = meet_chain(s, m, new, chain_of_large(s, x, y, z), SAME + image_x + image_y + image_z)
     return m
 
 
 @jit
 def chain_of_large(s, x, y, z):
     """Which chain holds the large particles of a coarse cell: they follow those of the cells."""
-    return (
-        chains_before(s, s.counter[CELLS], 0)
-        + (x * s.counter[LARGE_CELLS + 1] + y) * s.counter[LARGE_CELLS + 2]
-        + z
-    )
+    return all_chains(s) + (x * s.counter[LARGE_CELLS + 1] + y) * s.counter[LARGE_CELLS + 2] + z
 
 
 @jit
@@ -127,13 +123,13 @@ def coarse_cell(s, i, t, d):
 
 
 @jit
-def chain_large(s, i, t, replaces):
-    """Hang the new line of a large particle, as registered at time t, in its coarse cell, perhaps in place of older ones."""
+def chain_large(s, i, new, t, replaces):
+    """Hang a new line of a large particle, as registered at time t, in its coarse cell, perhaps in place of older ones."""
     z = coarse_cell(s, i, t, 2) if DIM == 3 else 0
     head = chain_of_large(s, coarse_cell(s, i, t, 0), coarse_cell(s, i, t, 1), z)
     if replaces:
         unchain(s, head, i)
-    chain_line(s, head)
+    chain_line(s, new, head)
 
 
 @jit

@@ -29,12 +29,14 @@ from .layout import (
     SHORT_LISTS,
     N,
 )
-from .lines import BYTE, IMAGE, LINE, SAME, UNITS, WHOSE, checked, examine, new_line
+from .lines import BYTE, IMAGE, LINE, SAME, UNITS, WHOSE, checked, examine, seen_in
 
 ALWAYS = np.float32(-1.00001)  # from the beginning of the window
 AHEAD = 12  # particles from here to that whose row is fetched
 SEVERAL = -1  # slots of a flight in pieces, which has many
 ENOUGH = 64  # pairs that are worth a look
+COLUMNS_AFTER = 4 if DIM == 3 else 1  # of those around a column: three at x + 1 (in 2D one), and one at z + 1
+SIDES = (0, -1, 1, 0)
 SEEN = -2  # the same, and it has its place in the order
 
 
@@ -102,7 +104,8 @@ def sort_lines(s, cells, begin, duration):
     for cell in range(cells):
         end += s.cell_count[cell]
         s.cell_count[cell] = end
-    s.cell_count[cells] = end
+    for empty in range(cells, cells + s.counter[CELLS + 1] + 1):  # a column that stands for all beyond walls
+        s.cell_count[empty] = end
     for m in range(in_cells(s)):
         i = int(s.order[m])
         cell = int(s.where[i])
@@ -164,16 +167,11 @@ def meet_run(s, m, begin, end, first, last, code):
 
     The table has m pairs; returns how many it has then.
     """
-    before = m
     shift = s.image_shifts[code]
     for block in range(first, last, AT_ONCE):
         for own in range(begin, end):
-            m = checked(
-                s, keep_overlapping(s.near, s.near_to, m, s.bounds[own], own, s.bounds, block, last, shift)
-            )
-    if code != SAME:
-        for pair in range(before, m):
-            s.near_codes[pair] = code
+            word, seen = s.bounds[own], seen_in(own, code)
+            m = checked(s, keep_overlapping(s.near, s.near_to, m, word, seen, s.bounds, block, last, shift))
     return m
 
 
@@ -181,7 +179,8 @@ def meet_run(s, m, begin, end, first, last, code):
 def meet_column(s, m, begin, end, column, y, code):
     """Do so with the cells from y - 1 to y + 1 of a column."""
     ny = s.counter[CELLS + 1]
-    first, last = s.cell_count[column + max(y - 1, 0)], s.cell_count[column + min(y + 1, ny - 1) + 1]
+    cells = column * ny
+    first, last = s.cell_count[cells + max(y - 1, 0)], s.cell_count[cells + min(y + 1, ny - 1) + 1]
     m = meet_run(s, m, begin, end, first, last, code)
     if y == 0 or y == ny - 1:
         m = meet_beyond(s, m, begin, end, column, y, -1, code)
@@ -195,22 +194,14 @@ def meet_beyond(s, m, begin, end, column, y, step, code):
     beside, image = around(s, y + step, 1, CELLS)
     if beside < 0 or image == 0:
         return m
-    first, last = s.cell_count[column + beside], s.cell_count[column + beside + 1]
-    return meet_run(s, m, begin, end, first, last, code + image)
+    cell = column * s.counter[CELLS + 1] + beside
+    return meet_run(s, m, begin, end, s.cell_count[cell], s.cell_count[cell + 1], code + image)
 
 
 @jit
-def find_columns(s, x, z):
-    """Find the columns that follow one: those beside it at x + 1, and that at z + 1; returns how many there are."""
-    found = 0
-    for step in range(4 if DIM == 3 else 1):
-        kx, image_x = around(s, x + (1 if DIM == 2 or step > 0 else 0), 0, CELLS)
-        kz, image_z = around(s, z + (step - 2 if step > 0 else 1) if DIM == 3 else 0, 2, CELLS)
-        if kx >= 0 and kz >= 0:
-            s.columns[found] = column_at(s, kx, kz)
-            s.column_codes[found] = SAME + image_x + image_z
-            found += 1
-    return found
+def place_of_column(s, x, z):
+    """Where the table of columns has a column that may lie one cell beyond the box."""
+    return (x + 1) * (s.counter[CELLS + 2] + 2) + z + 1
 
 
 @part
@@ -221,29 +212,22 @@ def meet_all(s):
     for x in range(s.counter[CELLS]):
         for z in range(s.counter[CELLS + 2]):
             own = column_at(s, x, z)
-            columns = find_columns(s, x, z)
             for y in range(ny):
-                begin, end = int(s.cell_count[own + y]), int(s.cell_count[own + y + 1])
-                behind = s.cell_count[own + min(y + 2, ny)]
+                begin, end = int(s.cell_count[own * ny + y]), int(s.cell_count[own * ny + y + 1])
+                behind = s.cell_count[own * ny + min(y + 2, ny)]
                 for k in range(begin, end):
                     m = meet_run(s, m, k, k + 1, k + 1, behind, SAME)
                 if y == ny - 1:
                     m = meet_beyond(s, m, begin, end, own, y, 1, SAME)
-                for a in range(columns):
-                    m = meet_column(s, m, begin, end, int(s.columns[a]), y, int(s.column_codes[a]))
+                for a in range(COLUMNS_AFTER):
+                    place = (
+                        place_of_column(s, x, z + 1) if a == 3 else place_of_column(s, x + 1, z + SIDES[a])
+                    )
+                    m = meet_column(s, m, begin, end, int(s.column[place]), y, int(s.column_code[place]))
                 if m >= ENOUGH:
                     examine(s, m, ALWAYS)
-                    forget_images(s, m)
                     m = 0
     examine(s, m, ALWAYS)
-    forget_images(s, m)
-
-
-@jit
-def forget_images(s, m):
-    """Have no image but the same in the first m lines of the table."""
-    for pair in range(m):
-        s.near_codes[pair] = SAME
 
 
 @jit
@@ -277,12 +261,11 @@ def withdraw(s, i):
 
 
 @jit
-def replace_line(s, i, x, y, z):
+def replace_line(s, i, new, x, y, z):
     """Put i's new line, whose middle is in (x, y, z), in the place of the old one, if it reaches no further; returns whether it does."""
     slot = s.where[i]
     if slot < 0:
         return False
-    new = new_line(s)
     if not fits(s, s.bounds[new], int(s.cell_of_line[slot]), x, y, z):
         return False
     copy_lanes(s.lines, slot * LINE, s.lines, new * LINE)

@@ -35,18 +35,26 @@ BYTE = 255
 # The image of one line in which another is compared with it: 1, plus or minus a box, for each axis.
 IMAGE = (1, 4, 16)
 SAME = 21
+SLOT_BITS = 26  # of a number with the slot and the image
+SLOTS = (1 << SLOT_BITS) - 1
 
 
 @jit
 def new_line(s):
-    """Slot of the latest new line. The slots of the cells' lines come first, and then those of lines in chains."""
+    """Slot of the first of the latest two new lines. The slots of the cells' lines come first, and then those of lines in chains."""
     return s.counter[LINE_ROOM] + s.counter[NODE_ROOM]
+
+
+@jit
+def seen_in(own, code):
+    """Return a slot with the image in which it is seen."""
+    return own | code << SLOT_BITS
 
 
 @jit
 def enter_pair(s, m, own, slot, code):
     """Enter a pair in the table, which has m; returns how many it has."""
-    s.near[m], s.near_to[m], s.near_codes[m] = slot, own, code
+    s.near[m], s.near_to[m] = slot, seen_in(own, code)
     return checked(s, m + 1)
 
 
@@ -102,17 +110,19 @@ def examine(s, m, since):
     meetings = 0
     for block in range(0, m, LINES):
         turn_rows(s.near_lines, 0, LINES, s.lines, s.near, block)
-        turn_rows(s.near_lines, LINE * LINES, LINES, s.lines, s.near_to, block)
+        for k in range(LINES):
+            s.near_own[k] = s.near_to[block + k] & SLOTS
+        turn_rows(s.near_lines, LINE * LINES, LINES, s.lines, s.near_own, 0)
         marks = 0
         for k in range(LINES):
-            code = s.near_codes[block + k]
+            code = s.near_to[block + k] >> SLOT_BITS & 63
             b, vv, c = compare(s.near_lines, LINES, k, s.near_lines, LINE * LINES + k, code, ex, ey, ez)
             marks |= (1 << k) if may_meet(b, vv, c, since) else 0
         meetings = keep_marked(s.meetings, meetings, block, m, marks)
     for a in range(meetings):
         pair = int(s.meetings[a])
-        slot, own = int(s.near[pair]), int(s.near_to[pair])
-        b, vv, c = compare(s.lines, 1, slot * LINE, s.lines, own * LINE, s.near_codes[pair], ex, ey, ez)
+        slot, own, code = int(s.near[pair]), int(s.near_to[pair]) & SLOTS, s.near_to[pair] >> SLOT_BITS & 63
+        b, vv, c = compare(s.lines, 1, slot * LINE, s.lines, own * LINE, code, ex, ey, ez)
         when = min(max(-b / (vv + TINY), since), ONE)
         solve_meeting(s, int(s.line_words[own * LINE + WHOSE]), int(s.line_words[slot * LINE + WHOSE]), when)
 

@@ -39,7 +39,6 @@ from .layout import (
     N,
     pointers,
 )
-from .line_cells import withdraw
 from .neighbours import make_all_lists, renew_list
 from .prediction import next_event
 from .windows import follow, open_window
@@ -166,17 +165,12 @@ def execute_candidate(s, c, time):
         return
     i, partner = partners(s, c)
     keep_clock(s, time)
-    changed = 1
-    withdraw(s, i)
     if partner < s.counter[N]:
         collide_pair(s, i, partner, time)
-        withdraw(s, partner)
-        changed = 2
     elif WALLS:
         hit_wall(s, i, partner, time)
-    for _ in range(changed):
-        follow(s, i, time)
-        i = partner
+        partner = -1
+    follow(s, i, partner, time)
 
 
 @jit

@@ -37,14 +37,20 @@ from .line_cells import (
     ALWAYS,
     SEVERAL,
     around,
-    column_at,
-    forget_images,
     meet_all,
     meet_column,
+    place_of_column,
     register_all,
     replace_line,
+    withdraw,
 )
-from .lines import SAME, examine, new_line
+from .lines import examine, new_line
+
+# Of each of the particles that an event has changed, int64.
+WHO = 0
+PIECES = 1  # in which its new flight is registered
+CELL = 2  # that holds the middle of the present piece, 3 slots
+CHANGED = 5
 
 
 @jit
@@ -74,6 +80,7 @@ def register_large(s, begin):
     """Hang the lines of all large particles in the coarse grid, compared with all small ones and with each other."""
     clear_large(s)
     duration = 2.0 * s.number[HALF_WINDOW]
+    new = new_line(s)
     for a in range(s.counter[LARGE]):
         i = int(s.large[a])
         s.where[i] = SEVERAL
@@ -82,62 +89,123 @@ def register_large(s, begin):
         pieces = pieces_of(s, i, duration)
         for p in range(pieces):
             time = begin + duration * (p + 0.5) / pieces
-            draft_new(s, i, time, duration, pieces)
-            m = meet_large(s, meet_small(s, 0, i, time), i, time)
+            draft_new(s, new, i, time, duration, pieces)
+            m = meet_large(s, meet_small(s, 0, i, new, time), i, new, time)
             examine(s, m, ALWAYS)
-            forget_images(s, m)
-            chain_large(s, i, time, p == 0)
+            chain_large(s, i, new, time, p == 0)
     if s.counter[SHORT_LISTS]:
         s.counter[NODES] = 0  # more lines than there is room for, and none that was replaced
 
 
 @jit
-def follow(s, i, now):
-    """Find what happens to i, whose row has just changed, in the rest of the window, and register its new line."""
-    if WALLS:
-        note_wall(s, i)
+def follow(s, i, j, now):
+    """Find what happens to i and j (or -1), whose rows have just changed, in the rest of the window, and register their new lines.
+
+    Both at once, since each step of a search waits for the one before, but not for those of the other. They do not see
+    each other: they fly apart.
+    """
     middle, half = s.number[MIDDLE], s.number[HALF_WINDOW]
     duration = middle + half - now
-    if duration <= 0.0:
-        return
+    changed = 2 if j >= 0 else 1
+    s.changed[WHO], s.changed[CHANGED + WHO] = i, j
+    most = 0
+    for a in range(changed):
+        who = s.changed[a * CHANGED + WHO]
+        withdraw(s, who)
+        if WALLS:
+            note_wall(s, who)
+        pieces = pieces_of(s, who, duration) if duration > 0.0 else 0
+        s.changed[a * CHANGED + PIECES] = pieces
+        most = max(most, pieces)
     since = np.float32((now - middle) / half - 1e-5)
-    pieces = pieces_of(s, i, duration)
-    for p in range(pieces):
-        time = now + duration * (p + 0.5) / pieces
-        x, y, z = draft_new(s, i, time, duration, pieces)
-        large = is_large(s, i)
-        m = meet_small(s, 0, i, time) if large else meet_around(s, x, y, z)
-        if SIZES:
-            m = meet_large(s, m, i, time)
+    for p in range(most):
+        m = 0
+        for a in range(changed):
+            if p < s.changed[a * CHANGED + PIECES]:
+                draft_piece(s, a, p, now, duration)
+        for a in range(changed):
+            if p < s.changed[a * CHANGED + PIECES]:
+                m = meet_piece(s, m, a, p, now, duration)
         examine(s, m, since)
-        forget_images(s, m)
-        if large:
-            chain_large(s, i, time, p == 0)
-        elif pieces > 1 or not replace_line(s, i, x, y, z):
-            chain_line(s, chain_at(s, x, y, z))
+        for a in range(changed):
+            if p < s.changed[a * CHANGED + PIECES]:
+                register_piece(s, a, p, now, duration)
 
 
 @jit
-def draft_new(s, i, t, duration, pieces):
+def middle_of_piece(s, a, p, now, duration):
+    """Time at the middle of a piece of a new flight."""
+    return now + duration * (p + 0.5) / s.changed[a * CHANGED + PIECES]
+
+
+@jit
+def draft_piece(s, a, p, now, duration):
+    """Write the new line of a piece of a new flight."""
+    i, pieces = s.changed[a * CHANGED + WHO], s.changed[a * CHANGED + PIECES]
+    x, y, z = draft_new(s, new_line(s) + a, i, middle_of_piece(s, a, p, now, duration), duration, pieces)
+    s.changed[a * CHANGED + CELL], s.changed[a * CHANGED + CELL + 1], s.changed[a * CHANGED + CELL + 2] = (
+        x,
+        y,
+        z,
+    )
+
+
+@jit
+def cell_of_piece(s, a):
+    """Cell that holds the middle of a piece."""
+    return s.changed[a * CHANGED + CELL], s.changed[a * CHANGED + CELL + 1], s.changed[a * CHANGED + CELL + 2]
+
+
+@jit
+def meet_piece(s, m, a, p, now, duration):
+    """Enter the pairs of a new line and those near it in the table, which has m; returns how many it has."""
+    i, new = s.changed[a * CHANGED + WHO], new_line(s) + a
+    if is_large(s, i):
+        m = meet_small(s, m, i, new, middle_of_piece(s, a, p, now, duration))
+    else:
+        x, y, z = cell_of_piece(s, a)
+        m = meet_around(s, m, new, x, y, z)
+    if SIZES:
+        m = meet_large(s, m, i, new, middle_of_piece(s, a, p, now, duration))
+    return m
+
+
+@jit
+def register_piece(s, a, p, now, duration):
+    """Register a new line: in the place of the old one, or in a chain."""
+    i, new = s.changed[a * CHANGED + WHO], new_line(s) + a
+    x, y, z = cell_of_piece(s, a)
+    if is_large(s, i):
+        chain_large(s, i, new, middle_of_piece(s, a, p, now, duration), p == 0)
+    elif s.changed[a * CHANGED + PIECES] > 1 or not replace_line(s, i, new, x, y, z):
+        chain_line(s, new, chain_at(s, x, y, z))
+
+
+@jit
+def draft_new(s, new, i, t, duration, pieces):
     """Write i's new line."""
-    return write_draft(s, s.lines, s.line_words, s.bounds, new_line(s), i, t, duration, pieces)
+    return write_draft(s, s.lines, s.line_words, s.bounds, new, i, t, duration, pieces)
 
 
 @jit
-def meet_around(s, cx, cy, cz):
-    """Enter the pairs of the new line and all whose bounds overlap in its cell and the cells around; returns how many there are."""
-    ny, new = s.counter[CELLS + 1], new_line(s)
-    m = 0
+def meet_around(s, m, new, cx, cy, cz):
+    """Enter the pairs of a new line and all whose bounds overlap in its cell and the cells around; returns how many there are."""
     for ox in range(-1, 2):
-        x, image_x = around(s, cx + ox, 0, CELLS)
         for oz in range(-1 if DIM == 3 else 0, 2 if DIM == 3 else 1):
-            z, image_z = around(s, cz + oz, 2, CELLS)
-            if x >= 0 and z >= 0:
-                code = SAME + image_x + image_z
-                m = meet_column(s, m, new, new + 1, column_at(s, x, z), cy, code)
-                m = meet_chains(s, m, x, z, max(cy - 1, 0), min(cy + 1, ny - 1), code)
-                if cy == 0 or cy == ny - 1:
-                    beyond, image_y = around(s, cy - 1 if cy == 0 else cy + 1, 1, CELLS)
-                    if beyond >= 0:
-                        m = meet_chains(s, m, x, z, beyond, beyond, code + image_y)
+            place = place_of_column(s, cx + ox, cz + oz)
+            column, code = int(s.column[place]), int(s.column_code[place])
+            m = meet_column(s, m, new, new + 1, column, cy, code)
+            m = meet_chains_around(s, m, new, column, cy, code)
+    return m
+
+
+@jit
+def meet_chains_around(s, m, new, column, y, code):
+    """Enter the pairs with lines chained to the cells from y - 1 to y + 1 of a column; returns how many there are."""
+    ny = s.counter[CELLS + 1]
+    m = meet_chains(s, m, new, column, max(y - 1, 0), min(y + 1, ny - 1), code)
+    if y == 0 or y == ny - 1:
+        beyond, image = around(s, y - 1 if y == 0 else y + 1, 1, CELLS)
+        if beyond >= 0:
+            m = meet_chains(s, m, new, column, beyond, beyond, code + image)
     return m
