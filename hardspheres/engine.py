@@ -265,7 +265,7 @@ class Engine:
         require_memory(needed, f"the tables to search among {n} particles", SimulationError)
         pairs = int(count[at.NEAR_ROOM]) + 32
         of_lines = {
-            "drafts": aligned(8 * n * windows + 8, np.float32),
+            "drafts": aligned(8 * (n + 8) * windows + 8, np.float32),
             "lines": aligned(8 * (lines + nodes + 2), np.float32),
         }
         words = {name[:-1] + "_words": array.view(np.int32) for name, array in of_lines.items()}
@@ -284,9 +284,11 @@ class Engine:
             "agenda_time": np.zeros(agenda),
             "agenda_key": np.zeros(agenda, dtype=np.int64),
             "agenda_entry": np.zeros(agenda, dtype=np.int64),
-            "order": np.setdiff1d(np.arange(n * windows, dtype=np.int32), self.large),
+            "order": np.append(
+                np.setdiff1d(np.arange(n * windows, dtype=np.int32), self.large), np.zeros(8, dtype=np.int32)
+            ),
             "large": np.append(self.large, 0).astype(np.int32),
-            "draft_bounds": aligned(n * windows + 1, np.int64),
+            "draft_bounds": aligned((n + 8) * windows + 1, np.int64),
             "bounds": aligned(lines + nodes + 18, np.int64),
             "cell_of_line": np.zeros(lines + 1, dtype=np.int32),
             **self._columns(count),

@@ -136,6 +136,13 @@ if PURE_PYTHON or CHECKED:
                 target[column * stride + k + line] = source[8 * ids[entry + line] + column]
 
     @numba.njit
+    def turn_columns(target, k, source, m):
+        """Copy 8 columns of 8 numbers to 8 rows in single precision, one by one."""
+        for line in range(8):
+            for column in range(8):
+                target[k + 8 * line + column] = source[m + 8 * column + line]
+
+    @numba.njit
     def least_of_equal(keys, m, values, k, wanted):
         """Return the least of 8 keys, of those whose value is the one wanted; the largest int64 where none is."""
         least = MOST
@@ -172,11 +179,45 @@ if PURE_PYTHON or CHECKED:
 
 else:
 
+    def _constant(element, numbers):
+        return ir.Constant(ir.VectorType(element, len(numbers)), numbers)
+
+    def _turned(builder, lines):
+        """Turn a square of 8 vectors of 8: in three steps, each of which exchanges halves of pairs of vectors."""
+        for step in (1, 2, 4):
+            low = [j if j & step == 0 else j - step + 8 for j in range(8)]
+            high = [j + step if j & step == 0 else j + 8 for j in range(8)]
+            masks = [_constant(ir.IntType(32), mask) for mask in (low, high)]
+            for a in range(8):
+                if a & step == 0:
+                    pair = lines[a], lines[a + step]
+                    lines[a], lines[a + step] = (builder.shuffle_vector(*pair, mask) for mask in masks)
+        return lines
+
+    @intrinsic
+    def turn_columns(typingctx, target, k, source, m):
+        """Copy 8 columns of 8 float64, one behind the other, to 8 rows of 8 float32, turned in registers."""
+
+        def codegen(context, builder, signature, args):
+            target, k, source, m = args
+            double, single = ir.VectorType(ir.DoubleType(), 8), ir.VectorType(ir.FloatType(), 8)
+            lines = []
+            for column in range(8):
+                where = builder.gep(source, [builder.add(m, ir.IntType(64)(8 * column))])
+                whole = builder.load(builder.bitcast(where, double.as_pointer()), align=8)
+                lines.append(builder.fptrunc(whole, single))
+            for row, line in enumerate(_turned(builder, lines)):
+                where = builder.gep(target, [builder.add(k, ir.IntType(64)(8 * row))])
+                builder.store(line, builder.bitcast(where, single.as_pointer()), align=4)
+            return context.get_dummy_value()
+
+        return types.none(target, types.int64, source, types.int64), codegen
+
     @intrinsic
     def turn_rows(typingctx, target, k, stride, source, ids, entry):
         """Copy 8 rows of 8 numbers, those that `ids` names from `entry` on, to 8 columns that are `stride` apart.
 
-        The 8 by 8 square is turned in registers: in three steps, each of which exchanges halves of pairs of vectors.
+        The square is turned in registers.
         """
 
         def codegen(context, builder, signature, args):
@@ -191,15 +232,7 @@ else:
                 lines.append(
                     builder.load(builder.bitcast(builder.gep(source, [row]), vector.as_pointer()), align=size)
                 )
-            for step in (1, 2, 4):
-                low = [j if j & step == 0 else j - step + 8 for j in range(8)]
-                high = [j + step if j & step == 0 else j + 8 for j in range(8)]
-                masks = [ir.Constant(ir.VectorType(ir.IntType(32), 8), mask) for mask in (low, high)]
-                for a in range(8):
-                    if a & step == 0:
-                        pair = lines[a], lines[a + step]
-                        lines[a], lines[a + step] = (builder.shuffle_vector(*pair, mask) for mask in masks)
-            for column, line in enumerate(lines):
+            for column, line in enumerate(_turned(builder, lines)):
                 place = builder.add(k, builder.mul(stride, word(column)))
                 where = builder.bitcast(builder.gep(target, [place]), vector.as_pointer())
                 builder.store(line, where, align=size)
@@ -244,9 +277,6 @@ else:
             return context.get_dummy_value()
 
         return types.none(target, types.int64, source, types.int64), codegen
-
-    def _constant(element, numbers):
-        return ir.Constant(ir.VectorType(element, len(numbers)), numbers)
 
     def _spread(builder, x, lanes):
         """Return a vector with x in all lanes."""

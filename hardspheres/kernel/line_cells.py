@@ -13,7 +13,7 @@ import numpy as np
 
 from .candidates import note_wall
 from .compiler import AT_ONCE, copy_lanes, jit, keep_overlapping, part, prefetch
-from .drafts import cell_at, column_at, draft, pieces_of
+from .drafts import CELL, EDGE, EIGHT, FAR, cell_at, column_at, draft, draft_eight, pieces_of
 from .flags import DIM, SIZES, WALLS
 from .layout import (
     BUCKET,
@@ -22,7 +22,6 @@ from .layout import (
     INVERSE,
     LARGE,
     LINE_ROOM,
-    MIDDLE,
     REACH_OF_BOUNDS,
     REGISTERED,
     ROW,
@@ -32,7 +31,7 @@ from .layout import (
 from .lines import BYTE, IMAGE, LINE, SAME, UNITS, WHOSE, checked, examine, seen_in
 
 ALWAYS = np.float32(-1.00001)  # from the beginning of the window
-AHEAD = 12  # particles from here to that whose row is fetched
+AHEAD = 16  # particles from here to that whose row is fetched
 SEVERAL = -1  # slots of a flight in pieces, which has many
 ENOUGH = 64  # pairs that are worth a look
 COLUMNS_AFTER = 4 if DIM == 3 else 1  # of those around a column: three at x + 1 (in 2D one), and one at z + 1
@@ -47,43 +46,41 @@ def in_cells(s):
 
 
 @jit
-def at_edge(s, x, y, z):
-    """Whether a cell lies at a wall: flights in one piece whose middle is in another cell reach none."""
-    edge = False
-    for d in range(DIM):
-        cell = x if d == 0 else (y if d == 1 else z)
-        edge |= (s.number[INVERSE + d] == 0.0) & ((cell == 0) | (cell == s.counter[CELLS + d] - 1))
-    return edge
-
-
-@jit
 def count_lines(s, begin, duration):
     """Draft the lines of all particles, count those of each cell, and find who meets a wall.
 
-    A flight in several pieces is drafted later.
+    A flight whose middle is in a cell beside no wall reaches none, if it is in one piece. Those in several are drafted later.
     """
     n = in_cells(s)
     total = n
-    for m in range(n):
-        i = int(s.order[m])
-        prefetch(s.row, s.order[min(m + AHEAD, n - 1)] * ROW)
-        pieces = pieces_of(s, i, duration)
-        if pieces == 1:
-            x, y, z = draft(s, m, i, s.number[MIDDLE], duration, 1)
-            cell = cell_at(s, x, y, z)
-            s.where[i] = cell
-            s.cell_count[cell] += 1
-            if WALLS and at_edge(s, x, y, z):
-                note_wall(s, i)
-        else:
-            if WALLS:
-                note_wall(s, i)
-            s.where[i] = -pieces
-            total += pieces - 1
-            for p in range(pieces):
-                x, y, z = draft(s, m, i, begin + duration * (p + 0.5) / pieces, duration, pieces)
-                s.cell_count[cell_at(s, x, y, z)] += 1
+    for first in range(0, n, EIGHT):
+        for k in range(EIGHT):
+            prefetch(s.row, s.order[min(first + AHEAD + k, n - 1)] * ROW)
+        draft_eight(s, first, duration)
+        for k in range(min(EIGHT, n - first)):
+            i = int(s.order[first + k])
+            if s.scratch[FAR + k] < 1.0:
+                cell = int(s.scratch[CELL + k])
+                s.where[i] = cell
+                s.cell_count[cell] += 1
+                if WALLS and s.scratch[EDGE + k] > 0.0:
+                    note_wall(s, i)
+            else:
+                if WALLS:
+                    note_wall(s, i)
+                total += count_pieces(s, first + k, i, begin, duration) - 1
     return total
+
+
+@part
+def count_pieces(s, m, i, begin, duration):
+    """Count the lines of a flight in pieces in the cells of their middles; returns how many there are."""
+    pieces = pieces_of(s, i, duration)
+    s.where[i] = -pieces
+    for p in range(pieces):
+        x, y, z = draft(s, m, i, begin + duration * (p + 0.5) / pieces, duration, pieces)
+        s.cell_count[cell_at(s, x, y, z)] += 1
+    return pieces
 
 
 @jit
@@ -113,10 +110,15 @@ def sort_lines(s, cells, begin, duration):
             s.where[i] = insert_draft(s, m, cell)
         else:
             s.where[i] = SEVERAL
-            pieces = -cell
-            for p in range(pieces):
-                x, y, z = draft(s, m, i, begin + duration * (p + 0.5) / pieces, duration, pieces)
-                insert_draft(s, m, cell_at(s, x, y, z))
+            insert_pieces(s, m, i, -cell, begin, duration)
+
+
+@part
+def insert_pieces(s, m, i, pieces, begin, duration):
+    """Bring the lines of a flight in pieces into their cells."""
+    for p in range(pieces):
+        x, y, z = draft(s, m, i, begin + duration * (p + 0.5) / pieces, duration, pieces)
+        insert_draft(s, m, cell_at(s, x, y, z))
 
 
 @part
