@@ -16,12 +16,13 @@ import numpy as np
 from .candidates import note_wall
 from .chains import chain_at, chain_line, clear_chains, meet_chains
 from .chunks import clear_buckets
-from .compiler import jit, part
+from .compiler import AT_ONCE, jit, part, prefetch
 from .drafts import pieces_of, write_draft
 from .flags import DIM, SIZES, WALLS
 from .large import chain_large, clear_large, is_large, meet_large, meet_small
 from .layout import (
     AGENDA_LENGTH,
+    BEYOND_CACHE,
     BUCKET,
     CANDIDATES,
     CELLS,
@@ -123,6 +124,8 @@ def follow(s, i, j, now):
         for a in range(changed):
             if p < s.changed[a * CHANGED + PIECES]:
                 draft_piece(s, a, p, now, duration)
+                if s.counter[BEYOND_CACHE]:
+                    fetch_around(s, a)
         for a in range(changed):
             if p < s.changed[a * CHANGED + PIECES]:
                 m = meet_piece(s, m, a, p, now, duration)
@@ -148,6 +151,18 @@ def draft_piece(s, a, p, now, duration):
         y,
         z,
     )
+
+
+@jit
+def fetch_around(s, a):
+    """Have in the cache the bounds of the lines around the cell that holds the middle of a piece."""
+    x, y, z = cell_of_piece(s, a)
+    for ox in range(-1, 2):
+        for oz in range(-1 if DIM == 3 else 0, 2 if DIM == 3 else 1):
+            column = int(s.column[place_of_column(s, x + ox, z + oz)])
+            first = s.cell_count[column * s.counter[CELLS + 1] + max(y - 1, 0)]
+            prefetch(s.bounds, first)
+            prefetch(s.bounds, first + AT_ONCE // 2)
 
 
 @jit
