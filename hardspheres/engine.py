@@ -294,7 +294,7 @@ class Engine:
             **self._columns(count),
             "image_shifts": image_shifts(count[at.CELLS : at.CELLS + dim], UNITS),
             "near": aligned(pairs, np.int32),
-            "near_to": aligned(pairs, np.int32),
+            "near_to": aligned(pairs, np.uint32),
             "near_own": aligned(8, np.int32),
             "near_lines": aligned(128, np.float32),
             "meetings": aligned(pairs, np.int32),

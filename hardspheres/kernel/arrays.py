@@ -48,7 +48,7 @@ class Arrays(NamedTuple):
     column: object  # int32 ((nx + 2) (nz + 2)): index of each column of cells, and of those one cell beyond the box
     column_code: object  # int32, the same: the image in which the box is seen from there
     near: object  # int32 (NEAR_ROOM + 2 * AT_ONCE): the slots of lines whose bounds overlap those of another
-    near_to: object  # int32, the same: the slot of that other, and the image in which it is seen
+    near_to: object  # uint32, the same: the slot of that other, and the image in which it is seen
     near_own: object  # int32 (LINES): such slots alone
     near_lines: object  # float32 (2 * LINE * LINES): the lines of eight pairs, column by column
     meetings: object  # int32 (NEAR_ROOM + 2 * AT_ONCE): which pairs may meet

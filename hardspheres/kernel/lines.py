@@ -52,6 +52,18 @@ def seen_in(own, code):
 
 
 @jit
+def slot_in(seen):
+    """Return the slot in such a number."""
+    return np.int32(seen & SLOTS)
+
+
+@jit
+def image_in(seen):
+    """Return the image in such a number."""
+    return np.int32(seen >> SLOT_BITS)
+
+
+@jit
 def enter_pair(s, m, own, slot, code):
     """Enter a pair in the table, which has m; returns how many it has."""
     s.near[m], s.near_to[m] = slot, seen_in(own, code)
@@ -111,17 +123,17 @@ def examine(s, m, since):
     for block in range(0, m, LINES):
         turn_rows(s.near_lines, 0, LINES, s.lines, s.near, block)
         for k in range(LINES):
-            s.near_own[k] = s.near_to[block + k] & SLOTS
+            s.near_own[k] = slot_in(s.near_to[block + k])
         turn_rows(s.near_lines, LINE * LINES, LINES, s.lines, s.near_own, 0)
         marks = 0
         for k in range(LINES):
-            code = s.near_to[block + k] >> SLOT_BITS & 63
+            code = image_in(s.near_to[block + k])
             b, vv, c = compare(s.near_lines, LINES, k, s.near_lines, LINE * LINES + k, code, ex, ey, ez)
             marks |= (1 << k) if may_meet(b, vv, c, since) else 0
         meetings = keep_marked(s.meetings, meetings, block, m, marks)
     for a in range(meetings):
         pair = int(s.meetings[a])
-        slot, own, code = int(s.near[pair]), int(s.near_to[pair]) & SLOTS, s.near_to[pair] >> SLOT_BITS & 63
+        slot, own, code = int(s.near[pair]), slot_in(s.near_to[pair]), image_in(s.near_to[pair])
         b, vv, c = compare(s.lines, 1, slot * LINE, s.lines, own * LINE, code, ex, ey, ez)
         when = min(max(-b / (vv + TINY), since), ONE)
         solve_meeting(s, int(s.line_words[own * LINE + WHOSE]), int(s.line_words[slot * LINE + WHOSE]), when)

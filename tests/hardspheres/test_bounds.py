@@ -42,7 +42,7 @@ for method in (LISTS, WINDOWS):
     at, e = sim._at, sim._engine
     small = {at.AGENDA_ROOM: 2, at.LIST_ROOM: at.LANES, at.CELL_ROOM: at.CELL_LANES}
     if method is WINDOWS:
-        small = {at.AGENDA_ROOM: 2, at.LINE_ROOM: 10, at.CANDIDATE_ROOM: 2, at.NODE_ROOM: 7, at.MEETING_ROOM: 16}
+        small = {at.AGENDA_ROOM: 2, at.LINE_ROOM: 10, at.CANDIDATE_ROOM: 2, at.NODE_ROOM: 7, at.NEAR_ROOM: 1}
     for slot, room in small.items():
         e.arrays.counter[slot] = room
     e.chunks = min(e.chunks, 4)
@@ -66,7 +66,7 @@ ONE_TOO_SHORT = """
 short = []
 for method, names in (
     (LISTS, ("event", "neighbours", "images", "cell_ids", "cell_places", "near_excess", "chunks", "scratch")),
-    (WINDOWS, ("order", "drafts", "cell_lines", "cell_line_ids", "lines", "line_ids", "row_start", "row_own", "met", "version")),
+    (WINDOWS, ("order", "drafts", "lines", "bounds", "cell_of_line", "column", "near", "near_to", "meetings", "changed", "version")),
 ):
     for name in names:
         sim = simulation(gas("3d", 10, 0.02, seed=3), method)
@@ -127,7 +127,7 @@ def test_an_array_too_short_is_seen():
     """Sibling: where only its first element is left of an array the checks speak up, whichever array it is."""
     seen = checked(with_prelude(ONE_TOO_SHORT))
     lists = "event neighbours images cell_ids cell_places near_excess chunks scratch"
-    windows = "order drafts cell_lines cell_line_ids lines line_ids row_start row_own met version"
+    windows = "order drafts lines bounds cell_of_line column near near_to meetings changed version"
     assert seen == lists.split() + windows.split()
 
 

@@ -122,7 +122,7 @@ def test_running_out_of_room_changes_nothing(scene, expected, method):
     small = (
         {at.LIST_ROOM: at.LANES}
         if method is LISTS
-        else {at.LINE_ROOM: 10, at.CANDIDATE_ROOM: 2, at.NODE_ROOM: 7, at.MEETING_ROOM: 16}
+        else {at.LINE_ROOM: 10, at.CANDIDATE_ROOM: 2, at.NODE_ROOM: 7, at.NEAR_ROOM: 1}
     )
     small |= {at.AGENDA_ROOM: 2}
     for slot, room in small.items():

@@ -266,7 +266,7 @@ def test_a_box_of_a_hundred_million_diameters():
         (WINDOWS, "LINE_ROOM", 1),
         (WINDOWS, "NODE_ROOM", 1),
         (WINDOWS, "CANDIDATE_ROOM", 1),
-        (WINDOWS, "MEETING_ROOM", 16),
+        (WINDOWS, "NEAR_ROOM", 1),
         (WINDOWS, "AGENDA_ROOM", 1),
         (WINDOWS, "chunks", 1),
     ],

@@ -84,10 +84,10 @@ def test_pieces_of_flights_change_nothing(scene, expected, speeds, monkeypatch):
 
 
 def test_too_little_room_changes_nothing(scene, expected):
-    """Room for fewer new lines than there are large particles, and for few meetings."""
+    """Room for fewer new lines than there are large particles, and for few pairs of lines."""
     sim = hs.Simulation(scene)
     e, at = sim._engine, sim._at
-    e.arrays.counter[at.NODE_ROOM], e.arrays.counter[at.MEETING_ROOM] = 3, 16
+    e.arrays.counter[at.NODE_ROOM], e.arrays.counter[at.NEAR_ROOM] = 3, 1
     e.arrays = e.arrays._replace(**e._searching_arrays(e.arrays.counter, e.chunks))
     sim.run(collisions=COLLISIONS)
     assert e.arrays.counter[at.NODE_ROOM] >= 15
