@@ -28,7 +28,10 @@ from hardspheres.tuning import (
 EVENTS_PER_BUCKET = {False: 8, True: 32}  # more of them, where what they need is fetched ahead
 CACHED = 16000  # particles that the processor's own caches hold
 MOST_ENTRIES = 2**31 - 1  # of a table: its places are kept in 32 bits
-UNITS = 60  # of the bounds of lines in a cell, see `kernel.lines`
+COLUMN = 3.3  # width of a column of cells along x and z, in the reach of lines beyond their cells
+ALONG = 1.0  # width of a cell along y
+REACH_OF_BOUNDS = 20  # units of the bounds of lines in that reach: see `kernel.lines`
+WIDEST = 85  # units in a cell, at most
 SAME = 21  # the code of an image that is not shifted
 LINE_MARGIN = 1e-4  # in cells, of boxes that are not many cells long: single precision is off by a few 1e-6
 
@@ -41,13 +44,13 @@ def aligned(size: int, dtype: type) -> Any:
     return raw[start : start + size * itemsize].view(dtype)
 
 
-def image_shifts(cells: Any, units: int) -> Any:
+def image_shifts(cells: Any, widths: Any) -> Any:
     """Return how far bounds are shifted in each image: minus, no, or plus a box along each axis (two bits of the image's code)."""
     shifts = aligned(64, np.int64)
     ends = shifts.view(np.uint8).reshape(64, 8)
     for code in range(64):
-        for d, number in enumerate(cells.tolist()):
-            box = units * number * min((code >> 2 * d & 3) - 1, 1)
+        for d, units in enumerate((cells * widths).tolist()):
+            box = units * min((code >> 2 * d & 3) - 1, 1)
             ends[code, d], ends[code, d + 3] = box % 256, -box % 256
     return shifts
 
@@ -199,7 +202,10 @@ class Engine:
     def _plan_windows(self, scene: Scene, plan: WindowPlan, number: Any, count: Any) -> None:
         """Choose windows, cells and buckets of the window method."""
         at, n = self.layout, scene.n
-        self._set_cells(scene, plan.cells, number, count)
+        reach = plan.stretch + plan.small_radius
+        grid = np.maximum(scene.box / (COLUMN * reach), 1.0).astype(np.int64)
+        grid[1] = max(1, int(scene.box[1] / (ALONG * reach)))
+        self._set_cells(scene, grid.tolist(), number, count)
         edge = float(np.max(scene.box / plan.cells))
         number[at.HALF_WINDOW] = 0.5 * plan.length
         number[at.STRETCH] = plan.stretch
@@ -215,8 +221,12 @@ class Engine:
         count[at.LINE_ROOM] = n + n // 4 + 1024
         count[at.NODE_ROOM] = n // 3 + 1024
         count[at.NEAR_ROOM] = 1024
-        reach = (plan.stretch + plan.small_radius) * UNITS * np.array(plan.cells) / scene.box
-        count[at.REACH_OF_BOUNDS : at.REACH_OF_BOUNDS + scene.dim] = reach
+        # Bounds have so many units that lines reach REACH_OF_BOUNDS units beyond their cells, or less where cells are wide.
+        widths = np.minimum(np.floor(REACH_OF_BOUNDS * scene.box / (grid * reach)), WIDEST)
+        beyond = np.ceil(reach * widths * grid / scene.box) + 1.0
+        count[at.WIDTH : at.WIDTH + scene.dim] = widths
+        count[at.BEYOND : at.BEYOND + scene.dim] = beyond
+        number[at.UNIT_DENSITY : at.UNIT_DENSITY + scene.dim] = widths * grid / scene.box
         count[at.CANDIDATE_ROOM] = n // 2 + 1024
         self.chunks = buckets + n // 8 + 256
         number[at.SMALL_RADIUS] = plan.small_radius
@@ -245,7 +255,7 @@ class Engine:
         lines, candidates = int(count[at.LINE_ROOM]), int(count[at.CANDIDATE_ROOM])
         agenda = int(count[at.AGENDA_ROOM])
         columns = math.prod(count[[at.CELLS, at.CELLS + 2]].tolist())
-        chains = (columns + 1) * math.ceil(int(count[at.CELLS + 1]) / 8) * windows
+        chains = (columns + 1) * math.ceil(int(count[at.CELLS + 1]) / 16) * windows
         chains += math.prod(count[at.LARGE_CELLS : at.LARGE_CELLS + 3].tolist())
         places, nodes = self.cells * cell_room, int(count[at.NODE_ROOM])
         if max(places, lines, nodes, candidates, n + 6) >= MOST_ENTRIES:
@@ -292,13 +302,14 @@ class Engine:
             "bounds": aligned(lines + nodes + 18, np.int64),
             "cell_of_line": np.zeros(lines + 1, dtype=np.int32),
             **self._columns(count),
-            "image_shifts": image_shifts(count[at.CELLS : at.CELLS + dim], UNITS),
+            "image_shifts": image_shifts(count[at.CELLS : at.CELLS + dim], count[at.WIDTH : at.WIDTH + dim]),
             "near": aligned(pairs, np.int32),
             "near_to": aligned(pairs, np.uint32),
             "near_own": aligned(8, np.int32),
             "near_lines": aligned(128, np.float32),
             "meetings": aligned(pairs, np.int32),
-            "changed": np.zeros(10, dtype=np.int64),
+            "changed": np.zeros(16, dtype=np.int64),
+            "places": np.zeros(32, dtype=np.int64),
             "chain_first": np.zeros(chains + 1, dtype=np.int32),
             "node_next": np.zeros(nodes + 1, dtype=np.int32),
             "candidates": aligned(candidates * at.CANDIDATE + 1, np.int64),

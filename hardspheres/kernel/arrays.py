@@ -47,6 +47,7 @@ class Arrays(NamedTuple):
     image_shifts: object  # int64 (64): how far bounds are shifted in each image
     column: object  # int32 ((nx + 2) (nz + 2)): index of each column of cells, and of those one cell beyond the box
     column_code: object  # int32, the same: the image in which the box is seen from there
+    places: object  # int64 (32): columns near a line, as places in their table
     near: object  # int32 (NEAR_ROOM + 2 * AT_ONCE): the slots of lines whose bounds overlap those of another
     near_to: object  # uint32, the same: the slot of that other, and the image in which it is seen
     near_own: object  # int32 (LINES): such slots alone

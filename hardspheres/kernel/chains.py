@@ -5,7 +5,7 @@ from .drafts import column_at
 from .layout import CELLS, LINE_ROOM, NODE_ROOM, NODES, SHORT_LISTS
 from .lines import LINE, WHOSE, enter_pair
 
-CELLS_OF_CHAIN = 8  # along y
+CELLS_OF_CHAIN = 16  # along y
 
 
 @jit

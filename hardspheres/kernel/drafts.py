@@ -22,15 +22,17 @@ from .layout import (
     RADIUS,
     ROW,
     STRETCH,
+    UNIT_DENSITY,
     T,
     V,
     X,
 )
-from .lines import LINE, PLACE, REACH_OF_LINE, UNITS, WAY, WHOSE
+from .lines import LINE, PLACE, REACH_OF_LINE, WAY, WHOSE
 
 MANY = 1000000  # pieces; more than anybody can need
 OUTWARDS = 1e-3  # units that bounds are further out than they must be, because of rounding
 TURN = 256.0
+NEAR_A_WALL = 1e-9  # of a box, for rounding
 
 # The table of eight drafts, after their rows in columns: their lines in columns, and what else is known of them.
 EIGHT = 8
@@ -38,7 +40,7 @@ LINES_OF_EIGHT = EIGHT * ROW
 ENDS = LINES_OF_EIGHT + EIGHT * LINE  # bounds
 CELL = ENDS + EIGHT
 FAR = CELL + EIGHT  # below 1 where one piece does
-EDGE = FAR + EIGHT  # 1 where the cell lies at a wall
+EDGE = FAR + EIGHT  # 1 where the flight may reach a wall
 
 
 @jit
@@ -76,7 +78,7 @@ def byte(x):
 @jit
 def ends_of(s, d, x, half):
     """Bounds along axis d of a box that reaches this far from x both ways, in their place among the others; a whole number."""
-    density = UNITS * s.number[CELL_DENSITY + d]
+    density = s.number[UNIT_DENSITY + d]
     return TURN**d * byte((x - half) * density) + TURN ** (d + 3) * byte((-x - half) * density)
 
 
@@ -100,7 +102,11 @@ def draft_eight(s, m, duration):
             x = in_box(s, d, p[EIGHT * (X + d) + k] + v * dt)
             p[LINES_OF_EIGHT + EIGHT * (PLACE + d) + k] = x * unit
             p[LINES_OF_EIGHT + EIGHT * (WAY + d) + k] = v * half_window * unit
-            ends += ends_of(s, d, x, 0.5 * duration * abs(v) + radius)
+            half = 0.5 * duration * abs(v) + radius
+            ends += ends_of(s, d, x, half)
+            if WALLS:
+                reached = min(x, s.number[BOX + d] - x) < half + NEAR_A_WALL * s.number[BOX + d]
+                edge = 1.0 if (s.number[INVERSE + d] == 0.0) & reached else edge
             cell = cell_of(s, d, x)
             if d == 0:
                 cx = cell
@@ -108,9 +114,6 @@ def draft_eight(s, m, duration):
                 cy = cell
             else:
                 cz = cell
-            if WALLS:
-                at_edge = (cell == 0.0) | (cell == s.counter[CELLS + d] - 1.0)
-                edge = 1.0 if (s.number[INVERSE + d] == 0.0) & at_edge else edge
             vv += v * v
         if DIM == 2:
             p[LINES_OF_EIGHT + EIGHT * (PLACE + 2) + k] = 0.0

@@ -52,7 +52,8 @@ LARGE_DENSITY = 32  # coarse cells per length, 3 slots
 MEAN_SQUARE = 35  # mean square speed when this epoch began, where masses differ
 HASTE = 36  # from this mean square speed on epochs are too long
 LEISURE = 37  # below this one they are too short
-NUMBERS = 38
+UNIT_DENSITY = 38  # windows: units of the bounds of lines per length, 3 slots
+NUMBERS = 41
 FLIGHT_UNITS = NUMBERS  # where FLIGHTS, of each species: 1 / the units of its paths, times, and bins of speed
 
 # Sums since the tallies were reset, float64.
@@ -104,8 +105,9 @@ LOGGED = 39  # events in the log's buffer
 LOG_ROOM = 40  # how many it can hold; 0: there is no log
 KINDS = 41  # species that flights are told apart by
 NEAR_ROOM = 31  # windows: pairs of lines whose bounds overlap that the table can hold
-REACH_OF_BOUNDS = 42  # how far a line may reach beyond its cell, in the units of bounds, 3 slots
-COUNTERS = 45
+WIDTH = 42  # of a cell in the units of bounds, 3 slots
+BEYOND = 45  # how far a line may reach beyond its cell in these units, 3 slots
+COUNTERS = 48
 
 # Flights, where FLIGHTS. Of a particle, float64:
 FLIGHT = 4 if FLIGHTS else 0
@@ -202,6 +204,7 @@ def pointers(a):
         pointer(a.image_shifts),
         pointer(a.column),
         pointer(a.column_code),
+        pointer(a.places),
         pointer(a.near),
         pointer(a.near_to),
         pointer(a.near_own),

@@ -1,9 +1,10 @@
 """The grid of the window method: all lines sorted by cells, and who among them comes near a line.
 
-A line stands in the cell that holds its middle, and reaches no further than half a cell beyond. Cells follow each other in y, so
-the lines around a cell stand in nine runs (in 2D three), one for each column of cells along y. Runs are compared by the bounds of
-lines, 16 at a time (`compiler.keep_overlapping`): Those that are left are compared as lines (`lines`). To meet each pair once, a line meets all that stand behind it in its own and
-the following cell, and four of the columns around.
+A line stands in the cell that holds its middle, and reaches no further than BEYOND outside of it. Cells follow each other in y,
+in which they are narrow, so the lines near another stand in few runs: one for each column of cells that its box, BEYOND wider on
+all sides, overlaps. Runs are compared by the bounds of lines, 16 at a time (`compiler.keep_overlapping`). Those that are left are
+compared as lines (`lines`). To meet each pair once, a line meets all that stand behind it in its own column, in that at z + 1, and
+in those at x + 1.
 
 A particle that has collided has a new line. It takes the place of the old one where it reaches no further beyond that cell than
 lines may; otherwise it is chained to those of its cell (`chains`).
@@ -16,26 +17,27 @@ from .compiler import AT_ONCE, copy_lanes, jit, keep_overlapping, part, prefetch
 from .drafts import CELL, EDGE, EIGHT, FAR, cell_at, column_at, draft, draft_eight, pieces_of
 from .flags import DIM, SIZES, WALLS
 from .layout import (
+    BEYOND,
+    BOX,
     BUCKET,
     CELLS,
     HALF_WINDOW,
     INVERSE,
     LARGE,
     LINE_ROOM,
-    REACH_OF_BOUNDS,
+    LINE_UNIT,
     REGISTERED,
     ROW,
     SHORT_LISTS,
+    WIDTH,
     N,
 )
-from .lines import BYTE, IMAGE, LINE, SAME, UNITS, WHOSE, checked, examine, seen_in
+from .lines import BYTE, IMAGE, LINE, PLACE, REACH_OF_LINE, SAME, WHOSE, checked, examine, seen_in
 
 ALWAYS = np.float32(-1.00001)  # from the beginning of the window
 AHEAD = 16  # particles from here to that whose row is fetched
 SEVERAL = -1  # slots of a flight in pieces, which has many
 ENOUGH = 64  # pairs that are worth a look
-COLUMNS_AFTER = 4 if DIM == 3 else 1  # of those around a column: three at x + 1 (in 2D one), and one at z + 1
-SIDES = (0, -1, 1, 0)
 SEEN = -2  # the same, and it has its place in the order
 
 
@@ -49,7 +51,7 @@ def in_cells(s):
 def count_lines(s, begin, duration):
     """Draft the lines of all particles, count those of each cell, and find who meets a wall.
 
-    A flight whose middle is in a cell beside no wall reaches none, if it is in one piece. Those in several are drafted later.
+    Flights in several pieces are drafted later.
     """
     n = in_cells(s)
     total = n
@@ -178,32 +180,100 @@ def meet_run(s, m, begin, end, first, last, code):
 
 
 @jit
-def meet_column(s, m, begin, end, column, y, code):
-    """Do so with the cells from y - 1 to y + 1 of a column."""
+def meet_column(s, m, begin, end, column, first, last, code):
+    """Do so with the cells from `first` to `last` of a column, which may lie beyond the box."""
     ny = s.counter[CELLS + 1]
     cells = column * ny
-    first, last = s.cell_count[cells + max(y - 1, 0)], s.cell_count[cells + min(y + 1, ny - 1) + 1]
-    m = meet_run(s, m, begin, end, first, last, code)
-    if y == 0 or y == ny - 1:
-        m = meet_beyond(s, m, begin, end, column, y, -1, code)
-        m = meet_beyond(s, m, begin, end, column, y, 1, code)
+    start, stop = s.cell_count[cells + max(first, 0)], s.cell_count[cells + min(last, ny - 1) + 1]
+    m = meet_run(s, m, begin, end, start, stop, code)
+    if first < 0 or last >= ny:
+        m = meet_beyond(s, m, begin, end, column, first, last, code)
     return m
 
 
 @jit
-def meet_beyond(s, m, begin, end, column, y, step, code):
-    """Do so with the cell at y + step of a column, if that lies on the other side of the box."""
-    beside, image = around(s, y + step, 1, CELLS)
-    if beside < 0 or image == 0:
+def meet_beyond(s, m, begin, end, column, first, last, code):
+    """Do so with those of these cells that lie beyond the box, on its other side."""
+    ny = s.counter[CELLS + 1]
+    if s.number[INVERSE + 1] == 0.0:
         return m
-    cell = column * s.counter[CELLS + 1] + beside
-    return meet_run(s, m, begin, end, s.cell_count[cell], s.cell_count[cell + 1], code + image)
+    cells = column * ny
+    if first < 0:
+        start, stop = s.cell_count[cells + max(first + ny, 0)], s.cell_count[cells + ny]
+        m = meet_run(s, m, begin, end, start, stop, code + IMAGE[1])
+    if last >= ny:
+        start, stop = s.cell_count[cells], s.cell_count[cells + min(last - ny, ny - 1) + 1]
+        m = meet_run(s, m, begin, end, start, stop, code - IMAGE[1])
+    return m
+
+
+@jit
+def signed(difference):
+    """Return a difference of bounds, given with whole turns, without them."""
+    return ((difference + 128) & BYTE) - 128
+
+
+@jit
+def low_end(s, word, d, cell):
+    """Low end along axis d of a line's box, from the beginning of a cell near it."""
+    return signed((word >> 8 * d) - cell * s.counter[WIDTH + d])
+
+
+@jit
+def high_end(s, word, d, cell):
+    """High end along axis d of a line's box, from the beginning of a cell near it."""
+    return signed(-(word >> 8 * (d + 3)) - cell * s.counter[WIDTH + d])
+
+
+@jit
+def reaches_below(s, word, d, cell):
+    """Whether lines of the cell before this one may overlap a line of this one."""
+    return low_end(s, word, d, cell) < s.counter[BEYOND + d]
+
+
+@jit
+def reaches_above(s, word, d, cell):
+    """Whether lines of the cell after this one may overlap a line of this one."""
+    return high_end(s, word, d, cell) + s.counter[BEYOND + d] >= s.counter[WIDTH + d]
+
+
+@jit
+def cells_along_y(s, word, y):
+    """First and last cell along y with lines that may overlap a line of cell y."""
+    low, high = (
+        low_end(s, word, 1, y) - s.counter[BEYOND + 1],
+        high_end(s, word, 1, y) + s.counter[BEYOND + 1],
+    )
+    per_unit = 1.0 / s.counter[WIDTH + 1]
+    return y + int(np.floor(low * per_unit)), y + int(np.floor((high + 0.5) * per_unit))
 
 
 @jit
 def place_of_column(s, x, z):
     """Where the table of columns has a column that may lie one cell beyond the box."""
     return (x + 1) * (s.counter[CELLS + 2] + 2) + z + 1
+
+
+@jit
+def note_place(s, k, place, noted):
+    """Note a place in the table of columns, if it is asked for; returns how many there are."""
+    s.places[k] = place
+    return k + (1 if noted else 0)
+
+
+@jit
+def columns_after(s, word, x, z):
+    """Note those columns behind this one with lines that may overlap one of its own; returns how many there are."""
+    layer = s.counter[CELLS + 2] + 2
+    own = place_of_column(s, x, z)
+    right = reaches_above(s, word, 0, x)
+    if DIM == 2:
+        return note_place(s, 0, own + layer, right)
+    below, above = reaches_below(s, word, 2, z), reaches_above(s, word, 2, z)
+    k = note_place(s, 0, own + 1, above)
+    k = note_place(s, k, own + layer, right)
+    k = note_place(s, k, own + layer - 1, right & below)
+    return note_place(s, k, own + layer + 1, right & above)
 
 
 @part
@@ -215,42 +285,40 @@ def meet_all(s):
         for z in range(s.counter[CELLS + 2]):
             own = column_at(s, x, z)
             for y in range(ny):
-                begin, end = int(s.cell_count[own * ny + y]), int(s.cell_count[own * ny + y + 1])
-                behind = s.cell_count[own * ny + min(y + 2, ny)]
-                for k in range(begin, end):
+                for k in range(s.cell_count[own * ny + y], s.cell_count[own * ny + y + 1]):
+                    word = s.bounds[k]
+                    first, last = cells_along_y(s, word, y)
+                    behind = s.cell_count[own * ny + min(last, ny - 1) + 1]
                     m = meet_run(s, m, k, k + 1, k + 1, behind, SAME)
-                if y == ny - 1:
-                    m = meet_beyond(s, m, begin, end, own, y, 1, SAME)
-                for a in range(COLUMNS_AFTER):
-                    place = (
-                        place_of_column(s, x, z + 1) if a == 3 else place_of_column(s, x + 1, z + SIDES[a])
-                    )
-                    m = meet_column(s, m, begin, end, int(s.column[place]), y, int(s.column_code[place]))
-                if m >= ENOUGH:
-                    examine(s, m, ALWAYS)
-                    m = 0
+                    if last >= ny:
+                        m = meet_beyond(s, m, k, k + 1, own, y, last, SAME)
+                    for a in range(columns_after(s, word, x, z)):
+                        column, code = int(s.column[s.places[a]]), int(s.column_code[s.places[a]])
+                        m = meet_column(s, m, k, k + 1, column, first, last, code)
+                    if m >= ENOUGH:
+                        examine(s, m, ALWAYS)
+                        m = 0
     examine(s, m, ALWAYS)
 
 
 @jit
-def signed(difference):
-    """Return a difference of bounds, given with whole turns, without them."""
-    return ((difference + 128) & BYTE) - 128
-
-
-@jit
-def fits(s, word, cell, cx, cy, cz):
-    """Whether a line with these bounds, whose middle is in (cx, cy, cz), reaches no further beyond another cell than lines may."""
+def fits(s, new, slot):
+    """Whether a new line reaches no further beyond the cell of the old one than lines may."""
+    cell, word = int(s.cell_of_line[slot]), s.bounds[new]
     column = cell // s.counter[CELLS + 1]
     y = cell - column * s.counter[CELLS + 1]
     x = column // s.counter[CELLS + 2]
     z = column - x * s.counter[CELLS + 2]
-    inside = (abs(cx - x) <= 1) & (abs(cy - y) <= 1) & (abs(cz - z) <= 1)
+    inside = True
     for d in range(DIM):
-        reach = s.counter[REACH_OF_BOUNDS + d]
-        first = (x if d == 0 else (y if d == 1 else z)) * UNITS - reach
-        last = first + UNITS + 2 * reach
-        inside &= (signed((word >> 8 * d) - first) >= 0) & (signed(last + (word >> 8 * (d + 3))) >= 0)
+        at = x if d == 0 else (y if d == 1 else z)
+        beyond = s.counter[BEYOND + d]
+        inside &= (low_end(s, word, d, at) >= -beyond) & (
+            high_end(s, word, d, at) <= s.counter[WIDTH + d] + beyond
+        )
+        # In the same image: the old one may have been on the other side of the box.
+        far = abs(s.lines[new * LINE + PLACE + d] - s.lines[slot * LINE + PLACE + d])
+        inside &= 2.0 * far < s.number[BOX + d] * s.number[LINE_UNIT]
     return inside
 
 
@@ -259,16 +327,16 @@ def withdraw(s, i):
     """Take the line away that i had."""
     slot = s.where[i]
     if slot >= 0:
-        s.lines[slot * LINE] = np.nan
+        s.lines[slot * LINE + REACH_OF_LINE] = np.nan
 
 
 @jit
-def replace_line(s, i, new, x, y, z):
-    """Put i's new line, whose middle is in (x, y, z), in the place of the old one, if it reaches no further; returns whether it does."""
+def replace_line(s, i, new):
+    """Put i's new line in the place of the old one, if it reaches no further; returns whether it does."""
     slot = s.where[i]
     if slot < 0:
         return False
-    if not fits(s, s.bounds[new], int(s.cell_of_line[slot]), x, y, z):
+    if not fits(s, new, slot):
         return False
     copy_lanes(s.lines, slot * LINE, s.lines, new * LINE)
     s.bounds[slot] = s.bounds[new]

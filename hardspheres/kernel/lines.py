@@ -26,10 +26,9 @@ REACH_OF_LINE = 6
 WHOSE = 7  # the id, in the same memory as int32
 LINES = 8  # lines that the filter compares at once
 
-# Bounds of a line, 6 bytes of an int64: the low ends of a box that holds it, along x, y, z, and the high ends negated. A cell is
-# UNITS wide, and whole turns of 256 are left out: the difference of two that overlap is less than two cells, so that its sign
-# can be told; of others that stand in cells that touch, too.
-UNITS = 60
+# Bounds of a line, 6 bytes of an int64: the low ends of a box that holds it, along x, y, z, and the high ends negated. Whole turns
+# of 256 are left out: units are such that boxes that overlap, and those that are compared, differ by less than half a turn, so
+# that the sign of their difference can be told.
 BYTE = 255
 
 # The image of one line in which another is compared with it: 1, plus or minus a box, for each axis.

@@ -27,6 +27,7 @@ from .layout import (
     CANDIDATES,
     CELLS,
     HALF_WINDOW,
+    INVERSE,
     LARGE,
     MIDDLE,
     NODES,
@@ -37,21 +38,27 @@ from .layout import (
 from .line_cells import (
     ALWAYS,
     SEVERAL,
-    around,
+    cells_along_y,
     meet_all,
     meet_column,
+    note_place,
     place_of_column,
+    reaches_above,
+    reaches_below,
     register_all,
     replace_line,
     withdraw,
 )
-from .lines import examine, new_line
+from .lines import IMAGE, examine, new_line
 
 # Of each of the particles that an event has changed, int64.
 WHO = 0
 PIECES = 1  # in which its new flight is registered
 CELL = 2  # that holds the middle of the present piece, 3 slots
-CHANGED = 5
+FIRST = 5  # first and last cell along y near it
+PLACES = 7  # how many columns are near it
+CHANGED = 8
+MOST_PLACES = 16  # in the table of columns
 
 
 @jit
@@ -124,8 +131,8 @@ def follow(s, i, j, now):
         for a in range(changed):
             if p < s.changed[a * CHANGED + PIECES]:
                 draft_piece(s, a, p, now, duration)
-                if s.counter[BEYOND_CACHE]:
-                    fetch_around(s, a)
+                if not is_large(s, s.changed[a * CHANGED + WHO]):
+                    find_runs(s, a)
         for a in range(changed):
             if p < s.changed[a * CHANGED + PIECES]:
                 m = meet_piece(s, m, a, p, now, duration)
@@ -154,18 +161,6 @@ def draft_piece(s, a, p, now, duration):
 
 
 @jit
-def fetch_around(s, a):
-    """Have in the cache the bounds of the lines around the cell that holds the middle of a piece."""
-    x, y, z = cell_of_piece(s, a)
-    for ox in range(-1, 2):
-        for oz in range(-1 if DIM == 3 else 0, 2 if DIM == 3 else 1):
-            column = int(s.column[place_of_column(s, x + ox, z + oz)])
-            first = s.cell_count[column * s.counter[CELLS + 1] + max(y - 1, 0)]
-            prefetch(s.bounds, first)
-            prefetch(s.bounds, first + AT_ONCE // 2)
-
-
-@jit
 def cell_of_piece(s, a):
     """Cell that holds the middle of a piece."""
     return s.changed[a * CHANGED + CELL], s.changed[a * CHANGED + CELL + 1], s.changed[a * CHANGED + CELL + 2]
@@ -178,8 +173,7 @@ def meet_piece(s, m, a, p, now, duration):
     if is_large(s, i):
         m = meet_small(s, m, i, new, middle_of_piece(s, a, p, now, duration))
     else:
-        x, y, z = cell_of_piece(s, a)
-        m = meet_around(s, m, new, x, y, z)
+        m = meet_around(s, m, a)
     if SIZES:
         m = meet_large(s, m, i, new, middle_of_piece(s, a, p, now, duration))
     return m
@@ -192,7 +186,7 @@ def register_piece(s, a, p, now, duration):
     x, y, z = cell_of_piece(s, a)
     if is_large(s, i):
         chain_large(s, i, new, middle_of_piece(s, a, p, now, duration), p == 0)
-    elif s.changed[a * CHANGED + PIECES] > 1 or not replace_line(s, i, new, x, y, z):
+    elif s.changed[a * CHANGED + PIECES] > 1 or not replace_line(s, i, new):
         chain_line(s, new, chain_at(s, x, y, z))
 
 
@@ -203,24 +197,51 @@ def draft_new(s, new, i, t, duration, pieces):
 
 
 @jit
-def meet_around(s, m, new, cx, cy, cz):
-    """Enter the pairs of a new line and all whose bounds overlap in its cell and the cells around; returns how many there are."""
+def find_runs(s, a):
+    """Find the columns with lines that may overlap a new line, and have in the cache where those begin."""
+    x, y, z = cell_of_piece(s, a)
+    word = s.bounds[new_line(s) + a]
+    first, last = cells_along_y(s, word, y)
+    s.changed[a * CHANGED + FIRST], s.changed[a * CHANGED + FIRST + 1] = first, last
+    layer = s.counter[CELLS + 2] + 2
+    begin = a * MOST_PLACES
+    k = begin
     for ox in range(-1, 2):
-        for oz in range(-1 if DIM == 3 else 0, 2 if DIM == 3 else 1):
-            place = place_of_column(s, cx + ox, cz + oz)
-            column, code = int(s.column[place]), int(s.column_code[place])
-            m = meet_column(s, m, new, new + 1, column, cy, code)
-            m = meet_chains_around(s, m, new, column, cy, code)
+        along_x = (ox == 0) | (reaches_below(s, word, 0, x) if ox < 0 else reaches_above(s, word, 0, x))
+        place = place_of_column(s, x, z) + ox * layer
+        if DIM == 3:
+            k = note_place(s, k, place - 1, along_x & reaches_below(s, word, 2, z))
+            k = note_place(s, k, place + 1, along_x & reaches_above(s, word, 2, z))
+        k = note_place(s, k, place, along_x)
+    s.changed[a * CHANGED + PLACES] = k - begin
+    if s.counter[BEYOND_CACHE]:
+        for place in range(begin, k):
+            column = int(s.column[s.places[place]])
+            start = s.cell_count[column * s.counter[CELLS + 1] + max(first, 0)]
+            prefetch(s.bounds, start)
+            prefetch(s.bounds, start + AT_ONCE // 2)
+
+
+@jit
+def meet_around(s, m, a):
+    """Enter the pairs of a new line and all whose bounds overlap near it; returns how many there are."""
+    new, begin = new_line(s) + a, a * MOST_PLACES
+    first, last = s.changed[a * CHANGED + FIRST], s.changed[a * CHANGED + FIRST + 1]
+    for k in range(begin, begin + s.changed[a * CHANGED + PLACES]):
+        column, code = int(s.column[s.places[k]]), int(s.column_code[s.places[k]])
+        m = meet_column(s, m, new, new + 1, column, first, last, code)
+        m = meet_chains_around(s, m, new, column, first, last, code)
     return m
 
 
 @jit
-def meet_chains_around(s, m, new, column, y, code):
-    """Enter the pairs with lines chained to the cells from y - 1 to y + 1 of a column; returns how many there are."""
+def meet_chains_around(s, m, new, column, first, last, code):
+    """Enter the pairs with lines chained to these cells of a column, which may lie beyond the box; returns how many there are."""
     ny = s.counter[CELLS + 1]
-    m = meet_chains(s, m, new, column, max(y - 1, 0), min(y + 1, ny - 1), code)
-    if y == 0 or y == ny - 1:
-        beyond, image = around(s, y - 1 if y == 0 else y + 1, 1, CELLS)
-        if beyond >= 0:
-            m = meet_chains(s, m, new, column, beyond, beyond, code + image)
+    m = meet_chains(s, m, new, column, max(first, 0), min(last, ny - 1), code)
+    if s.number[INVERSE + 1] > 0.0:
+        if first < 0:
+            m = meet_chains(s, m, new, column, max(first + ny, 0), ny - 1, code + IMAGE[1])
+        if last >= ny:
+            m = meet_chains(s, m, new, column, 0, min(last - ny, ny - 1), code - IMAGE[1])
     return m
