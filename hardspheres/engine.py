@@ -226,7 +226,9 @@ class Engine:
         beyond = np.ceil(reach * widths * grid / scene.box) + 1.0
         count[at.WIDTH : at.WIDTH + scene.dim] = widths
         count[at.BEYOND : at.BEYOND + scene.dim] = beyond
-        number[at.UNIT_DENSITY : at.UNIT_DENSITY + scene.dim] = widths * grid / scene.box
+        density = widths * grid / scene.box
+        number[at.UNIT_DENSITY : at.UNIT_DENSITY + scene.dim] = density
+        number[at.REACH_OF_LINES : at.REACH_OF_LINES + scene.dim] = beyond / density
         count[at.CANDIDATE_ROOM] = n // 2 + 1024
         self.chunks = buckets + n // 8 + 256
         number[at.SMALL_RADIUS] = plan.small_radius

@@ -323,7 +323,7 @@ else:
             ends = builder.bitcast(_spread(builder, builder.bitcast(ends, int64), AT_ONCE), all_bytes)
             others = builder.load(builder.bitcast(builder.gep(those, [first]), words.as_pointer()), align=8)
             gap = builder.bitcast(builder.sub(ends, builder.bitcast(others, all_bytes)), words)
-            signs = _constant(int64, [-0x7F7F7F7F7F7F7F80] * AT_ONCE)
+            signs = _constant(int64, [0x808080808080] * AT_ONCE)
             overlap = builder.icmp_signed("==", builder.and_(gap, signs), _constant(int64, [0] * AT_ONCE))
             mine = _spread(builder, builder.trunc(own, int32), AT_ONCE)
             builder.store(mine, builder.bitcast(builder.gep(to, [m]), mine.type.as_pointer()), align=4)

@@ -20,6 +20,7 @@ from .layout import (
     LINE_UNIT,
     MIDDLE,
     RADIUS,
+    REACH_OF_LINES,
     ROW,
     STRETCH,
     UNIT_DENSITY,
@@ -27,11 +28,19 @@ from .layout import (
     V,
     X,
 )
-from .lines import LINE, PLACE, REACH_OF_LINE, WAY, WHOSE
+from .lines import LINE, NEAR_SHIFT, PLACE, REACH_OF_LINE, WAY, WHOSE
 
 MANY = 1000000  # pieces; more than anybody can need
 OUTWARDS = 1e-3  # units that bounds are further out than they must be, because of rounding
 TURN = 256.0
+RUNS = (
+    1.0,
+    4.0,
+    2.0,
+    16.0,
+    64.0,
+    32.0,
+)  # places of the numbers of cells before along x, y, z, and of those after
 NEGATED_HIGH = TURN**3  # place of the high ends among the bounds
 NEAR_A_WALL = 1e-9  # of a box, for rounding
 
@@ -41,7 +50,8 @@ LINES_OF_EIGHT = EIGHT * ROW
 ENDS = LINES_OF_EIGHT + EIGHT * LINE  # bounds
 CELL = ENDS + EIGHT
 FAR = CELL + EIGHT  # below 1 where one piece does
-EDGE = FAR + EIGHT  # 1 where the flight may reach a wall
+NEAR = FAR + EIGHT  # how many cells are near, see `near_of`
+EDGE = NEAR + EIGHT  # 1 where the flight may reach a wall
 
 
 @jit
@@ -59,13 +69,14 @@ def pieces_of(s, i, duration):
 
 @jit
 def axis(s, d):
-    """Numbers of an axis, loaded once: edge of the box, its inverse (0 between walls), cells per length, last cell, units per length."""
+    """Numbers of an axis, loaded once: edge of the box, its inverse (0 between walls), cells per length, last cell, units per length, and how far lines reach beyond their cells."""
     return (
         s.number[BOX + d],
         s.number[INVERSE + d],
         s.number[CELL_DENSITY + d],
         float(s.counter[CELLS + d] - 1),
         s.number[UNIT_DENSITY + d],
+        s.number[REACH_OF_LINES + d],
     )
 
 
@@ -95,8 +106,21 @@ def ends_of(x, half, of_axis):
 
 
 @jit
+def cells_near(x, half, cell, of_axis):
+    """How many cells before and after this one may hold lines that come near a box that reaches this far from x both ways."""
+    reach = half + of_axis[5]
+    return cell - np.floor((x - reach) * of_axis[2]), np.floor((x + reach) * of_axis[2]) - cell
+
+
+@jit
+def near_of(d, before, after):
+    """Return these numbers, at most 1, along y at most 3, in the place that they have in a number for all axes."""
+    return RUNS[d] * before + RUNS[d + 3] * after
+
+
+@jit
 def draft_along(p, k, d, dt, half_time, half_window, unit, radius, of_axis):
-    """Draft line k of the table along axis d; returns its bounds, cell, squared speed, and whether it may reach a wall, as numbers."""
+    """Draft line k of the table along axis d; returns its bounds, cell, what is near, squared speed, and whether it may reach a wall, as numbers."""
     v = p[EIGHT * (V + d) + k]
     x = in_box(p[EIGHT * (X + d) + k] + v * dt, of_axis)
     half = half_time * abs(v) + radius
@@ -106,7 +130,9 @@ def draft_along(p, k, d, dt, half_time, half_window, unit, radius, of_axis):
     if WALLS:
         reached = min(x, of_axis[0] - x) < half + NEAR_A_WALL * of_axis[0]
         edge = 1.0 if (of_axis[1] == 0.0) & reached else 0.0
-    return ends_of(x, half, of_axis), cell_of(x, of_axis), v * v, edge
+    cell = cell_of(x, of_axis)
+    before, after = cells_near(x, half, cell, of_axis)
+    return ends_of(x, half, of_axis), cell, near_of(d, before, after), v * v, edge
 
 
 @jit
@@ -126,24 +152,27 @@ def draft_eight(s, m, duration):
     for k in range(EIGHT):
         dt = middle - p[EIGHT * T + k]
         radius = p[EIGHT * RADIUS + k] if SIZES else core
-        ends, cx, vv, edge = draft_along(p, k, 0, dt, half_time, half_window, unit, radius, along_x)
-        more, cy, uu, beside = draft_along(p, k, 1, dt, half_time, half_window, unit, radius, along_y)
-        ends, vv, edge, cz = ends + TURN * more, vv + uu, max(edge, beside), 0.0
+        ends, cx, near, vv, edge = draft_along(p, k, 0, dt, half_time, half_window, unit, radius, along_x)
+        more, cy, along, uu, beside = draft_along(p, k, 1, dt, half_time, half_window, unit, radius, along_y)
+        ends, near, vv, edge, cz = ends + TURN * more, near + along, vv + uu, max(edge, beside), 0.0
         if DIM == 3:
-            more, cz, uu, beside = draft_along(p, k, 2, dt, half_time, half_window, unit, radius, along_z)
-            ends, vv, edge = ends + TURN * TURN * more, vv + uu, max(edge, beside)
+            more, cz, along, uu, beside = draft_along(
+                p, k, 2, dt, half_time, half_window, unit, radius, along_z
+            )
+            ends, near, vv, edge = ends + TURN * TURN * more, near + along, vv + uu, max(edge, beside)
         else:
             p[LINES_OF_EIGHT + EIGHT * (PLACE + 2) + k] = 0.0
             p[LINES_OF_EIGHT + EIGHT * (WAY + 2) + k] = 0.0
         p[LINES_OF_EIGHT + EIGHT * REACH_OF_LINE + k] = radius * unit + margin
         p[ENDS + k] = ends
+        p[NEAR + k] = near
         p[CELL + k] = (cx * columns + cz) * rows + cy
         p[FAR + k] = vv * far * far
         p[EDGE + k] = edge
     turn_columns(s.drafts, m * LINE, p, LINES_OF_EIGHT)
     for k in range(EIGHT):
         s.draft_words[(m + k) * LINE + WHOSE] = s.order[m + k]
-        s.draft_bounds[m + k] = int(p[ENDS + k])
+        s.draft_bounds[m + k] = int(p[ENDS + k]) | int(p[NEAR + k]) << NEAR_SHIFT
 
 
 @jit
@@ -159,7 +188,7 @@ def write_draft(s, lines, words, bounds, k, i, t, duration, pieces):
     radius = s.row[ri + RADIUS] if SIZES else s.number[CORE]
     half_time = 0.5 * (duration / pieces)
     line = k * LINE
-    ends = 0.0
+    ends, near = 0.0, 0.0
     cx, cy, cz = 0, 0, 0
     for d in range(DIM):
         v = s.row[ri + V + d]
@@ -167,8 +196,11 @@ def write_draft(s, lines, words, bounds, k, i, t, duration, pieces):
         x = in_box(s.row[ri + X + d] + v * dt, of_axis)
         lines[line + PLACE + d] = (x + v * on) * unit
         lines[line + WAY + d] = v * s.number[HALF_WINDOW] * unit
-        ends += TURN**d * ends_of(x, half_time * abs(v) + radius, of_axis)
+        half = half_time * abs(v) + radius
+        ends += TURN**d * ends_of(x, half, of_axis)
         cell = int(cell_of(x, of_axis))
+        before, after = cells_near(x, half, cell, of_axis)
+        near += near_of(d, before, after)
         if d == 0:
             cx = cell
         elif d == 1:
@@ -180,7 +212,7 @@ def write_draft(s, lines, words, bounds, k, i, t, duration, pieces):
         reach += 3e-3 * pieces * s.number[STRETCH] * unit
     lines[line + REACH_OF_LINE] = reach
     words[line + WHOSE] = i
-    bounds[k] = int(ends)
+    bounds[k] = int(ends) | int(near) << NEAR_SHIFT
     return cx, cy, cz
 
 

@@ -53,7 +53,8 @@ MEAN_SQUARE = 35  # mean square speed when this epoch began, where masses differ
 HASTE = 36  # from this mean square speed on epochs are too long
 LEISURE = 37  # below this one they are too short
 UNIT_DENSITY = 38  # windows: units of the bounds of lines per length, 3 slots
-NUMBERS = 41
+REACH_OF_LINES = 41  # how far a line may reach beyond its cell, 3 slots
+NUMBERS = 44
 FLIGHT_UNITS = NUMBERS  # where FLIGHTS, of each species: 1 / the units of its paths, times, and bins of speed
 
 # Sums since the tallies were reset, float64.

@@ -32,7 +32,24 @@ from .layout import (
     WIDTH,
     N,
 )
-from .lines import BYTE, IMAGE, LINE, PLACE, REACH_OF_LINE, SAME, WHOSE, checked, examine, seen_in
+from .lines import (
+    AFTER_X,
+    AFTER_Y,
+    AFTER_Z,
+    BEFORE_Y,
+    BEFORE_Z,
+    BYTE,
+    IMAGE,
+    LINE,
+    NEAR_SHIFT,
+    PLACE,
+    REACH_OF_LINE,
+    SAME,
+    WHOSE,
+    checked,
+    examine,
+    seen_in,
+)
 
 ALWAYS = np.float32(-1.00001)  # from the beginning of the window
 AHEAD = 16  # particles from here to that whose row is fetched
@@ -226,26 +243,9 @@ def high_end(s, word, d, cell):
 
 
 @jit
-def reaches_below(s, word, d, cell):
-    """Whether lines of the cell before this one may overlap a line of this one."""
-    return low_end(s, word, d, cell) < s.counter[BEYOND + d]
-
-
-@jit
-def reaches_above(s, word, d, cell):
-    """Whether lines of the cell after this one may overlap a line of this one."""
-    return high_end(s, word, d, cell) + s.counter[BEYOND + d] >= s.counter[WIDTH + d]
-
-
-@jit
-def cells_along_y(s, word, y):
+def cells_along_y(s, near, y):
     """First and last cell along y with lines that may overlap a line of cell y."""
-    low, high = (
-        low_end(s, word, 1, y) - s.counter[BEYOND + 1],
-        high_end(s, word, 1, y) + s.counter[BEYOND + 1],
-    )
-    per_unit = 1.0 / s.counter[WIDTH + 1]
-    return y + int(np.floor(low * per_unit)), y + int(np.floor((high + 0.5) * per_unit))
+    return y - (near >> BEFORE_Y & 3), y + (near >> AFTER_Y & 3)
 
 
 @jit
@@ -258,22 +258,22 @@ def place_of_column(s, x, z):
 def note_place(s, k, place, noted):
     """Note a place in the table of columns, if it is asked for; returns how many there are."""
     s.places[k] = place
-    return k + (1 if noted else 0)
+    return k + (1 if noted != 0 else 0)
 
 
 @jit
-def columns_after(s, word, x, z):
+def columns_after(s, near, x, z):
     """Note those columns behind this one with lines that may overlap one of its own; returns how many there are."""
     layer = s.counter[CELLS + 2] + 2
     own = place_of_column(s, x, z)
-    right = reaches_above(s, word, 0, x)
+    right = (near & AFTER_X) // AFTER_X
     if DIM == 2:
         return note_place(s, 0, own + layer, right)
-    below, above = reaches_below(s, word, 2, z), reaches_above(s, word, 2, z)
-    k = note_place(s, 0, own + 1, above)
+    before, after = (near & BEFORE_Z) // BEFORE_Z, (near & AFTER_Z) // AFTER_Z
+    k = note_place(s, 0, own + 1, after)
     k = note_place(s, k, own + layer, right)
-    k = note_place(s, k, own + layer - 1, right & below)
-    return note_place(s, k, own + layer + 1, right & above)
+    k = note_place(s, k, own + layer - 1, right & before)
+    return note_place(s, k, own + layer + 1, right & after)
 
 
 @part
@@ -286,13 +286,13 @@ def meet_all(s):
             own = column_at(s, x, z)
             for y in range(ny):
                 for k in range(s.cell_count[own * ny + y], s.cell_count[own * ny + y + 1]):
-                    word = s.bounds[k]
-                    first, last = cells_along_y(s, word, y)
+                    near = s.bounds[k] >> NEAR_SHIFT
+                    first, last = cells_along_y(s, near, y)
                     behind = s.cell_count[own * ny + min(last, ny - 1) + 1]
                     m = meet_run(s, m, k, k + 1, k + 1, behind, SAME)
                     if last >= ny:
                         m = meet_beyond(s, m, k, k + 1, own, y, last, SAME)
-                    for a in range(columns_after(s, word, x, z)):
+                    for a in range(columns_after(s, near, x, z)):
                         column, code = int(s.column[s.places[a]]), int(s.column_code[s.places[a]])
                         m = meet_column(s, m, k, k + 1, column, first, last, code)
                     if m >= ENOUGH:

@@ -28,8 +28,11 @@ LINES = 8  # lines that the filter compares at once
 
 # Bounds of a line, 6 bytes of an int64: the low ends of a box that holds it, along x, y, z, and the high ends negated. Whole turns
 # of 256 are left out: units are such that boxes that overlap, and those that are compared, differ by less than half a turn, so
-# that the sign of their difference can be told.
+# that the sign of their difference can be told. The byte after them tells how many cells near its own a line has to do with.
 BYTE = 255
+NEAR_SHIFT = 48
+BEFORE_X, BEFORE_Z, AFTER_X, AFTER_Z = 1, 2, 16, 32  # bits of that byte: one cell
+BEFORE_Y, AFTER_Y = 2, 6  # of two bits each: up to three, the first of them
 
 # The image of one line in which another is compared with it: 1, plus or minus a box, for each axis.
 IMAGE = (1, 4, 16)

@@ -43,13 +43,11 @@ from .line_cells import (
     meet_column,
     note_place,
     place_of_column,
-    reaches_above,
-    reaches_below,
     register_all,
     replace_line,
     withdraw,
 )
-from .lines import IMAGE, examine, new_line
+from .lines import AFTER_X, AFTER_Z, BEFORE_X, BEFORE_Z, IMAGE, NEAR_SHIFT, examine, new_line
 
 # Of each of the particles that an event has changed, int64.
 WHO = 0
@@ -200,18 +198,18 @@ def draft_new(s, new, i, t, duration, pieces):
 def find_runs(s, a):
     """Find the columns with lines that may overlap a new line, and have in the cache where those begin."""
     x, y, z = cell_of_piece(s, a)
-    word = s.bounds[new_line(s) + a]
-    first, last = cells_along_y(s, word, y)
+    near = s.bounds[new_line(s) + a] >> NEAR_SHIFT
+    first, last = cells_along_y(s, near, y)
     s.changed[a * CHANGED + FIRST], s.changed[a * CHANGED + FIRST + 1] = first, last
     layer = s.counter[CELLS + 2] + 2
     begin = a * MOST_PLACES
     k = begin
     for ox in range(-1, 2):
-        along_x = (ox == 0) | (reaches_below(s, word, 0, x) if ox < 0 else reaches_above(s, word, 0, x))
+        along_x = 1 if ox == 0 else ((near & BEFORE_X) // BEFORE_X if ox < 0 else (near & AFTER_X) // AFTER_X)
         place = place_of_column(s, x, z) + ox * layer
         if DIM == 3:
-            k = note_place(s, k, place - 1, along_x & reaches_below(s, word, 2, z))
-            k = note_place(s, k, place + 1, along_x & reaches_above(s, word, 2, z))
+            k = note_place(s, k, place - 1, along_x & (near & BEFORE_Z) // BEFORE_Z)
+            k = note_place(s, k, place + 1, along_x & (near & AFTER_Z) // AFTER_Z)
         k = note_place(s, k, place, along_x)
     s.changed[a * CHANGED + PLACES] = k - begin
     if s.counter[BEYOND_CACHE]:
