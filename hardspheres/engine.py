@@ -28,6 +28,7 @@ from hardspheres.tuning import (
 EVENTS_PER_BUCKET = {False: 8, True: 32}  # more of them, where what they need is fetched ahead
 CACHED = 16000  # particles that the processor's own caches hold
 MOST_ENTRIES = 2**31 - 1  # of a table: its places are kept in 32 bits
+MOST_LINES = 2**26 - 2  # of windows, in as many bits: see `kernel.lines`
 COLUMN = 3.3  # width of a column of cells along x and z, in the reach of lines beyond their cells
 ALONG = 1.0  # width of a cell along y
 REACH_OF_BOUNDS = 20  # units of the bounds of lines in that reach: see `kernel.lines`
@@ -260,10 +261,11 @@ class Engine:
         chains = (columns + 1) * math.ceil(int(count[at.CELLS + 1]) / 16) * windows
         chains += math.prod(count[at.LARGE_CELLS : at.LARGE_CELLS + 3].tolist())
         places, nodes = self.cells * cell_room, int(count[at.NODE_ROOM])
-        if max(places, lines, nodes, candidates, n + 6) >= MOST_ENTRIES:
+        entries, most = max(places, lines + nodes, candidates, n + 6), MOST_LINES if sparse else MOST_ENTRIES
+        if entries >= most:
             raise SimulationError(
-                f"{n} particles in {self.cells} cells need a table of {max(places, lines, nodes, candidates, n)} entries, more "
-                f"than the {MOST_ENTRIES} that are counted; take fewer particles, or spread them more evenly"
+                f"{n} particles in {self.cells} cells need a table of {entries} entries, more "
+                f"than the {most} that are counted; take fewer particles, or spread them more evenly"
             )
         listed = n * room * (1 + dim * int(count[at.IMAGES])) + places * (1 + at.CELL_COLUMNS)
         needed = (

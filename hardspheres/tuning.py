@@ -22,10 +22,10 @@ WINDOWS_IN_AN_EPOCH = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 2
 OUT_OF_PACE = 16.0  # epochs that are this many times too long or too short are changed
 SPARSE_BELOW = {2: 0.3, 3: 0.25}  # packing fraction below which windows are faster than lists
 REG, PIECE, PAIR, CELL, COLL, NEWP, NEWC = (
-    40.0,
+    60.0,
     300.0,
-    0.4,
-    40.0,
+    0.15,
+    20.0,
     200.0,
     0.5,
     2.0,
