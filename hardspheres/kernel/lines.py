@@ -13,7 +13,6 @@ from .flags import DIM
 from .layout import BOX, HALF_WINDOW, LINE_ROOM, LINE_UNIT, MIDDLE, NEAR_ROOM, NODE_ROOM, SHORT_QUEUE
 from .prediction import pair_contact
 
-ZERO = np.float32(0.0)
 ONE = np.float32(1.0)
 TWO = np.float32(2.0)
 TINY = np.float32(1e-30)

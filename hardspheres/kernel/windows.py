@@ -107,11 +107,10 @@ def register_large(s, begin):
 def follow(s, i, j, now):
     """Find what happens to i and j (or -1), whose rows have just changed, in the rest of the window, and register their new lines.
 
-    Both at once, since each step of a search waits for the one before, but not for those of the other. They do not see
-    each other: they fly apart.
+    Both at once, since each step of a search waits for the one before, but not for those of the other. Then they do not see
+    each other, but they fly apart; flights in pieces, which may lead round the box, come one after the other.
     """
-    middle, half = s.number[MIDDLE], s.number[HALF_WINDOW]
-    duration = middle + half - now
+    duration = s.number[MIDDLE] + s.number[HALF_WINDOW] - now
     changed = 2 if j >= 0 else 1
     s.changed[WHO], s.changed[CHANGED + WHO] = i, j
     most = 0
@@ -123,21 +122,34 @@ def follow(s, i, j, now):
         pieces = pieces_of(s, who, duration) if duration > 0.0 else 0
         s.changed[a * CHANGED + PIECES] = pieces
         most = max(most, pieces)
-    since = np.float32((now - middle) / half - 1e-5)
-    for p in range(most):
-        m = 0
-        for a in range(changed):
-            if p < s.changed[a * CHANGED + PIECES]:
-                draft_piece(s, a, p, now, duration)
-                if not is_large(s, s.changed[a * CHANGED + WHO]):
-                    find_runs(s, a)
-        for a in range(changed):
-            if p < s.changed[a * CHANGED + PIECES]:
-                m = meet_piece(s, m, a, p, now, duration)
-        examine(s, m, since)
-        for a in range(changed):
-            if p < s.changed[a * CHANGED + PIECES]:
-                register_piece(s, a, p, now, duration)
+    if most == 1:
+        follow_piece(s, 0, changed, 0, now, duration)
+    elif most > 1:
+        follow_pieces(s, changed, now, duration)
+
+
+@part
+def follow_pieces(s, changed, now, duration):
+    """Do so where flights are in pieces."""
+    for a in range(changed):
+        for p in range(s.changed[a * CHANGED + PIECES]):
+            follow_piece(s, a, a + 1, p, now, duration)
+
+
+@jit
+def follow_piece(s, begin, end, p, now, duration):
+    """Find what happens in one piece of the new flights from `begin` to `end`, and register these pieces."""
+    since = np.float32((now - s.number[MIDDLE]) / s.number[HALF_WINDOW] - 1e-5)
+    for a in range(begin, end):
+        draft_piece(s, a, p, now, duration)
+        if not is_large(s, s.changed[a * CHANGED + WHO]):
+            find_runs(s, a)
+    m = 0
+    for a in range(begin, end):
+        m = meet_piece(s, m, a, p, now, duration)
+    examine(s, m, since)
+    for a in range(begin, end):
+        register_piece(s, a, p, now, duration)
 
 
 @jit
@@ -151,11 +163,8 @@ def draft_piece(s, a, p, now, duration):
     """Write the new line of a piece of a new flight."""
     i, pieces = s.changed[a * CHANGED + WHO], s.changed[a * CHANGED + PIECES]
     x, y, z = draft_new(s, new_line(s) + a, i, middle_of_piece(s, a, p, now, duration), duration, pieces)
-    s.changed[a * CHANGED + CELL], s.changed[a * CHANGED + CELL + 1], s.changed[a * CHANGED + CELL + 2] = (
-        x,
-        y,
-        z,
-    )
+    cell = a * CHANGED + CELL
+    s.changed[cell], s.changed[cell + 1], s.changed[cell + 2] = x, y, z
 
 
 @jit
