@@ -44,10 +44,9 @@ from .lines import (
     NEAR_SHIFT,
     PLACE,
     REACH_OF_LINE,
-    SAME,
     WHOSE,
     checked,
-    examine,
+    examine_table,
     seen_in,
 )
 
@@ -87,19 +86,9 @@ def count_lines(s, begin, duration):
             else:
                 if WALLS:
                     note_wall(s, i)
-                total += count_pieces(s, first + k, i, begin, duration) - 1
+                s.where[i] = SEVERAL
+                total += take_pieces(s, first + k, i, begin, duration, False) - 1
     return total
-
-
-@part
-def count_pieces(s, m, i, begin, duration):
-    """Count the lines of a flight in pieces in the cells of their middles; returns how many there are."""
-    pieces = pieces_of(s, i, duration)
-    s.where[i] = -pieces
-    for p in range(pieces):
-        x, y, z = draft(s, m, i, begin + duration * (p + 0.5) / pieces, duration, pieces)
-        s.cell_count[cell_at(s, x, y, z)] += 1
-    return pieces
 
 
 @jit
@@ -128,16 +117,21 @@ def sort_lines(s, cells, begin, duration):
         if cell >= 0:
             s.where[i] = insert_draft(s, m, cell)
         else:
-            s.where[i] = SEVERAL
-            insert_pieces(s, m, i, -cell, begin, duration)
+            take_pieces(s, m, i, begin, duration, True)
 
 
 @part
-def insert_pieces(s, m, i, pieces, begin, duration):
-    """Bring the lines of a flight in pieces into their cells."""
+def take_pieces(s, m, i, begin, duration, insert):
+    """Bring the lines of a flight in pieces into the cells of their middles, or only count them there; returns how many there are."""
+    pieces = pieces_of(s, i, duration)
     for p in range(pieces):
         x, y, z = draft(s, m, i, begin + duration * (p + 0.5) / pieces, duration, pieces)
-        insert_draft(s, m, cell_at(s, x, y, z))
+        cell = cell_at(s, x, y, z)
+        if insert:
+            insert_draft(s, m, cell)
+        else:
+            s.cell_count[cell] += 1
+    return pieces
 
 
 @part
@@ -197,30 +191,17 @@ def meet_run(s, m, begin, end, first, last, code):
 
 
 @jit
-def meet_column(s, m, begin, end, column, first, last, code):
-    """Do so with the cells from `first` to `last` of a column, which may lie beyond the box."""
+def meet_column(s, m, begin, end, column, first, last, after, code):
+    """Do so with the cells from `first` to `last` of a column, which may lie beyond the box, and with slots that are not before `after`."""
     ny = s.counter[CELLS + 1]
     cells = column * ny
-    start, stop = s.cell_count[cells + max(first, 0)], s.cell_count[cells + min(last, ny - 1) + 1]
-    m = meet_run(s, m, begin, end, start, stop, code)
-    if first < 0 or last >= ny:
-        m = meet_beyond(s, m, begin, end, column, first, last, code)
-    return m
-
-
-@jit
-def meet_beyond(s, m, begin, end, column, first, last, code):
-    """Do so with those of these cells that lie beyond the box, on its other side."""
-    ny = s.counter[CELLS + 1]
-    if s.number[INVERSE + 1] == 0.0:
-        return m
-    cells = column * ny
-    if first < 0:
-        start, stop = s.cell_count[cells + max(first + ny, 0)], s.cell_count[cells + ny]
-        m = meet_run(s, m, begin, end, start, stop, code + IMAGE[1])
-    if last >= ny:
-        start, stop = s.cell_count[cells], s.cell_count[cells + min(last - ny, ny - 1) + 1]
-        m = meet_run(s, m, begin, end, start, stop, code - IMAGE[1])
+    periodic = s.number[INVERSE + 1] > 0.0
+    for turn in range(-1 if first < 0 and periodic else 0, 2 if last >= ny and periodic else 1):
+        start = s.cell_count[cells + max(first - turn * ny, 0)]
+        stop = s.cell_count[cells + min(last - turn * ny, ny - 1) + 1]
+        if turn == 0:
+            start = max(start, after)
+        m = meet_run(s, m, begin, end, start, stop, code - turn * IMAGE[1])
     return m
 
 
@@ -263,14 +244,15 @@ def note_place(s, k, place, noted):
 
 @jit
 def columns_after(s, near, x, z):
-    """Note those columns behind this one with lines that may overlap one of its own; returns how many there are."""
+    """Note this column and those behind it with lines that may overlap one of its own; returns how many there are."""
     layer = s.counter[CELLS + 2] + 2
     own = place_of_column(s, x, z)
     right = (near & AFTER_X) // AFTER_X
+    k = note_place(s, 0, own, 1)
     if DIM == 2:
-        return note_place(s, 0, own + layer, right)
+        return note_place(s, k, own + layer, right)
     before, after = (near & BEFORE_Z) // BEFORE_Z, (near & AFTER_Z) // AFTER_Z
-    k = note_place(s, 0, own + 1, after)
+    k = note_place(s, k, own + 1, after)
     k = note_place(s, k, own + layer, right)
     k = note_place(s, k, own + layer - 1, right & before)
     return note_place(s, k, own + layer + 1, right & after)
@@ -278,27 +260,24 @@ def columns_after(s, near, x, z):
 
 @part
 def meet_all(s):
-    """Compare all lines with those of the same and the neighbouring cells, each pair once."""
+    """Compare all lines with those near them, each pair once: in a line's own column those that stand behind it."""
     ny = s.counter[CELLS + 1]
     m = 0
     for x in range(s.counter[CELLS]):
         for z in range(s.counter[CELLS + 2]):
-            own = column_at(s, x, z)
+            cells = column_at(s, x, z) * ny
             for y in range(ny):
-                for k in range(s.cell_count[own * ny + y], s.cell_count[own * ny + y + 1]):
+                for k in range(s.cell_count[cells + y], s.cell_count[cells + y + 1]):
                     near = s.bounds[k] >> NEAR_SHIFT
                     first, last = cells_along_y(s, near, y)
-                    behind = s.cell_count[own * ny + min(last, ny - 1) + 1]
-                    m = meet_run(s, m, k, k + 1, k + 1, behind, SAME)
-                    if last >= ny:
-                        m = meet_beyond(s, m, k, k + 1, own, y, last, SAME)
                     for a in range(columns_after(s, near, x, z)):
                         column, code = int(s.column[s.places[a]]), int(s.column_code[s.places[a]])
-                        m = meet_column(s, m, k, k + 1, column, first, last, code)
+                        least, after = (y, k + 1) if a == 0 else (first, 0)
+                        m = meet_column(s, m, k, k + 1, column, least, last, after, code)
                     if m >= ENOUGH:
-                        examine(s, m, ALWAYS)
+                        examine_table(s, m, ALWAYS)
                         m = 0
-    examine(s, m, ALWAYS)
+    examine_table(s, m, ALWAYS)
 
 
 @jit

@@ -8,7 +8,7 @@ pass whatever does, and a little more. It works through a table of pairs, eight 
 import numpy as np
 
 from .candidates import note_candidate
-from .compiler import jit, keep_marked, rough, turn_rows
+from .compiler import jit, keep_marked, part, rough, turn_rows
 from .flags import DIM
 from .layout import BOX, HALF_WINDOW, LINE_ROOM, LINE_UNIT, MIDDLE, NEAR_ROOM, NODE_ROOM, SHORT_QUEUE
 from .prediction import pair_contact
@@ -138,6 +138,12 @@ def examine(s, m, since):
         b, vv, c = compare(s.lines, 1, slot * LINE, s.lines, own * LINE, code, ex, ey, ez)
         when = min(max(-b / (vv + TINY), since), ONE)
         solve_meeting(s, int(s.line_words[own * LINE + WHOSE]), int(s.line_words[slot * LINE + WHOSE]), when)
+
+
+@part
+def examine_table(s, m, since):
+    """Do so where it is not worth a copy of the code."""
+    examine(s, m, since)
 
 
 @jit

@@ -47,7 +47,7 @@ from .line_cells import (
     replace_line,
     withdraw,
 )
-from .lines import AFTER_X, AFTER_Z, BEFORE_X, BEFORE_Z, IMAGE, NEAR_SHIFT, examine, new_line
+from .lines import AFTER_X, AFTER_Z, BEFORE_X, BEFORE_Z, IMAGE, NEAR_SHIFT, examine, examine_table, new_line
 
 # Of each of the particles that an event has changed, int64.
 WHO = 0
@@ -97,7 +97,7 @@ def register_large(s, begin):
             time = begin + duration * (p + 0.5) / pieces
             draft_new(s, new, i, time, duration, pieces)
             m = meet_large(s, meet_small(s, 0, i, new, time), i, new, time)
-            examine(s, m, ALWAYS)
+            examine_table(s, m, ALWAYS)
             chain_large(s, i, new, time, p == 0)
     if s.counter[SHORT_LISTS]:
         s.counter[NODES] = 0  # more lines than there is room for, and none that was replaced
@@ -113,6 +113,7 @@ def follow(s, i, j, now):
     duration = s.number[MIDDLE] + s.number[HALF_WINDOW] - now
     changed = 2 if j >= 0 else 1
     s.changed[WHO], s.changed[CHANGED + WHO] = i, j
+    s.changed[CHANGED + PIECES] = 0
     most = 0
     for a in range(changed):
         who = s.changed[a * CHANGED + WHO]
@@ -122,18 +123,12 @@ def follow(s, i, j, now):
         pieces = pieces_of(s, who, duration) if duration > 0.0 else 0
         s.changed[a * CHANGED + PIECES] = pieces
         most = max(most, pieces)
-    if most == 1:
-        follow_piece(s, 0, changed, 0, now, duration)
-    elif most > 1:
-        follow_pieces(s, changed, now, duration)
-
-
-@part
-def follow_pieces(s, changed, now, duration):
-    """Do so where flights are in pieces."""
-    for a in range(changed):
-        for p in range(s.changed[a * CHANGED + PIECES]):
-            follow_piece(s, a, a + 1, p, now, duration)
+    apart = most > 1
+    for step in range(s.changed[PIECES] + s.changed[CHANGED + PIECES] if apart else most):
+        second = step >= s.changed[PIECES]
+        begin = 1 if apart and second else 0
+        end = begin + 1 if apart else changed
+        follow_piece(s, begin, end, step - s.changed[PIECES] if second else step, now, duration)
 
 
 @jit
@@ -236,7 +231,7 @@ def meet_around(s, m, a):
     first, last = s.changed[a * CHANGED + FIRST], s.changed[a * CHANGED + FIRST + 1]
     for k in range(begin, begin + s.changed[a * CHANGED + PLACES]):
         column, code = int(s.column[s.places[k]]), int(s.column_code[s.places[k]])
-        m = meet_column(s, m, new, new + 1, column, first, last, code)
+        m = meet_column(s, m, new, new + 1, column, first, last, 0, code)
         m = meet_chains_around(s, m, new, column, first, last, code)
     return m
 
