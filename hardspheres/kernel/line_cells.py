@@ -46,6 +46,7 @@ from .lines import (
     REACH_OF_LINE,
     WHOSE,
     checked,
+    examine,
     examine_table,
     seen_in,
 )
@@ -195,13 +196,22 @@ def meet_column(s, m, begin, end, column, first, last, after, code):
     """Do so with the cells from `first` to `last` of a column, which may lie beyond the box, and with slots that are not before `after`."""
     ny = s.counter[CELLS + 1]
     cells = column * ny
-    periodic = s.number[INVERSE + 1] > 0.0
-    for turn in range(-1 if first < 0 and periodic else 0, 2 if last >= ny and periodic else 1):
-        start = s.cell_count[cells + max(first - turn * ny, 0)]
-        stop = s.cell_count[cells + min(last - turn * ny, ny - 1) + 1]
-        if turn == 0:
-            start = max(start, after)
-        m = meet_run(s, m, begin, end, start, stop, code - turn * IMAGE[1])
+    start, stop = s.cell_count[cells + max(first, 0)], s.cell_count[cells + min(last, ny - 1) + 1]
+    m = meet_run(s, m, begin, end, max(start, after), stop, code)
+    if (first < 0 or last >= ny) and s.number[INVERSE + 1] > 0.0:
+        m = meet_beyond(s, m, begin, end, cells, first, last, code)
+    return m
+
+
+@jit
+def meet_beyond(s, m, begin, end, cells, first, last, code):
+    """Do so with those of these cells that lie beyond the box, on its other side."""
+    ny = s.counter[CELLS + 1]
+    for turn in range(-1, 2, 2):
+        if first < 0 if turn < 0 else last >= ny:
+            start = s.cell_count[cells + max(first - turn * ny, 0)]
+            stop = s.cell_count[cells + min(last - turn * ny, ny - 1) + 1]
+            m = meet_run(s, m, begin, end, start, stop, code - turn * IMAGE[1])
     return m
 
 
@@ -275,7 +285,7 @@ def meet_all(s):
                         least, after = (y, k + 1) if a == 0 else (first, 0)
                         m = meet_column(s, m, k, k + 1, column, least, last, after, code)
                     if m >= ENOUGH:
-                        examine_table(s, m, ALWAYS)
+                        examine(s, m, ALWAYS)
                         m = 0
     examine_table(s, m, ALWAYS)
 
