@@ -196,7 +196,7 @@ def meet_column(s, m, begin, end, column, first, last, after, code):
     """Do so with the cells from `first` to `last` of a column, which may lie beyond the box, and with slots that are not before `after`."""
     ny = s.counter[CELLS + 1]
     cells = column * ny
-    start, stop = s.cell_count[cells + max(first, 0)], s.cell_count[cells + min(last, ny - 1) + 1]
+    start, stop = int(s.cell_count[cells + max(first, 0)]), int(s.cell_count[cells + min(last, ny - 1) + 1])
     m = meet_run(s, m, begin, end, max(start, after), stop, code)
     if (first < 0 or last >= ny) and s.number[INVERSE + 1] > 0.0:
         m = meet_beyond(s, m, begin, end, cells, first, last, code)
@@ -209,8 +209,8 @@ def meet_beyond(s, m, begin, end, cells, first, last, code):
     ny = s.counter[CELLS + 1]
     for turn in range(-1, 2, 2):
         if first < 0 if turn < 0 else last >= ny:
-            start = s.cell_count[cells + max(first - turn * ny, 0)]
-            stop = s.cell_count[cells + min(last - turn * ny, ny - 1) + 1]
+            start = int(s.cell_count[cells + max(first - turn * ny, 0)])
+            stop = int(s.cell_count[cells + min(last - turn * ny, ny - 1) + 1])
             m = meet_run(s, m, begin, end, start, stop, code - turn * IMAGE[1])
     return m
 
@@ -277,7 +277,7 @@ def meet_all(s):
         for z in range(s.counter[CELLS + 2]):
             cells = column_at(s, x, z) * ny
             for y in range(ny):
-                for k in range(s.cell_count[cells + y], s.cell_count[cells + y + 1]):
+                for k in range(int(s.cell_count[cells + y]), int(s.cell_count[cells + y + 1])):
                     near = s.bounds[k] >> NEAR_SHIFT
                     first, last = cells_along_y(s, near, y)
                     for a in range(columns_after(s, near, x, z)):

@@ -137,8 +137,7 @@ def follow_piece(s, begin, end, p, now, duration):
     since = np.float32((now - s.number[MIDDLE]) / s.number[HALF_WINDOW] - 1e-5)
     for a in range(begin, end):
         draft_piece(s, a, p, now, duration)
-        if not is_large(s, s.changed[a * CHANGED + WHO]):
-            find_runs(s, a)
+        find_runs(s, a)
     m = 0
     for a in range(begin, end):
         m = meet_piece(s, m, a, p, now, duration)
@@ -171,24 +170,23 @@ def cell_of_piece(s, a):
 @jit
 def meet_piece(s, m, a, p, now, duration):
     """Enter the pairs of a new line and those near it in the table, which has m; returns how many it has."""
-    i, new = s.changed[a * CHANGED + WHO], new_line(s) + a
-    if is_large(s, i):
-        m = meet_small(s, m, i, new, middle_of_piece(s, a, p, now, duration))
-    else:
-        m = meet_around(s, m, a)
     if SIZES:
-        m = meet_large(s, m, i, new, middle_of_piece(s, a, p, now, duration))
-    return m
+        i, new = s.changed[a * CHANGED + WHO], new_line(s) + a
+        time = middle_of_piece(s, a, p, now, duration)
+        m = meet_small(s, m, i, new, time) if is_large(s, i) else meet_around(s, m, a)
+        return meet_large(s, m, i, new, time)
+    return meet_around(s, m, a)
 
 
 @jit
 def register_piece(s, a, p, now, duration):
     """Register a new line: in the place of the old one, or in a chain."""
     i, new = s.changed[a * CHANGED + WHO], new_line(s) + a
-    x, y, z = cell_of_piece(s, a)
-    if is_large(s, i):
+    if SIZES and is_large(s, i):
         chain_large(s, i, new, middle_of_piece(s, a, p, now, duration), p == 0)
-    elif s.changed[a * CHANGED + PIECES] > 1 or not replace_line(s, i, new):
+        return
+    if s.changed[a * CHANGED + PIECES] > 1 or not replace_line(s, i, new):
+        x, y, z = cell_of_piece(s, a)
         chain_line(s, new, chain_at(s, x, y, z))
 
 
