@@ -13,6 +13,7 @@ from hardspheres.free_paths import FlightTallies
 from hardspheres.memory import require_memory
 from hardspheres.scene import Scene
 from hardspheres.tuning import (
+    PATIENCE,
     SLACK,
     WindowPlan,
     cells_per_axis,
@@ -176,6 +177,7 @@ class Engine:
         lanes = at.CELL_LANES
         count[at.CELL_ROOM] = lanes * math.ceil(min(n, 1.5 * n / self.cells + 3) / lanes)
         count[at.LIST_ROOM] = 32
+        count[at.PATIENCE] = MOST_ENTRIES if count[at.IMAGES] else int(PATIENCE * n)
         count[at.BUCKETS] = max(16, int(power_of_two_below(max(8 * n / per_bucket, 1))))
         self.chunks = int(count[at.BUCKETS]) // 2 + n // 3 + 64
         length = number[at.EPOCH_LENGTH]
@@ -235,6 +237,7 @@ class Engine:
             np.zeros(lines + at.LINE_LANES, dtype=np.int32),
         )
         coarse = math.prod(count[at.LARGE_CELLS : at.LARGE_CELLS + 3].tolist())
+        around = at.AROUND * cell_room + at.CELL_LANES
         places, nodes = self.cells * cell_room, int(count[at.NODE_ROOM])
         if max(places, lines, nodes, candidates, n + 6) >= MOST_ENTRIES:
             raise SimulationError(
@@ -252,8 +255,9 @@ class Engine:
             "cell_count": np.zeros(self.cells + 1, dtype=np.int32),
             "cell_ids": np.zeros(self.cells * cell_room + 1, dtype=np.int32),
             "cell_places": aligned(self.cells * at.CELL_COLUMNS * cell_room + 1, np.float32),
-            "near_excess": aligned((27 * cell_room + at.CELL_LANES) * lists + 1, np.float32),
-            "near_ids": aligned((27 * cell_room + at.CELL_LANES) * lists + 1, np.int32),
+            "near": aligned((around + room) * lists + 1, np.int32),
+            "around_ids": aligned(around * lists + 1, np.int32),
+            "around_places": aligned(around * at.CELL_COLUMNS * lists + 1, np.float32),
             "buckets": np.zeros(int(count[at.BUCKETS]) + 1, dtype=np.int64),
             "chunks": aligned(chunks * at.CHUNK + 1, np.int64),
             "agenda_time": np.zeros(agenda),

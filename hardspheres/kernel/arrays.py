@@ -24,8 +24,9 @@ class Arrays(NamedTuple):
     cell_count: object  # int32 (cells + 1): particles in each cell; windows: the first line of each cell
     cell_ids: object  # int32 (cells * CELL_ROOM)
     cell_places: object  # float32 (cells * CELL_COLUMNS * CELL_ROOM): centres as seen from the cell's corner, then radii
-    near_excess: object  # float32 (27 * CELL_ROOM + CELL_LANES): see `neighbours.measure_cell`
-    near_ids: object  # int32, the same
+    near: object  # int32 (AROUND * CELL_ROOM + LIST_ROOM + CELL_LANES): ids of those within reach of one particle
+    around_ids: object  # int32 (AROUND * CELL_ROOM + CELL_LANES): those in a cell and in the cells around
+    around_places: object  # float32, CELL_COLUMNS times as many
     buckets: object  # int64 (BUCKETS + 1): first chunk of each bucket; the last is for later years
     chunks: object  # int64 (chunks * CHUNK)
     agenda_time: object  # float64: binary heap of the current bucket's events

@@ -105,7 +105,10 @@ BEYOND_CACHE = 38  # 1: the gas is larger than the caches, so what is needed soo
 LOGGED = 39  # events in the log's buffer
 LOG_ROOM = 40  # how many it can hold; 0: there is no log
 KINDS = 41  # species that flights are told apart by
-COUNTERS = 42
+PATIENCE = 42  # lists: single renewals after which all are renewed at once
+SWEEP_DUE = 43  # how many single renewals there have been then
+SWEEPS = 44  # how often all lists were made at once
+COUNTERS = 45
 
 # Flights, where FLIGHTS. Of a particle, float64:
 FLIGHT = 4 if FLIGHTS else 0
@@ -161,6 +164,7 @@ LINE_LANES = 16  # lines that one pass of the filter handles
 
 LANES = 16  # neighbours that one pass of the prediction handles
 CELL_LANES = 16  # centres that one pass through a cell handles
+AROUND = 27 if DIM == 3 else 9  # cells where a particle's neighbours may be
 CELL_COLUMNS = DIM + 1 if SIZES else DIM  # of a cell: place as seen from its corner, radius
 
 
@@ -182,8 +186,9 @@ def pointers(a):
         pointer(a.cell_count),
         pointer(a.cell_ids),
         pointer(a.cell_places),
-        pointer(a.near_excess),
-        pointer(a.near_ids),
+        pointer(a.near),
+        pointer(a.around_ids),
+        pointer(a.around_places),
         pointer(a.buckets),
         pointer(a.chunks),
         pointer(a.agenda_time),

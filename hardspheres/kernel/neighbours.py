@@ -15,6 +15,7 @@ import numpy as np
 from .compiler import jit, part
 from .flags import DIM, SIZES
 from .layout import (
+    AROUND,
     BOX,
     CELL_COLUMNS,
     CELL_DENSITY,
@@ -27,17 +28,21 @@ from .layout import (
     IMAGES,
     INVERSE,
     LIST_ROOM,
+    PATIENCE,
     RADIUS,
     REACH,
     RENEWALS,
     ROW,
     SHORT_CELLS,
     SHORT_LISTS,
+    SWEEP_DUE,
+    SWEEPS,
     N,
     T,
     V,
     X,
 )
+from .within import copy_lines, keep_within
 
 
 @jit
@@ -198,49 +203,28 @@ def neighbour_cell(s, cell, d):
 
 
 @jit
-def measure_cell(s, cell, m, x, y, z, reach):
-    """Squared distances, less the squared reach, from (x, y, z) to the centres of a cell, in the table from line m on."""
+def look_in_cell(s, cell, i, x, y, z, reach, kept):
+    """Add the ids of a cell's centres within reach of (x, y, z), other than i's, to those kept. Returns how many there are then."""
     room = s.counter[CELL_ROOM]
     count = s.cell_count[cell]
     ids = cell * room
     column = cell * CELL_COLUMNS * room
-    limit = reach
-    for first in range(0, count, CELL_LANES):
-        for k in range(first, first + CELL_LANES):
-            dx = x - s.cell_places[column + k]
-            dy = y - s.cell_places[column + room + k]
-            rr = dx * dx + dy * dy
-            if DIM == 3:
-                dz = z - s.cell_places[column + 2 * room + k]
-                rr += dz * dz
-            if SIZES:
-                limit = reach + s.cell_places[column + DIM * room + k]
-            s.near_excess[m + k] = rr - limit * limit
-            s.near_ids[m + k] = s.cell_ids[ids + k]
-    return m + count
-
-
-@jit
-def keep_near(s, m):
-    """Keep those of the table's m lines that are within reach; returns how many."""
-    kept = 0
-    for k in range(m):
-        s.near_ids[kept] = s.near_ids[k]
-        kept += 1 if s.near_excess[k] < 0.0 else 0
-    for k in range(kept, kept + CELL_LANES):
-        s.near_ids[k] = -1
+    for k in range(0, max(count, 1), CELL_LANES):
+        kept += keep_within(
+            s.near, kept, s.cell_ids, ids + k, s.cell_places, column + k, room, count - k, i, x, y, z, reach
+        )
     return kept
 
 
 @part
 def look_around(s, i):
-    """Ids of all centres within reach of i's, in the first lines of the table; where lists name images, link them at once."""
+    """Find the ids of all centres within reach of i's; where lists name images, link them at once. Returns how many."""
     cx, cy, cz, x, y, z = locate(s, i)
     named = s.counter[IMAGES] == 1
     reach = np.float32(s.number[REACH])
     if SIZES:
         reach = np.float32(s.number[REACH] + s.row[i * ROW + RADIUS])
-    m = 0
+    kept = 0
     for ox in range(-1, 2):
         kx, sx = neighbour_cell(s, cx + ox, 0)
         px = np.float32(x - np.float32(ox * s.number[CELL_EDGE]))
@@ -254,21 +238,23 @@ def look_around(s, i):
                 kz, sz = neighbour_cell(s, cz + oz, 2)
                 pz = np.float32(z - np.float32(oz * s.number[CELL_EDGE + 2]))
                 if kz >= 0:
-                    m = measure_cell(s, row_of_cells + kz, m, px, py, pz, reach)
+                    kept = look_in_cell(s, row_of_cells + kz, i, px, py, pz, reach, kept)
                     if named:
-                        for k in range(keep_near(s, m)):
-                            link(s, i, s.near_ids[k], sx, sy, sz)
-                        m = 0
-    return keep_near(s, m)
+                        for k in range(kept):
+                            link(s, i, s.near[k], sx, sy, sz)
+                        kept = 0
+    for k in range(kept, kept + CELL_LANES):
+        s.near[k] = -1
+    return kept
 
 
 @jit
 def is_near(s, kept, j):
-    """Whether j is in the first lines of the table."""
+    """Whether j is one of those kept."""
     found = False
     for k in range(0, kept, CELL_LANES):
         for a in range(k, k + CELL_LANES):
-            found |= s.near_ids[a] == j
+            found |= s.near[a] == j
     return found
 
 
@@ -282,7 +268,7 @@ def relist(s, i):
         s.counter[SHORT_LISTS] = 1
         return
     for k in range(kept):
-        j = s.near_ids[k]
+        j = s.near[k]
         if position_in_list(s, i, j) == room:
             append(s, j, i)
     for k in range(room):
@@ -291,8 +277,18 @@ def relist(s, i):
             break
         if not is_near(s, kept, j):
             strike(s, j, i)
+    write_list(s, i, kept)
+
+
+@jit
+def write_list(s, i, kept):
+    """Make those kept i's list."""
+    room = s.counter[LIST_ROOM]
+    if kept >= room:
+        s.counter[SHORT_LISTS] = 1
+        return
     for k in range(room):
-        s.neighbours[i * room + k] = s.near_ids[k] if k < kept else n
+        s.neighbours[i * room + k] = s.near[k] if k < kept else s.counter[N]
 
 
 @jit
@@ -311,18 +307,90 @@ def renew_list(s, i, now):
 
 @part
 def make_all_lists(s, now, cells):
-    """Centres, cells and lists of all particles from their rows: each looks for those that came before."""
+    """Centres, cells and lists of all particles from their rows."""
     n = s.counter[N]
     s.counter[SHORT_CELLS] = 0
     s.counter[SHORT_LISTS] = 0
+    s.counter[SWEEPS] += 1
+    s.counter[SWEEP_DUE] = s.counter[RENEWALS] + s.counter[PATIENCE]
     for cell in range(cells):
         s.cell_count[cell] = 0
-    for k in range(n * s.counter[LIST_ROOM]):
-        s.neighbours[k] = n
+    if s.counter[IMAGES]:
+        for k in range(n * s.counter[LIST_ROOM]):
+            s.neighbours[k] = n
     for i in range(n):
         set_centre(s, i, now)
         if s.counter[IMAGES]:
-            look_around(s, i)
-        else:
-            relist(s, i)
+            look_around(s, i)  # each for those that came before
         put_in_cell(s, i)
+    if s.counter[IMAGES] == 0 and s.counter[SHORT_CELLS] == 0:
+        for cx in range(s.counter[CELLS]):
+            for cy in range(s.counter[CELLS + 1]):
+                for cz in range(s.counter[CELLS + 2]):
+                    list_cell(s, cx, cy, cz)
+
+
+@jit
+def list_cell(s, cx, cy, cz):
+    """Make the lists of all particles in a cell."""
+    room = s.counter[CELL_ROOM]
+    lines = AROUND * room + CELL_LANES
+    cell = (cx * s.counter[CELLS + 1] + cy) * s.counter[CELLS + 2] + cz
+    column = cell * CELL_COLUMNS * room
+    count = s.cell_count[cell]
+    m = lay_out_around(s, cx, cy, cz) if count > 0 else 0
+    for k in range(count):
+        i = s.cell_ids[cell * room + k]
+        x, y = s.cell_places[column + k], s.cell_places[column + room + k]
+        z = s.cell_places[column + 2 * room + k] if DIM == 3 else np.float32(0.0)
+        reach = np.float32(s.number[REACH])
+        if SIZES:
+            reach = np.float32(reach + s.cell_places[column + DIM * room + k])
+        kept = 0
+        for line in range(0, m, CELL_LANES):
+            kept += keep_within(
+                s.near, kept, s.around_ids, line, s.around_places, line, lines, m - line, i, x, y, z, reach
+            )
+        write_list(s, i, kept)
+
+
+@jit
+def lay_out_around(s, cx, cy, cz):
+    """Lay out what is in a cell and in those around it, as seen from its corner. Returns how many lines that makes."""
+    room = s.counter[CELL_ROOM]
+    lines = AROUND * room + CELL_LANES
+    m = 0
+    for ox in range(-1, 2):
+        kx, _ = neighbour_cell(s, cx + ox, 0)
+        px = np.float32(ox * s.number[CELL_EDGE])
+        for oy in range(-1, 2):
+            ky, _ = neighbour_cell(s, cy + oy, 1)
+            py = np.float32(oy * s.number[CELL_EDGE + 1])
+            if kx < 0 or ky < 0:
+                continue
+            row_of_cells = (kx * s.counter[CELLS + 1] + ky) * s.counter[CELLS + 2]
+            for oz in range(-1 if DIM == 3 else 0, 2 if DIM == 3 else 1):
+                kz, _ = neighbour_cell(s, cz + oz, 2)
+                pz = np.float32(oz * s.number[CELL_EDGE + 2])
+                if kz >= 0:
+                    cell = row_of_cells + kz
+                    count = s.cell_count[cell]
+                    ids = cell * room
+                    column = cell * CELL_COLUMNS * room
+                    for k in range(0, max(count, 1), CELL_LANES):
+                        copy_lines(
+                            s.around_ids,
+                            s.around_places,
+                            m + k,
+                            lines,
+                            s.cell_ids,
+                            ids + k,
+                            s.cell_places,
+                            column + k,
+                            room,
+                            px,
+                            py,
+                            pz,
+                        )
+                    m += count
+    return m
