@@ -237,27 +237,29 @@ class Engine:
             np.zeros(lines + at.LINE_LANES, dtype=np.int32),
         )
         coarse = math.prod(count[at.LARGE_CELLS : at.LARGE_CELLS + 3].tolist())
-        around = at.AROUND * cell_room + at.CELL_LANES
+        table = at.AROUND * cell_room + at.CELL_LANES
         places, nodes = self.cells * cell_room, int(count[at.NODE_ROOM])
         if max(places, lines, nodes, candidates, n + 6) >= MOST_ENTRIES:
             raise SimulationError(
                 f"{n} particles in {self.cells} cells need a table of {max(places, lines, nodes, candidates, n)} entries, more "
                 f"than the {MOST_ENTRIES} that are counted; take fewer particles, or spread them more evenly"
             )
-        listed = n * room * (1 + dim * int(count[at.IMAGES])) + places * (1 + at.CELL_COLUMNS)
+        listed = n * room * (1 + dim * int(count[at.IMAGES])) + places * at.CELL_COLUMNS
         needed = (
             4 * listed + 32 * (lines + nodes + candidates) + 64 * chunks + n * (8 * (at.ROW + at.EVENT) + 32)
         )
         require_memory(needed, f"the tables to search among {n} particles", SimulationError)
+        cell_places = aligned(self.cells * at.CELL_COLUMNS * cell_room + 1, np.float32)
+        around = aligned(at.CELL_COLUMNS * table * lists + 1, np.float32)
         return {
             "neighbours": aligned(n * room + 1, np.int32),
             "images": np.zeros(n * room * dim * int(count[at.IMAGES]) + 1, dtype=np.int32),
             "cell_count": np.zeros(self.cells + 1, dtype=np.int32),
-            "cell_ids": np.zeros(self.cells * cell_room + 1, dtype=np.int32),
-            "cell_places": aligned(self.cells * at.CELL_COLUMNS * cell_room + 1, np.float32),
-            "near": aligned((around + room) * lists + 1, np.int32),
-            "around_ids": aligned(around * lists + 1, np.int32),
-            "around_places": aligned(around * at.CELL_COLUMNS * lists + 1, np.float32),
+            "cell_places": cell_places,
+            "cell_ids": cell_places.view(np.int32),
+            "near": aligned((table + room) * lists + 1, np.int32),
+            "around": around,
+            "around_ids": around.view(np.int32),
             "buckets": np.zeros(int(count[at.BUCKETS]) + 1, dtype=np.int64),
             "chunks": aligned(chunks * at.CHUNK + 1, np.int64),
             "agenda_time": np.zeros(agenda),

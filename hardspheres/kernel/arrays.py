@@ -22,11 +22,13 @@ class Arrays(NamedTuple):
     images: object  # int32 (n * LIST_ROOM * DIM): image of each neighbour, where IMAGES
     where: object  # int32 (n): slot in the cells
     cell_count: object  # int32 (cells + 1): particles in each cell; windows: the first line of each cell
-    cell_ids: object  # int32 (cells * CELL_ROOM)
-    cell_places: object  # float32 (cells * CELL_COLUMNS * CELL_ROOM): centres as seen from the cell's corner, then radii
+    cell_places: (
+        object  # float32 (cells * CELL_COLUMNS * CELL_ROOM): centres as seen from the cell's corner, radii
+    )
+    cell_ids: object  # the same memory as int32, for their ids
     near: object  # int32 (AROUND * CELL_ROOM + LIST_ROOM + CELL_LANES): ids of those within reach of one particle
-    around_ids: object  # int32 (AROUND * CELL_ROOM + CELL_LANES): those in a cell and in the cells around
-    around_places: object  # float32, CELL_COLUMNS times as many
+    around: object  # float32 (CELL_COLUMNS * (AROUND * CELL_ROOM + CELL_LANES)): the same of a cell and those around it
+    around_ids: object  # the same memory as int32
     buckets: object  # int64 (BUCKETS + 1): first chunk of each bucket; the last is for later years
     chunks: object  # int64 (chunks * CHUNK)
     agenda_time: object  # float64: binary heap of the current bucket's events

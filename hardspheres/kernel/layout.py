@@ -163,9 +163,9 @@ CANDIDATE = 4  # int64 in a candidate
 LINE_LANES = 16  # lines that one pass of the filter handles
 
 LANES = 16  # neighbours that one pass of the prediction handles
-CELL_LANES = 16  # centres that one pass through a cell handles
+CELL_LANES = 8  # centres that one step in a cell handles
 AROUND = 27 if DIM == 3 else 9  # cells where a particle's neighbours may be
-CELL_COLUMNS = DIM + 1 if SIZES else DIM  # of a cell: place as seen from its corner, radius
+CELL_COLUMNS = DIM + 2 if SIZES else DIM + 1  # of a cell: id, place as seen from its corner, radius
 
 
 @jit
@@ -184,11 +184,11 @@ def pointers(a):
         pointer(a.images),
         pointer(a.where),
         pointer(a.cell_count),
-        pointer(a.cell_ids),
         pointer(a.cell_places),
+        pointer(a.cell_ids),
         pointer(a.near),
+        pointer(a.around),
         pointer(a.around_ids),
-        pointer(a.around_places),
         pointer(a.buckets),
         pointer(a.chunks),
         pointer(a.agenda_time),

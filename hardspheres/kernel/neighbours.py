@@ -74,42 +74,45 @@ def locate(s, i):
 
 
 @jit
+def line_of(slot):
+    """Where in the cells' memory the id in a slot stands; each block of CELL_LANES slots has its columns together."""
+    return slot // CELL_LANES * (CELL_COLUMNS * CELL_LANES) + slot % CELL_LANES
+
+
+@jit
 def put_in_cell(s, i):
     """Enter i's centre in its cell."""
     cx, cy, cz, x, y, z = locate(s, i)
     cell = (cx * s.counter[CELLS + 1] + cy) * s.counter[CELLS + 2] + cz
-    room = s.counter[CELL_ROOM]
     slot = s.cell_count[cell]
-    if slot == room:
+    if slot == s.counter[CELL_ROOM]:
         s.counter[SHORT_CELLS] = 1
         s.where[i] = -1
         return
     s.cell_count[cell] = slot + 1
-    s.cell_ids[cell * room + slot] = i
-    s.where[i] = cell * room + slot
-    column = cell * CELL_COLUMNS * room + slot
-    s.cell_places[column] = x
-    s.cell_places[column + room] = y
+    slot += cell * s.counter[CELL_ROOM]
+    s.where[i] = slot
+    line = line_of(slot)
+    s.cell_ids[line] = i
+    s.cell_places[line + CELL_LANES] = x
+    s.cell_places[line + 2 * CELL_LANES] = y
     if DIM == 3:
-        s.cell_places[column + 2 * room] = z
+        s.cell_places[line + 3 * CELL_LANES] = z
     if SIZES:
-        s.cell_places[column + DIM * room] = s.row[i * ROW + RADIUS]
+        s.cell_places[line + (1 + DIM) * CELL_LANES] = s.row[i * ROW + RADIUS]
 
 
 @jit
 def take_from_cell(s, i):
     """Remove i's centre from its cell; the last of the cell takes its slot."""
-    room = s.counter[CELL_ROOM]
-    cell = s.where[i] // room
-    slot = s.where[i] - cell * room
-    last = s.cell_count[cell] - 1
-    s.cell_count[cell] = last
-    moved = s.cell_ids[cell * room + last]
-    s.cell_ids[cell * room + slot] = moved
-    s.where[moved] = cell * room + slot
-    for d in range(CELL_COLUMNS):
-        column = (cell * CELL_COLUMNS + d) * room
-        s.cell_places[column + slot] = s.cell_places[column + last]
+    slot = s.where[i]
+    cell = slot // s.counter[CELL_ROOM]
+    left = s.cell_count[cell] - 1
+    s.cell_count[cell] = left
+    line, last = line_of(slot), line_of(cell * s.counter[CELL_ROOM] + left)
+    s.where[s.cell_ids[last]] = slot
+    for c in range(CELL_COLUMNS):
+        s.cell_ids[line + c * CELL_LANES] = s.cell_ids[last + c * CELL_LANES]
 
 
 @jit
@@ -205,14 +208,12 @@ def neighbour_cell(s, cell, d):
 @jit
 def look_in_cell(s, cell, i, x, y, z, reach, kept):
     """Add the ids of a cell's centres within reach of (x, y, z), other than i's, to those kept. Returns how many there are then."""
-    room = s.counter[CELL_ROOM]
     count = s.cell_count[cell]
-    ids = cell * room
-    column = cell * CELL_COLUMNS * room
+    line = line_of(cell * s.counter[CELL_ROOM])
     for k in range(0, max(count, 1), CELL_LANES):
-        kept += keep_within(
-            s.near, kept, s.cell_ids, ids + k, s.cell_places, column + k, room, count - k, i, x, y, z, reach
-        )
+        left = count - k
+        at = line + CELL_COLUMNS * k
+        kept += keep_within(s.near, kept, s.cell_ids, s.cell_places, at, CELL_LANES, left, i, x, y, z, reach)
     return kept
 
 
@@ -333,64 +334,61 @@ def make_all_lists(s, now, cells):
 @jit
 def list_cell(s, cx, cy, cz):
     """Make the lists of all particles in a cell."""
-    room = s.counter[CELL_ROOM]
-    lines = AROUND * room + CELL_LANES
-    cell = (cx * s.counter[CELLS + 1] + cy) * s.counter[CELLS + 2] + cz
-    column = cell * CELL_COLUMNS * room
-    count = s.cell_count[cell]
-    m = lay_out_around(s, cx, cy, cz) if count > 0 else 0
-    for k in range(count):
-        i = s.cell_ids[cell * room + k]
-        x, y = s.cell_places[column + k], s.cell_places[column + room + k]
-        z = s.cell_places[column + 2 * room + k] if DIM == 3 else np.float32(0.0)
+    wide = AROUND * s.counter[CELL_ROOM] + CELL_LANES
+    m, own, count = lay_out_around(s, cx, cy, cz)
+    for line in range(own, own + count):
+        i = s.around_ids[line]
+        x, y = s.around[line + wide], s.around[line + 2 * wide]
+        z = s.around[line + 3 * wide] if DIM == 3 else np.float32(0.0)
         reach = np.float32(s.number[REACH])
         if SIZES:
-            reach = np.float32(reach + s.cell_places[column + DIM * room + k])
+            reach += s.around[line + (1 + DIM) * wide]
         kept = 0
-        for line in range(0, m, CELL_LANES):
-            kept += keep_within(
-                s.near, kept, s.around_ids, line, s.around_places, line, lines, m - line, i, x, y, z, reach
-            )
+        for k in range(0, m, CELL_LANES):
+            kept += keep_within(s.near, kept, s.around_ids, s.around, k, wide, m - k, i, x, y, z, reach)
         write_list(s, i, kept)
 
 
 @jit
 def lay_out_around(s, cx, cy, cz):
-    """Lay out what is in a cell and in those around it, as seen from its corner. Returns how many lines that makes."""
-    room = s.counter[CELL_ROOM]
-    lines = AROUND * room + CELL_LANES
-    m = 0
+    """Copy a cell and those around it to a table, as seen from its corner.
+
+    Returns how many lines that makes, which is the first of the cell itself, and how many it has.
+    """
+    wide = AROUND * s.counter[CELL_ROOM] + CELL_LANES
+    m, own, count = 0, 0, 0
     for ox in range(-1, 2):
         kx, _ = neighbour_cell(s, cx + ox, 0)
-        px = np.float32(ox * s.number[CELL_EDGE])
+        x = np.float32(ox * s.number[CELL_EDGE])
         for oy in range(-1, 2):
             ky, _ = neighbour_cell(s, cy + oy, 1)
-            py = np.float32(oy * s.number[CELL_EDGE + 1])
+            y = np.float32(oy * s.number[CELL_EDGE + 1])
             if kx < 0 or ky < 0:
                 continue
             row_of_cells = (kx * s.counter[CELLS + 1] + ky) * s.counter[CELLS + 2]
             for oz in range(-1 if DIM == 3 else 0, 2 if DIM == 3 else 1):
                 kz, _ = neighbour_cell(s, cz + oz, 2)
-                pz = np.float32(oz * s.number[CELL_EDGE + 2])
-                if kz >= 0:
-                    cell = row_of_cells + kz
-                    count = s.cell_count[cell]
-                    ids = cell * room
-                    column = cell * CELL_COLUMNS * room
-                    for k in range(0, max(count, 1), CELL_LANES):
-                        copy_lines(
-                            s.around_ids,
-                            s.around_places,
-                            m + k,
-                            lines,
-                            s.cell_ids,
-                            ids + k,
-                            s.cell_places,
-                            column + k,
-                            room,
-                            px,
-                            py,
-                            pz,
-                        )
-                    m += count
-    return m
+                z = np.float32(oz * s.number[CELL_EDGE + 2])
+                if kz < 0:
+                    continue
+                here = s.cell_count[row_of_cells + kz]
+                if ox == 0 and oy == 0 and oz == 0:
+                    own, count = m, here
+                line = line_of((row_of_cells + kz) * s.counter[CELL_ROOM])
+                for k in range(0, max(here, 1), CELL_LANES):
+                    at = line + CELL_COLUMNS * k
+                    copy_lines(
+                        s.around_ids,
+                        s.around,
+                        m + k,
+                        wide,
+                        s.cell_ids,
+                        s.cell_places,
+                        at,
+                        CELL_LANES,
+                        x,
+                        y,
+                        z,
+                    )
+                m += here
+    return m, own, count
