@@ -13,6 +13,7 @@ from hardspheres.free_paths import FlightTallies
 from hardspheres.memory import require_memory
 from hardspheres.scene import Scene
 from hardspheres.tuning import (
+    LEAD,
     PATIENCE,
     SLACK,
     WindowPlan,
@@ -166,6 +167,7 @@ class Engine:
         self._set_cells(scene, cells, number, count)
         one_size = bool(np.all(scene.radii == scene.radii[0]))
         number[at.SHELL] = shell
+        number[at.LEAD] = LEAD / max(collision_frequency(scene), 1e-300)
         rounding = SLACK * float(np.max(scene.box / cells))  # of the centres in their cells
         number[at.REACH] = (
             2.0 * shell * (1.0 + SLACK) + rounding + (2.0 * scene.radii[0] if one_size else 0.0)

@@ -18,7 +18,7 @@ TIME = 0
 PARTNER = 1  # a particle, n + 2 axis + side for a wall, or one of the codes below
 PARTNER_VERSION = 2  # the partner's version when the event was predicted
 STAMP = 3  # of the one queue entry that counts
-CENTRE = 4  # where the particle was when its neighbour list was made (unwrapped as the row), DIM numbers
+CENTRE = 4  # of the particle's shell (unwrapped as the row), DIM numbers
 
 RENEW = -1  # the particle leaves its shell: a new neighbour list is due
 NOTHING = -2  # no event before the epoch ends
@@ -52,8 +52,9 @@ LARGE_DENSITY = 32  # coarse cells per length, 3 slots
 MEAN_SQUARE = 35  # mean square speed when this epoch began, where masses differ
 HASTE = 36  # from this mean square speed on epochs are too long
 LEISURE = 37  # below this one they are too short
-NUMBERS = 38
-FLIGHT_UNITS = 38  # where FLIGHTS, of each species: 1 / the units of its paths, times, and bins of speed
+LEAD = 38  # lists: so much time ahead of a particle is its centre
+NUMBERS = 39
+FLIGHT_UNITS = 39  # where FLIGHTS, of each species: 1 / the units of its paths, times, and bins of speed
 
 # Sums since the tallies were reset, float64.
 VIRIAL = 0  # sum of r_a dp_b over pair collisions: xx, yy, zz, xy, xz, yz

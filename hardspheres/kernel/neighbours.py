@@ -27,12 +27,14 @@ from .layout import (
     EVENT,
     IMAGES,
     INVERSE,
+    LEAD,
     LIST_ROOM,
     PATIENCE,
     RADIUS,
     REACH,
     RENEWALS,
     ROW,
+    SHELL,
     SHORT_CELLS,
     SHORT_LISTS,
     SWEEP_DUE,
@@ -43,6 +45,8 @@ from .layout import (
     X,
 )
 from .within import copy_lines, keep_within
+
+AHEAD = 0.5  # of a shell, along each axis: so far ahead at most
 
 
 @jit
@@ -117,10 +121,13 @@ def take_from_cell(s, i):
 
 @jit
 def set_centre(s, i, now):
-    """Move i's centre to where i is now."""
+    """Move i's centre to a little ahead of where i is now, about where it will collide: it stays around there for longer."""
     dt = now - s.row[i * ROW + T]
+    most = AHEAD * s.number[SHELL]
     for d in range(DIM):
-        s.event_float[i * EVENT + CENTRE + d] = s.row[i * ROW + X + d] + s.row[i * ROW + V + d] * dt
+        v = s.row[i * ROW + V + d]
+        ahead = max(min(v * s.number[LEAD], most), -most)
+        s.event_float[i * EVENT + CENTRE + d] = s.row[i * ROW + X + d] + v * dt + ahead
 
 
 @jit
