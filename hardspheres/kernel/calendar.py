@@ -43,6 +43,7 @@ def make_ready(s, i):
     partner = s.event[i * EVENT + PARTNER]
     prefetch(s.row, i * ROW)
     prefetch(s.neighbours, i * s.counter[LIST_ROOM])
+    prefetch(s.version, i)
     if 0 <= partner < s.counter[N]:
         prefetch(s.row, partner * ROW)
         prefetch(s.neighbours, partner * s.counter[LIST_ROOM])
