@@ -179,7 +179,7 @@ class Engine:
         lanes = at.CELL_LANES
         count[at.CELL_ROOM] = lanes * math.ceil(min(n, 1.5 * n / self.cells + 3) / lanes)
         count[at.LIST_ROOM] = 32
-        count[at.PATIENCE] = MOST_ENTRIES if count[at.IMAGES] else int(PATIENCE * n)
+        count[at.PATIENCE] = MOST_ENTRIES if count[at.IMAGES] else math.ceil(PATIENCE * n)
         count[at.BUCKETS] = max(16, int(power_of_two_below(max(8 * n / per_bucket, 1))))
         self.chunks = int(count[at.BUCKETS]) // 2 + n // 3 + 64
         length = number[at.EPOCH_LENGTH]
@@ -264,6 +264,8 @@ class Engine:
             "around_ids": around.view(np.int32),
             "buckets": np.zeros(int(count[at.BUCKETS]) + 1, dtype=np.int64),
             "chunks": aligned(chunks * at.CHUNK + 1, np.int64),
+            "waiting_slot": np.full(at.WAITING, -1, dtype=np.int64),
+            "waiting_entry": np.zeros(at.WAITING, dtype=np.int64),
             "agenda_time": np.zeros(agenda),
             "agenda_key": np.zeros(agenda, dtype=np.int64),
             "agenda_entry": np.zeros(agenda, dtype=np.int64),

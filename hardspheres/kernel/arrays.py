@@ -31,6 +31,8 @@ class Arrays(NamedTuple):
     around_ids: object  # the same memory as int32
     buckets: object  # int64 (BUCKETS + 1): first chunk of each bucket; the last is for later years
     chunks: object  # int64 (chunks * CHUNK)
+    waiting_slot: object  # int64 (WAITING): buckets that entries wait for, -1: none
+    waiting_entry: object  # int64, the same
     agenda_time: object  # float64: binary heap of the current bucket's events
     agenda_key: object  # int64: lower id << 32 | higher id
     agenda_entry: object  # int64: id << 32 | stamp

@@ -25,6 +25,8 @@ from .layout import (
     STAMP,
     STAMP_BITS,
     TIME,
+    WAITING,
+    WAITS,
     N,
 )
 
@@ -77,7 +79,40 @@ def enter(s, i):
         push_agenda(s, time, tie_key(i, s.event[i * EVENT + PARTNER]), entry)
     else:
         year = s.counter[BUCKETS]
-        push_bucket(s, bucket & (year - 1) if bucket < now + year else year, entry)
+        slot = bucket & (year - 1) if bucket < now + year else year
+        if s.counter[BEYOND_CACHE]:
+            put_off(s, slot, entry)
+        else:
+            push_bucket(s, slot, entry)
+
+
+@jit
+def put_off(s, slot, entry):
+    """Have an entry wait for a few others before it is put in its bucket, while what that takes comes into the cache."""
+    k = s.counter[WAITS]
+    s.counter[WAITS] = (k + 1) % WAITING
+    enter_bucket(s, k)
+    s.waiting_slot[k] = slot
+    s.waiting_entry[k] = entry
+    prefetch(s.buckets, slot)
+    halfway = s.waiting_slot[(k + WAITING // 2) % WAITING]
+    if halfway >= 0:
+        prefetch(s.chunks, s.buckets[halfway] * CHUNK)
+
+
+@jit
+def enter_bucket(s, k):
+    """Put one of those that wait in its bucket."""
+    if s.waiting_slot[k] >= 0:
+        push_bucket(s, s.waiting_slot[k], s.waiting_entry[k])
+        s.waiting_slot[k] = -1
+
+
+@jit
+def settle(s):
+    """Put all that wait in their buckets."""
+    for k in range(WAITING):
+        enter_bucket(s, k)
 
 
 @jit
@@ -122,9 +157,11 @@ def turn_page(s):
     """Go on to the next bucket of the calendar, at the turn of a year looking through the later events first."""
     bucket = s.counter[BUCKET] + 1
     year = s.counter[BUCKETS]
+    settle(s)
     s.counter[BUCKET] = bucket
     if (bucket & (year - 1)) == 0:
         open_bucket(s, year)
+        settle(s)
     open_bucket(s, bucket & (year - 1))
 
 
@@ -132,6 +169,8 @@ def turn_page(s):
 def clear_calendar(s, chunks):
     """Empty the calendar and go back to its first bucket."""
     clear_buckets(s, s.counter[BUCKETS] + 1, chunks)
+    for k in range(WAITING):
+        s.waiting_slot[k] = -1
     s.counter[AGENDA_LENGTH] = 0
     s.counter[SHORT_QUEUE] = 0
     s.counter[BUCKET] = 0

@@ -109,7 +109,8 @@ KINDS = 41  # species that flights are told apart by
 PATIENCE = 42  # lists: single renewals after which all are renewed at once
 SWEEP_DUE = 43  # how many single renewals there have been then
 SWEEPS = 44  # how often all lists were made at once
-COUNTERS = 45
+WAITS = 45  # which of those that wait for their bucket is the next
+COUNTERS = 46
 
 # Flights, where FLIGHTS. Of a particle, float64:
 FLIGHT = 4 if FLIGHTS else 0
@@ -159,6 +160,7 @@ STATE_COUNTERS = (EPOCH, PAIRS, WALL_HITS, LATE, STALE, RENEWALS, LONE, LAST_PAI
 # Calendar: chunks of 8 int64: the next chunk (-1: none) and how many entries, then 7 entries id << 32 | stamp.
 CHUNK = 8
 STAMP_BITS = 0xFFFFFFFF
+WAITING = 4  # entries that wait for their bucket to come into the cache
 
 CANDIDATE = 4  # int64 in a candidate
 LINE_LANES = 16  # lines that one pass of the filter handles
@@ -192,6 +194,8 @@ def pointers(a):
         pointer(a.around_ids),
         pointer(a.buckets),
         pointer(a.chunks),
+        pointer(a.waiting_slot),
+        pointer(a.waiting_entry),
         pointer(a.agenda_time),
         pointer(a.agenda_key),
         pointer(a.agenda_entry),
