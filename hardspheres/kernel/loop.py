@@ -120,7 +120,7 @@ def run(arrays, cells, chunks, afresh, stop_epoch, stop_time, stop_pairs, budget
                 if not search:
                     open_candidates(s)
             elif s.counter[RENEWALS] >= s.counter[SWEEP_DUE]:
-                renew_all(s, cells)
+                renew_all(s, page_ends, cells)
                 budget -= n
             else:
                 turn_page(s)
@@ -160,9 +160,8 @@ def search_lists(s, cells, chunks):
 
 
 @part
-def renew_all(s, cells):
+def renew_all(s, now, cells):
     """Make all lists anew. Events stay as they are, but who comes out of its new shell earlier does so."""
-    now = max(s.number[NOW], 0.0)
     make_all_lists(s, now, cells)
     if s.counter[SHORT_CELLS] == 0 and s.counter[SHORT_LISTS] == 0:
         for i in range(s.counter[N]):

@@ -65,7 +65,7 @@ print(json.dumps(pairs))
 ONE_TOO_SHORT = """
 short = []
 for method, names in (
-    (LISTS, ("event", "neighbours", "images", "cell_ids", "cell_places", "near", "around_places", "chunks", "scratch")),
+    (LISTS, ("event", "neighbours", "images", "cell_ids", "cell_places", "near", "chunks", "scratch")),
     (WINDOWS, ("order", "drafts", "cell_lines", "cell_line_ids", "lines", "line_ids", "row_start", "row_own", "met", "version")),
 ):
     for name in names:
@@ -126,7 +126,7 @@ def test_nor_while_spheres_grow():
 def test_an_array_too_short_is_seen():
     """Sibling: where only its first element is left of an array the checks speak up, whichever array it is."""
     seen = checked(with_prelude(ONE_TOO_SHORT))
-    lists = "event neighbours images cell_ids cell_places near around_places chunks scratch"
+    lists = "event neighbours images cell_ids cell_places near chunks scratch"
     windows = "order drafts cell_lines cell_line_ids lines line_ids row_start row_own met version"
     assert seen == lists.split() + windows.split()
 
