@@ -30,6 +30,7 @@ from hardspheres.tuning import (
 EVENTS_PER_BUCKET = {False: 8, True: 32}  # more of them, where what they need is fetched ahead
 CACHED = 16000  # particles that the processor's own caches hold
 MOST_ENTRIES = 2**31 - 1  # of a table: its places are kept in 32 bits
+TINY = 1e-300  # in place of a collision frequency of zero
 LINE_MARGIN = 1e-4  # in cells, of boxes that are not many cells long: single precision is off by a few 1e-6
 
 
@@ -167,7 +168,7 @@ class Engine:
         self._set_cells(scene, cells, number, count)
         one_size = bool(np.all(scene.radii == scene.radii[0]))
         number[at.SHELL] = shell
-        number[at.LEAD] = LEAD / max(collision_frequency(scene), 1e-300)
+        number[at.LEAD] = LEAD / max(collision_frequency(scene), TINY)
         rounding = SLACK * float(np.max(scene.box / cells))  # of the centres in their cells
         number[at.REACH] = (
             2.0 * shell * (1.0 + SLACK) + rounding + (2.0 * scene.radii[0] if one_size else 0.0)

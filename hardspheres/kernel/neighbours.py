@@ -1,9 +1,9 @@
 """Who can meet whom: cells of centres, and a neighbour list for each particle that lasts while it stays in its shell.
 
-A list names every particle whose centre (where *it* was when its own list was made) lies within REACH. REACH is the contact
-distance and two shells, so nobody can meet a stranger before one of the two has left its shell. Lists are symmetric, and
-making a new one touches only the neighbours lost and won. A list ends with the id n, the row of which nobody meets, and so does
-every slot after that. Cells are at least REACH wide: 27 of them (9 in 2D) hold all candidates; they keep the centres as seen
+A list names every particle whose centre (a little ahead of where *it* was when its own list was made) lies within REACH. REACH is
+the contact distance and two shells, so nobody can meet a stranger before one of the two has left its shell. Lists are symmetric,
+and making a new one touches only the neighbours lost and won. All are made at once from a table of what is around each cell. A
+list ends with the id n, the row of which nobody meets, and so does every slot after that. Cells are at least REACH wide: 27 of them (9 in 2D) hold all candidates; they keep the centres as seen
 from their own corner, in single precision, which REACH makes up for. On a periodic axis of one or two cells the same cell is
 visited again as another image of itself, which lists then name.
 """
@@ -46,7 +46,9 @@ from .layout import (
 )
 from .within import copy_lines, keep_within
 
-AHEAD = 0.5  # of a shell, along each axis: so far ahead at most
+AHEAD = (
+    0.5  # of a shell, along each axis: the centre is so far ahead at most, so the particle is in the shell
+)
 
 
 @jit
