@@ -140,8 +140,6 @@ def open_bucket(s, slot):
     """Enter the live events of a bucket anew: those of the current bucket reach the agenda."""
     chunk = s.buckets[slot]
     s.buckets[slot] = -1
-    if s.counter[BEYOND_CACHE]:
-        fetch_events(s, chunk)
     while chunk >= 0:
         header = s.chunks[chunk * CHUNK]
         for k in range(1, (header & 7) + 1):
@@ -163,6 +161,9 @@ def turn_page(s):
         open_bucket(s, year)
         settle(s)
     open_bucket(s, bucket & (year - 1))
+    if s.counter[BEYOND_CACHE]:
+        fetch_events(s, s.buckets[(bucket + 1) & (year - 1)])
+        prefetch(s.chunks, s.buckets[(bucket + 2) & (year - 1)] * CHUNK)
 
 
 @jit
