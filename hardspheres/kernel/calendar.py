@@ -7,7 +7,7 @@ further bucket; events after the epoch are not entered at all, since the epoch p
 
 from .agenda import push_agenda
 from .chunks import clear_buckets, push_bucket, release
-from .compiler import jit, prefetch
+from .compiler import jit, part, prefetch
 from .layout import (
     AGENDA_LENGTH,
     BEYOND_CACHE,
@@ -108,7 +108,7 @@ def enter_bucket(s, k):
         s.waiting_slot[k] = -1
 
 
-@jit
+@part
 def settle(s):
     """Put all that wait in their buckets."""
     for k in range(WAITING):
@@ -155,11 +155,13 @@ def turn_page(s):
     """Go on to the next bucket of the calendar, at the turn of a year looking through the later events first."""
     bucket = s.counter[BUCKET] + 1
     year = s.counter[BUCKETS]
-    settle(s)
     s.counter[BUCKET] = bucket
+    if s.counter[BEYOND_CACHE]:
+        settle(s)
     if (bucket & (year - 1)) == 0:
         open_bucket(s, year)
-        settle(s)
+        if s.counter[BEYOND_CACHE]:
+            settle(s)
     open_bucket(s, bucket & (year - 1))
     if s.counter[BEYOND_CACHE]:
         fetch_events(s, s.buckets[(bucket + 1) & (year - 1)])
