@@ -13,6 +13,8 @@ from hardspheres.free_paths import FlightTallies
 from hardspheres.memory import require_memory
 from hardspheres.scene import Scene
 from hardspheres.tuning import (
+    LEAD,
+    PATIENCE,
     SLACK,
     WindowPlan,
     cells_per_axis,
@@ -34,6 +36,7 @@ ALONG = 1.0  # width of a cell along y
 REACH_OF_BOUNDS = 20  # units of the bounds of lines in that reach: see `kernel.lines`
 WIDEST = 85  # units in a cell, at most
 SAME = 21  # the code of an image that is not shifted
+TINY = 1e-300  # in place of a collision frequency of zero
 LINE_MARGIN = 1e-4  # in cells, of boxes that are not many cells long: single precision is off by a few 1e-6
 
 
@@ -182,6 +185,7 @@ class Engine:
         self._set_cells(scene, cells, number, count)
         one_size = bool(np.all(scene.radii == scene.radii[0]))
         number[at.SHELL] = shell
+        number[at.LEAD] = LEAD / max(collision_frequency(scene), TINY)
         rounding = SLACK * float(np.max(scene.box / cells))  # of the centres in their cells
         number[at.REACH] = (
             2.0 * shell * (1.0 + SLACK) + rounding + (2.0 * scene.radii[0] if one_size else 0.0)
@@ -193,6 +197,7 @@ class Engine:
         lanes = at.CELL_LANES
         count[at.CELL_ROOM] = lanes * math.ceil(min(n, 1.5 * n / self.cells + 3) / lanes)
         count[at.LIST_ROOM] = 32
+        count[at.PATIENCE] = MOST_ENTRIES if count[at.IMAGES] else math.ceil(PATIENCE * n)
         count[at.BUCKETS] = max(16, int(power_of_two_below(max(8 * n / per_bucket, 1))))
         self.chunks = int(count[at.BUCKETS]) // 2 + n // 3 + 64
         length = number[at.EPOCH_LENGTH]
@@ -260,6 +265,7 @@ class Engine:
         columns = math.prod(count[[at.CELLS, at.CELLS + 2]].tolist())
         chains = (columns + 1) * math.ceil(int(count[at.CELLS + 1]) / 16) * windows
         chains += math.prod(count[at.LARGE_CELLS : at.LARGE_CELLS + 3].tolist())
+        table = at.AROUND * cell_room + at.CELL_LANES
         places, nodes = self.cells * cell_room, int(count[at.NODE_ROOM])
         entries, most = max(places, lines + nodes, candidates, n + 6), MOST_LINES if sparse else MOST_ENTRIES
         if entries >= most:
@@ -267,7 +273,7 @@ class Engine:
                 f"{n} particles in {self.cells} cells need a table of {entries} entries, more "
                 f"than the {most} that are counted; take fewer particles, or spread them more evenly"
             )
-        listed = n * room * (1 + dim * int(count[at.IMAGES])) + places * (1 + at.CELL_COLUMNS)
+        listed = n * room * (1 + dim * int(count[at.IMAGES])) + places * at.CELL_COLUMNS
         needed = (
             4 * listed
             + 44 * (lines + n * windows)
@@ -283,18 +289,23 @@ class Engine:
             "lines": aligned(8 * (lines + nodes + 2), np.float32),
         }
         words = {name[:-1] + "_words": array.view(np.int32) for name, array in of_lines.items()}
+        cell_places = aligned(self.cells * at.CELL_COLUMNS * cell_room + 1, np.float32)
+        around = aligned(at.CELL_COLUMNS * table * lists + 1, np.float32)
         return {
             **of_lines,
             **words,
             "neighbours": aligned(n * room + 1, np.int32),
             "images": np.zeros(n * room * dim * int(count[at.IMAGES]) + 1, dtype=np.int32),
             "cell_count": np.zeros(self.cells + int(count[at.CELLS + 1]) + 1, dtype=np.int32),
-            "cell_ids": np.zeros(self.cells * cell_room + 1, dtype=np.int32),
-            "cell_places": aligned(self.cells * at.CELL_COLUMNS * cell_room + 1, np.float32),
-            "near_excess": aligned((27 * cell_room + at.CELL_LANES) * lists + 1, np.float32),
-            "near_ids": aligned((27 * cell_room + at.CELL_LANES) * lists + 1, np.int32),
+            "cell_places": cell_places,
+            "cell_ids": cell_places.view(np.int32),
+            "near": aligned((table + room) * lists + 1, np.int32),
+            "around": around,
+            "around_ids": around.view(np.int32),
             "buckets": np.zeros(int(count[at.BUCKETS]) + 1, dtype=np.int64),
             "chunks": aligned(chunks * at.CHUNK + 1, np.int64),
+            "waiting_slot": np.full(at.WAITING, -1, dtype=np.int64),
+            "waiting_entry": np.zeros(at.WAITING, dtype=np.int64),
             "agenda_time": np.zeros(agenda),
             "agenda_key": np.zeros(agenda, dtype=np.int64),
             "agenda_entry": np.zeros(agenda, dtype=np.int64),
@@ -307,10 +318,10 @@ class Engine:
             "cell_of_line": np.zeros(lines + 1, dtype=np.int32),
             **self._columns(count),
             "image_shifts": image_shifts(count[at.CELLS : at.CELLS + dim], count[at.WIDTH : at.WIDTH + dim]),
-            "near": aligned(pairs, np.int32),
-            "near_to": aligned(pairs, np.uint32),
-            "near_own": aligned(8, np.int32),
-            "near_lines": aligned(128, np.float32),
+            "pair_slot": aligned(pairs, np.int32),
+            "pair_own": aligned(pairs, np.uint32),
+            "own_slots": aligned(8, np.int32),
+            "pair_lines": aligned(128, np.float32),
             "meetings": aligned(pairs, np.int32),
             "changed": np.zeros(16, dtype=np.int64),
             "places": np.zeros(32, dtype=np.int64),

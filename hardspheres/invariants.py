@@ -287,6 +287,9 @@ class _Search:
         for slot in range(year + 1):
             for entry in self.chain(slot):
                 places.setdefault(entry, set()).add(slot)
+        for entry, slot in zip(arrays.waiting_entry.tolist(), arrays.waiting_slot.tolist(), strict=True):
+            if slot >= 0:
+                places.setdefault(entry, set()).add(slot)
         for i in np.flatnonzero(time < until).tolist():
             due = int(max(time[i], 0.0) * float(arrays.number[at.INVERSE_WIDTH]))
             allowed = {-1} if due <= bucket else {due & (year - 1)}

@@ -15,6 +15,8 @@ from hardspheres.scene import Scene
 Floats = NDArray[np.float64]
 
 NEIGHBOURS_WANTED = {2: 13.0, 3: 14.0}  # per list: fewer means more renewals, more means dearer predictions
+LEAD = 1.0  # mean free times: so far ahead of a particle is the centre of its shell
+PATIENCE = 0.04  # lists renewed one by one, per particle, after which all are renewed at once
 SLACK = 1e-6  # by which lists and lines reach further than they must, so that rounding never matters
 # One of each is chosen: flights up to this many sqrt(kT/m) are registered in one piece; so many windows in an epoch.
 THERMAL_SPEEDS = (2.2, 2.6, 3.0, 3.5)

@@ -22,12 +22,17 @@ class Arrays(NamedTuple):
     images: object  # int32 (n * LIST_ROOM * DIM): image of each neighbour, where IMAGES
     where: object  # int32 (n): slot in the cells; windows: slot of the line, negative where there are several
     cell_count: object  # int32 (cells + 1): particles in each cell; windows: the first line of each cell
-    cell_ids: object  # int32 (cells * CELL_ROOM)
-    cell_places: object  # float32 (cells * CELL_COLUMNS * CELL_ROOM): centres as seen from the cell's corner, then radii
-    near_excess: object  # float32 (27 * CELL_ROOM + CELL_LANES): see `neighbours.measure_cell`
-    near_ids: object  # int32, the same
+    cell_places: (
+        object  # float32 (cells * CELL_COLUMNS * CELL_ROOM): centres as seen from the cell's corner, radii
+    )
+    cell_ids: object  # the same memory as int32, for their ids
+    near: object  # int32 (AROUND * CELL_ROOM + LIST_ROOM + CELL_LANES): ids of those within reach of one particle
+    around: object  # float32 (CELL_COLUMNS * (AROUND * CELL_ROOM + CELL_LANES)): the same of a cell and those around it
+    around_ids: object  # the same memory as int32
     buckets: object  # int64 (BUCKETS + 1): first chunk of each bucket; the last is for later years
     chunks: object  # int64 (chunks * CHUNK)
+    waiting_slot: object  # int64 (WAITING): buckets that entries wait for, -1: none
+    waiting_entry: object  # int64, the same
     agenda_time: object  # float64: binary heap of the current bucket's events
     agenda_key: object  # int64: lower id << 32 | higher id
     agenda_entry: object  # int64: id << 32 | stamp
@@ -48,10 +53,12 @@ class Arrays(NamedTuple):
     column: object  # int32 ((nx + 2) (nz + 2)): index of each column of cells, and of those one cell beyond the box
     column_code: object  # int32, the same: the image in which the box is seen from there
     places: object  # int64 (32): columns near a line, as places in their table
-    near: object  # int32 (NEAR_ROOM + 2 * AT_ONCE): the slots of lines whose bounds overlap those of another
-    near_to: object  # uint32, the same: the slot of that other, and the image in which it is seen
-    near_own: object  # int32 (LINES): such slots alone
-    near_lines: object  # float32 (2 * LINE * LINES): the lines of eight pairs, column by column
+    pair_slot: (
+        object  # int32 (NEAR_ROOM + 2 * AT_ONCE): the slots of lines whose bounds overlap those of another
+    )
+    pair_own: object  # uint32, the same: the slot of that other, and the image in which it is seen
+    own_slots: object  # int32 (LINES): such slots alone
+    pair_lines: object  # float32 (2 * LINE * LINES): the lines of eight pairs, column by column
     meetings: object  # int32 (NEAR_ROOM + 2 * AT_ONCE): which pairs may meet
     changed: object  # int64 (2 * CHANGED): those that an event has changed, see `windows`
     chain_first: object  # int32: first node of each chain of new lines

@@ -7,7 +7,7 @@ further bucket; events after the epoch are not entered at all, since the epoch p
 
 from .agenda import push_agenda
 from .chunks import clear_buckets, push_bucket, release
-from .compiler import jit, prefetch
+from .compiler import jit, part, prefetch
 from .layout import (
     AGENDA_LENGTH,
     BEYOND_CACHE,
@@ -25,6 +25,8 @@ from .layout import (
     STAMP,
     STAMP_BITS,
     TIME,
+    WAITING,
+    WAITS,
     N,
 )
 
@@ -43,6 +45,7 @@ def make_ready(s, i):
     partner = s.event[i * EVENT + PARTNER]
     prefetch(s.row, i * ROW)
     prefetch(s.neighbours, i * s.counter[LIST_ROOM])
+    prefetch(s.version, i)
     if 0 <= partner < s.counter[N]:
         prefetch(s.row, partner * ROW)
         prefetch(s.neighbours, partner * s.counter[LIST_ROOM])
@@ -76,7 +79,40 @@ def enter(s, i):
         push_agenda(s, time, tie_key(i, s.event[i * EVENT + PARTNER]), entry)
     else:
         year = s.counter[BUCKETS]
-        push_bucket(s, bucket & (year - 1) if bucket < now + year else year, entry)
+        slot = bucket & (year - 1) if bucket < now + year else year
+        if s.counter[BEYOND_CACHE]:
+            put_off(s, slot, entry)
+        else:
+            push_bucket(s, slot, entry)
+
+
+@jit
+def put_off(s, slot, entry):
+    """Have an entry wait for a few others before it is put in its bucket, while what that takes comes into the cache."""
+    k = s.counter[WAITS]
+    s.counter[WAITS] = (k + 1) % WAITING
+    enter_bucket(s, k)
+    s.waiting_slot[k] = slot
+    s.waiting_entry[k] = entry
+    prefetch(s.buckets, slot)
+    halfway = s.waiting_slot[(k + WAITING // 2) % WAITING]
+    if halfway >= 0:
+        prefetch(s.chunks, s.buckets[halfway] * CHUNK)
+
+
+@jit
+def enter_bucket(s, k):
+    """Put one of those that wait in its bucket."""
+    if s.waiting_slot[k] >= 0:
+        push_bucket(s, s.waiting_slot[k], s.waiting_entry[k])
+        s.waiting_slot[k] = -1
+
+
+@part
+def settle(s):
+    """Put all that wait in their buckets."""
+    for k in range(WAITING):
+        enter_bucket(s, k)
 
 
 @jit
@@ -104,8 +140,6 @@ def open_bucket(s, slot):
     """Enter the live events of a bucket anew: those of the current bucket reach the agenda."""
     chunk = s.buckets[slot]
     s.buckets[slot] = -1
-    if s.counter[BEYOND_CACHE]:
-        fetch_events(s, chunk)
     while chunk >= 0:
         header = s.chunks[chunk * CHUNK]
         for k in range(1, (header & 7) + 1):
@@ -122,15 +156,24 @@ def turn_page(s):
     bucket = s.counter[BUCKET] + 1
     year = s.counter[BUCKETS]
     s.counter[BUCKET] = bucket
+    if s.counter[BEYOND_CACHE]:
+        settle(s)
     if (bucket & (year - 1)) == 0:
         open_bucket(s, year)
+        if s.counter[BEYOND_CACHE]:
+            settle(s)
     open_bucket(s, bucket & (year - 1))
+    if s.counter[BEYOND_CACHE]:
+        fetch_events(s, s.buckets[(bucket + 1) & (year - 1)])
+        prefetch(s.chunks, s.buckets[(bucket + 2) & (year - 1)] * CHUNK)
 
 
 @jit
 def clear_calendar(s, chunks):
     """Empty the calendar and go back to its first bucket."""
     clear_buckets(s, s.counter[BUCKETS] + 1, chunks)
+    for k in range(WAITING):
+        s.waiting_slot[k] = -1
     s.counter[AGENDA_LENGTH] = 0
     s.counter[SHORT_QUEUE] = 0
     s.counter[BUCKET] = 0

@@ -5,15 +5,13 @@ import math
 from hardspheres import collision, growth
 
 from .compiler import bits, from_bits, jit, part
-from .flags import DIM, FLIGHTS, GROWS, MASSES, SIZES, SPARSE
+from .flags import DIM, FLIGHTS, GROWS, MASSES, SIZES
 from .flights import end_flight, tally_encounter
 from .layout import (
     BOX,
-    CENTRE,
     CORE,
     EPOCH,
     EPOCH_LENGTH,
-    EVENT,
     GROWTH,
     HASTE,
     INVERSE,
@@ -175,8 +173,6 @@ def begin_epoch(s):
                 turns = math.floor(s.row[ri + X + d] * s.number[INVERSE + d])
                 shift = s.number[BOX + d] * turns
                 s.row[ri + X + d] -= shift
-                if not SPARSE:
-                    s.event_float[i * EVENT + CENTRE + d] -= shift
                 s.turns[i * DIM + d] += int(turns)
     if GROWS:
         s.number[SCALE] += s.number[GROWTH] * length

@@ -18,7 +18,7 @@ TIME = 0
 PARTNER = 1  # a particle, n + 2 axis + side for a wall, or one of the codes below
 PARTNER_VERSION = 2  # the partner's version when the event was predicted
 STAMP = 3  # of the one queue entry that counts
-CENTRE = 4  # where the particle was when its neighbour list was made (unwrapped as the row), DIM numbers
+CENTRE = 4  # of the particle's shell (unwrapped as the row), DIM numbers
 
 RENEW = -1  # the particle leaves its shell: a new neighbour list is due
 NOTHING = -2  # no event before the epoch ends
@@ -54,7 +54,8 @@ HASTE = 36  # from this mean square speed on epochs are too long
 LEISURE = 37  # below this one they are too short
 UNIT_DENSITY = 38  # windows: units of the bounds of lines per length, 3 slots
 REACH_OF_LINES = 41  # how far a line may reach beyond its cell, 3 slots
-NUMBERS = 44
+LEAD = 44  # lists: so much time ahead of a particle is its centre
+NUMBERS = 45
 FLIGHT_UNITS = NUMBERS  # where FLIGHTS, of each species: 1 / the units of its paths, times, and bins of speed
 
 # Sums since the tallies were reset, float64.
@@ -108,7 +109,11 @@ KINDS = 41  # species that flights are told apart by
 NEAR_ROOM = 31  # windows: pairs of lines whose bounds overlap that the table can hold
 WIDTH = 42  # of a cell in the units of bounds, 3 slots
 BEYOND = 45  # how far a line may reach beyond its cell in these units, 3 slots
-COUNTERS = 48
+PATIENCE = 48  # lists: single renewals after which all are renewed at once
+SWEEP_DUE = 49  # how many single renewals there have been then
+SWEEPS = 50  # how often all lists were made at once
+WAITS = 51  # which of those that wait for their bucket is the next
+COUNTERS = 52
 
 # Flights, where FLIGHTS. Of a particle, float64:
 FLIGHT = 4 if FLIGHTS else 0
@@ -158,12 +163,14 @@ STATE_COUNTERS = (EPOCH, PAIRS, WALL_HITS, LATE, STALE, RENEWALS, LONE, LAST_PAI
 # Calendar: chunks of 8 int64: the next chunk (-1: none) and how many entries, then 7 entries id << 32 | stamp.
 CHUNK = 8
 STAMP_BITS = 0xFFFFFFFF
+WAITING = 4  # entries that wait for their bucket to come into the cache
 
 CANDIDATE = 4  # int64 in a candidate
 
 LANES = 16  # neighbours that one pass of the prediction handles
-CELL_LANES = 16  # centres that one pass through a cell handles
-CELL_COLUMNS = DIM + 1 if SIZES else DIM  # of a cell: place as seen from its corner, radius
+CELL_LANES = 8  # centres that one step in a cell handles
+AROUND = 27 if DIM == 3 else 9  # cells where a particle's neighbours may be
+CELL_COLUMNS = DIM + 2 if SIZES else DIM + 1  # of a cell: id, place as seen from its corner, radius
 
 
 @jit
@@ -182,12 +189,15 @@ def pointers(a):
         pointer(a.images),
         pointer(a.where),
         pointer(a.cell_count),
-        pointer(a.cell_ids),
         pointer(a.cell_places),
-        pointer(a.near_excess),
-        pointer(a.near_ids),
+        pointer(a.cell_ids),
+        pointer(a.near),
+        pointer(a.around),
+        pointer(a.around_ids),
         pointer(a.buckets),
         pointer(a.chunks),
+        pointer(a.waiting_slot),
+        pointer(a.waiting_entry),
         pointer(a.agenda_time),
         pointer(a.agenda_key),
         pointer(a.agenda_entry),
@@ -206,10 +216,10 @@ def pointers(a):
         pointer(a.column),
         pointer(a.column_code),
         pointer(a.places),
-        pointer(a.near),
-        pointer(a.near_to),
-        pointer(a.near_own),
-        pointer(a.near_lines),
+        pointer(a.pair_slot),
+        pointer(a.pair_own),
+        pointer(a.own_slots),
+        pointer(a.pair_lines),
         pointer(a.meetings),
         pointer(a.changed),
         pointer(a.chain_first),

@@ -187,7 +187,9 @@ def meet_run(s, m, begin, end, first, last, code):
     for block in range(first, last, AT_ONCE):
         for own in range(begin, end):
             word, seen = s.bounds[own], seen_in(own, code)
-            m = checked(s, keep_overlapping(s.near, s.near_to, m, word, seen, s.bounds, block, last, shift))
+            m = checked(
+                s, keep_overlapping(s.pair_slot, s.pair_own, m, word, seen, s.bounds, block, last, shift)
+            )
     return m
 
 

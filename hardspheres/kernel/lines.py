@@ -67,7 +67,7 @@ def image_in(seen):
 @jit
 def enter_pair(s, m, own, slot, code):
     """Enter a pair in the table, which has m; returns how many it has."""
-    s.near[m], s.near_to[m] = slot, seen_in(own, code)
+    s.pair_slot[m], s.pair_own[m] = slot, seen_in(own, code)
     return checked(s, m + 1)
 
 
@@ -122,19 +122,19 @@ def examine(s, m, since):
     )
     meetings = 0
     for block in range(0, m, LINES):
-        turn_rows(s.near_lines, 0, LINES, s.lines, s.near, block)
+        turn_rows(s.pair_lines, 0, LINES, s.lines, s.pair_slot, block)
         for k in range(LINES):
-            s.near_own[k] = slot_in(s.near_to[block + k])
-        turn_rows(s.near_lines, LINE * LINES, LINES, s.lines, s.near_own, 0)
+            s.own_slots[k] = slot_in(s.pair_own[block + k])
+        turn_rows(s.pair_lines, LINE * LINES, LINES, s.lines, s.own_slots, 0)
         marks = 0
         for k in range(LINES):
-            code = image_in(s.near_to[block + k])
-            b, vv, c = compare(s.near_lines, LINES, k, s.near_lines, LINE * LINES + k, code, ex, ey, ez)
+            code = image_in(s.pair_own[block + k])
+            b, vv, c = compare(s.pair_lines, LINES, k, s.pair_lines, LINE * LINES + k, code, ex, ey, ez)
             marks |= (1 << k) if may_meet(b, vv, c, since) else 0
         meetings = keep_marked(s.meetings, meetings, block, m, marks)
     for a in range(meetings):
         pair = int(s.meetings[a])
-        slot, own, code = int(s.near[pair]), slot_in(s.near_to[pair]), image_in(s.near_to[pair])
+        slot, own, code = int(s.pair_slot[pair]), slot_in(s.pair_own[pair]), image_in(s.pair_own[pair])
         b, vv, c = compare(s.lines, 1, slot * LINE, s.lines, own * LINE, code, ex, ey, ez)
         when = min(max(-b / (vv + TINY), since), ONE)
         solve_meeting(s, int(s.line_words[own * LINE + WHOSE]), int(s.line_words[slot * LINE + WHOSE]), when)

@@ -14,7 +14,6 @@ from .layout import (
     EPOCH,
     EPOCH_BUCKETS,
     EVENT,
-    IMAGES,
     INVERSE_WIDTH,
     LATE,
     LATE_BY,
@@ -28,6 +27,7 @@ from .layout import (
     PARTNER,
     PARTNER_VERSION,
     RENEW,
+    RENEWALS,
     SHORT_CELLS,
     SHORT_LISTS,
     SHORT_QUEUE,
@@ -35,12 +35,15 @@ from .layout import (
     STAMP,
     STAMP_BITS,
     STANDSTILL,
+    SWEEP_DUE,
+    SWEEPS,
+    TIME,
     WINDOW_BUCKETS,
     N,
     pointers,
 )
 from .neighbours import make_all_lists, renew_list
-from .prediction import next_event
+from .prediction import next_event, shell_exit
 from .windows import follow, open_window
 
 __all__ = ["DONE", "LOG_FULL", "NO_ROOM", "OUT_OF_PACE", "PAUSED", "STANDS_STILL", "layout", "run"]
@@ -64,9 +67,8 @@ OUT_OF_PACE = (
 def predict(s, i, now):
     """Find i's next event and enter it in the calendar."""
     time, partner = next_event(s, i, now)
-    event = i * EVENT
-    if 0 <= partner < s.counter[N]:
-        s.event[event + PARTNER_VERSION] = s.version[partner]
+    met = 0 <= partner < s.counter[N]
+    s.event[i * EVENT + PARTNER_VERSION] = s.version[partner] if met else s.counter[SWEEPS]
     schedule(s, i, time, partner)
 
 
@@ -88,13 +90,12 @@ def run(arrays, cells, chunks, afresh, stop_epoch, stop_time, stop_pairs, budget
     s = pointers(arrays)
     n = s.counter[N]
     search = afresh
-    lists = afresh
     while budget > 0 or search:  # a search that is due is never put off
         if search:
             if SPARSE:
                 open_window(s, cells, chunks)
             else:
-                search_lists(s, lists, cells, chunks)
+                search_lists(s, cells, chunks)
             search = False
             budget -= n
         elif s.counter[PAIRS] >= stop_pairs:
@@ -111,7 +112,6 @@ def run(arrays, cells, chunks, afresh, stop_epoch, stop_time, stop_pairs, budget
                 begin_epoch(s)
                 s.counter[BUCKET] = 0
                 search = True
-                lists = s.counter[IMAGES] == 1
                 if MASSES and not GROWS and out_of_pace(s):
                     return OUT_OF_PACE
             elif SPARSE:
@@ -119,6 +119,9 @@ def run(arrays, cells, chunks, afresh, stop_epoch, stop_time, stop_pairs, budget
                 search = (bucket & (s.counter[WINDOW_BUCKETS] - 1)) == 0
                 if not search:
                     open_candidates(s)
+            elif s.counter[RENEWALS] >= s.counter[SWEEP_DUE]:
+                renew_all(s, page_ends, cells)
+                budget -= n
             else:
                 turn_page(s)
         else:
@@ -148,13 +151,24 @@ def run(arrays, cells, chunks, afresh, stop_epoch, stop_time, stop_pairs, budget
 
 
 @part
-def search_lists(s, lists, cells, chunks):
-    """Predict all events from the rows, with new lists if asked for."""
+def search_lists(s, cells, chunks):
+    """Find all lists and events from the rows."""
     now = max(s.number[NOW], 0.0)
-    if lists:
-        make_all_lists(s, now, cells)
+    make_all_lists(s, now, cells)
     if s.counter[SHORT_CELLS] == 0 and s.counter[SHORT_LISTS] == 0:
         predict_all(s, now, chunks)
+
+
+@part
+def renew_all(s, now, cells):
+    """Make all lists anew. Events stay as they are, but who comes out of its new shell earlier does so."""
+    make_all_lists(s, now, cells)
+    if s.counter[SHORT_CELLS] == 0 and s.counter[SHORT_LISTS] == 0:
+        for i in range(s.counter[N]):
+            time = shell_exit(s, i)
+            if time < s.event_float[i * EVENT + TIME]:
+                s.event[i * EVENT + PARTNER_VERSION] = s.counter[SWEEPS]
+                schedule(s, i, max(time, now), RENEW)
 
 
 @jit
@@ -189,13 +203,14 @@ def execute_and_predict(s, first, time):
 def execute(s, i, time):
     """Let i's event happen. Returns the other particle that has changed, or -1."""
     partner = s.event[i * EVENT + PARTNER]
-    if partner == RENEW:
+    version = s.event[i * EVENT + PARTNER_VERSION]
+    if partner == RENEW and version == s.counter[SWEEPS]:
         renew_list(s, i, time)
     elif partner >= s.counter[N]:
         if WALLS:
             keep_clock(s, time)
             hit_wall(s, i, partner, time)
-    elif s.version[partner] == s.event[i * EVENT + PARTNER_VERSION]:
+    elif partner >= 0 and s.version[partner] == version:
         keep_clock(s, time)
         collide_pair(s, i, partner, time)
         return partner

@@ -1,9 +1,9 @@
 """Who can meet whom: cells of centres, and a neighbour list for each particle that lasts while it stays in its shell.
 
-A list names every particle whose centre (where *it* was when its own list was made) lies within REACH. REACH is the contact
-distance and two shells, so nobody can meet a stranger before one of the two has left its shell. Lists are symmetric, and
-making a new one touches only the neighbours lost and won. A list ends with the id n, the row of which nobody meets, and so does
-every slot after that. Cells are at least REACH wide: 27 of them (9 in 2D) hold all candidates; they keep the centres as seen
+A list names every particle whose centre (a little ahead of where *it* was when its own list was made) lies within REACH. REACH is
+the contact distance and two shells, so nobody can meet a stranger before one of the two has left its shell. Lists are symmetric,
+and making a new one touches only the neighbours lost and won. All are made at once from a table of what is around each cell. A
+list ends with the id n, the row of which nobody meets, and so does every slot after that. Cells are at least REACH wide: 27 of them (9 in 2D) hold all candidates; they keep the centres as seen
 from their own corner, in single precision, which REACH makes up for. On a periodic axis of one or two cells the same cell is
 visited again as another image of itself, which lists then name.
 """
@@ -15,6 +15,7 @@ import numpy as np
 from .compiler import jit, part
 from .flags import DIM, SIZES
 from .layout import (
+    AROUND,
     BOX,
     CELL_COLUMNS,
     CELL_DENSITY,
@@ -26,17 +27,27 @@ from .layout import (
     EVENT,
     IMAGES,
     INVERSE,
+    LEAD,
     LIST_ROOM,
+    PATIENCE,
     RADIUS,
     REACH,
     RENEWALS,
     ROW,
+    SHELL,
     SHORT_CELLS,
     SHORT_LISTS,
+    SWEEP_DUE,
+    SWEEPS,
     N,
     T,
     V,
     X,
+)
+from .within import copy_lines, keep_within
+
+AHEAD = (
+    0.5  # of a shell, along each axis: the centre is so far ahead at most, so the particle is in the shell
 )
 
 
@@ -69,50 +80,56 @@ def locate(s, i):
 
 
 @jit
+def line_of(slot):
+    """Where in the cells' memory the id in a slot stands; each block of CELL_LANES slots has its columns together."""
+    return slot // CELL_LANES * (CELL_COLUMNS * CELL_LANES) + slot % CELL_LANES
+
+
+@jit
 def put_in_cell(s, i):
     """Enter i's centre in its cell."""
     cx, cy, cz, x, y, z = locate(s, i)
     cell = (cx * s.counter[CELLS + 1] + cy) * s.counter[CELLS + 2] + cz
-    room = s.counter[CELL_ROOM]
     slot = s.cell_count[cell]
-    if slot == room:
+    if slot == s.counter[CELL_ROOM]:
         s.counter[SHORT_CELLS] = 1
         s.where[i] = -1
         return
     s.cell_count[cell] = slot + 1
-    s.cell_ids[cell * room + slot] = i
-    s.where[i] = cell * room + slot
-    column = cell * CELL_COLUMNS * room + slot
-    s.cell_places[column] = x
-    s.cell_places[column + room] = y
+    slot += cell * s.counter[CELL_ROOM]
+    s.where[i] = slot
+    line = line_of(slot)
+    s.cell_ids[line] = i
+    s.cell_places[line + CELL_LANES] = x
+    s.cell_places[line + 2 * CELL_LANES] = y
     if DIM == 3:
-        s.cell_places[column + 2 * room] = z
+        s.cell_places[line + 3 * CELL_LANES] = z
     if SIZES:
-        s.cell_places[column + DIM * room] = s.row[i * ROW + RADIUS]
+        s.cell_places[line + (1 + DIM) * CELL_LANES] = s.row[i * ROW + RADIUS]
 
 
 @jit
 def take_from_cell(s, i):
     """Remove i's centre from its cell; the last of the cell takes its slot."""
-    room = s.counter[CELL_ROOM]
-    cell = s.where[i] // room
-    slot = s.where[i] - cell * room
-    last = s.cell_count[cell] - 1
-    s.cell_count[cell] = last
-    moved = s.cell_ids[cell * room + last]
-    s.cell_ids[cell * room + slot] = moved
-    s.where[moved] = cell * room + slot
-    for d in range(CELL_COLUMNS):
-        column = (cell * CELL_COLUMNS + d) * room
-        s.cell_places[column + slot] = s.cell_places[column + last]
+    slot = s.where[i]
+    cell = slot // s.counter[CELL_ROOM]
+    left = s.cell_count[cell] - 1
+    s.cell_count[cell] = left
+    line, last = line_of(slot), line_of(cell * s.counter[CELL_ROOM] + left)
+    s.where[s.cell_ids[last]] = slot
+    for c in range(CELL_COLUMNS):
+        s.cell_ids[line + c * CELL_LANES] = s.cell_ids[last + c * CELL_LANES]
 
 
 @jit
 def set_centre(s, i, now):
-    """Move i's centre to where i is now."""
+    """Move i's centre to a little ahead of where i is now, about where it will collide: it stays around there for longer."""
     dt = now - s.row[i * ROW + T]
+    most = AHEAD * s.number[SHELL]
     for d in range(DIM):
-        s.event_float[i * EVENT + CENTRE + d] = s.row[i * ROW + X + d] + s.row[i * ROW + V + d] * dt
+        v = s.row[i * ROW + V + d]
+        ahead = max(min(v * s.number[LEAD], most), -most)
+        s.event_float[i * EVENT + CENTRE + d] = s.row[i * ROW + X + d] + v * dt + ahead
 
 
 @jit
@@ -198,49 +215,26 @@ def neighbour_cell(s, cell, d):
 
 
 @jit
-def measure_cell(s, cell, m, x, y, z, reach):
-    """Squared distances, less the squared reach, from (x, y, z) to the centres of a cell, in the table from line m on."""
-    room = s.counter[CELL_ROOM]
+def look_in_cell(s, cell, i, x, y, z, reach, kept):
+    """Add the ids of a cell's centres within reach of (x, y, z), other than i's, to those kept. Returns how many there are then."""
     count = s.cell_count[cell]
-    ids = cell * room
-    column = cell * CELL_COLUMNS * room
-    limit = reach
-    for first in range(0, count, CELL_LANES):
-        for k in range(first, first + CELL_LANES):
-            dx = x - s.cell_places[column + k]
-            dy = y - s.cell_places[column + room + k]
-            rr = dx * dx + dy * dy
-            if DIM == 3:
-                dz = z - s.cell_places[column + 2 * room + k]
-                rr += dz * dz
-            if SIZES:
-                limit = reach + s.cell_places[column + DIM * room + k]
-            s.near_excess[m + k] = rr - limit * limit
-            s.near_ids[m + k] = s.cell_ids[ids + k]
-    return m + count
-
-
-@jit
-def keep_near(s, m):
-    """Keep those of the table's m lines that are within reach; returns how many."""
-    kept = 0
-    for k in range(m):
-        s.near_ids[kept] = s.near_ids[k]
-        kept += 1 if s.near_excess[k] < 0.0 else 0
-    for k in range(kept, kept + CELL_LANES):
-        s.near_ids[k] = -1
+    line = line_of(cell * s.counter[CELL_ROOM])
+    for k in range(0, max(count, 1), CELL_LANES):
+        left = count - k
+        at = line + CELL_COLUMNS * k
+        kept += keep_within(s.near, kept, s.cell_ids, s.cell_places, at, CELL_LANES, left, i, x, y, z, reach)
     return kept
 
 
 @part
 def look_around(s, i):
-    """Ids of all centres within reach of i's, in the first lines of the table; where lists name images, link them at once."""
+    """Find the ids of all centres within reach of i's; where lists name images, link them at once. Returns how many."""
     cx, cy, cz, x, y, z = locate(s, i)
     named = s.counter[IMAGES] == 1
     reach = np.float32(s.number[REACH])
     if SIZES:
         reach = np.float32(s.number[REACH] + s.row[i * ROW + RADIUS])
-    m = 0
+    kept = 0
     for ox in range(-1, 2):
         kx, sx = neighbour_cell(s, cx + ox, 0)
         px = np.float32(x - np.float32(ox * s.number[CELL_EDGE]))
@@ -254,21 +248,23 @@ def look_around(s, i):
                 kz, sz = neighbour_cell(s, cz + oz, 2)
                 pz = np.float32(z - np.float32(oz * s.number[CELL_EDGE + 2]))
                 if kz >= 0:
-                    m = measure_cell(s, row_of_cells + kz, m, px, py, pz, reach)
+                    kept = look_in_cell(s, row_of_cells + kz, i, px, py, pz, reach, kept)
                     if named:
-                        for k in range(keep_near(s, m)):
-                            link(s, i, s.near_ids[k], sx, sy, sz)
-                        m = 0
-    return keep_near(s, m)
+                        for k in range(kept):
+                            link(s, i, s.near[k], sx, sy, sz)
+                        kept = 0
+    for k in range(kept, kept + CELL_LANES):
+        s.near[k] = -1
+    return kept
 
 
 @jit
 def is_near(s, kept, j):
-    """Whether j is in the first lines of the table."""
+    """Whether j is one of those kept."""
     found = False
     for k in range(0, kept, CELL_LANES):
         for a in range(k, k + CELL_LANES):
-            found |= s.near_ids[a] == j
+            found |= s.near[a] == j
     return found
 
 
@@ -282,7 +278,7 @@ def relist(s, i):
         s.counter[SHORT_LISTS] = 1
         return
     for k in range(kept):
-        j = s.near_ids[k]
+        j = s.near[k]
         if position_in_list(s, i, j) == room:
             append(s, j, i)
     for k in range(room):
@@ -291,8 +287,18 @@ def relist(s, i):
             break
         if not is_near(s, kept, j):
             strike(s, j, i)
+    write_list(s, i, kept)
+
+
+@jit
+def write_list(s, i, kept):
+    """Make those kept i's list."""
+    room = s.counter[LIST_ROOM]
+    if kept >= room:
+        s.counter[SHORT_LISTS] = 1
+        return
     for k in range(room):
-        s.neighbours[i * room + k] = s.near_ids[k] if k < kept else n
+        s.neighbours[i * room + k] = s.near[k] if k < kept else s.counter[N]
 
 
 @jit
@@ -311,18 +317,87 @@ def renew_list(s, i, now):
 
 @part
 def make_all_lists(s, now, cells):
-    """Centres, cells and lists of all particles from their rows: each looks for those that came before."""
+    """Centres, cells and lists of all particles from their rows."""
     n = s.counter[N]
     s.counter[SHORT_CELLS] = 0
     s.counter[SHORT_LISTS] = 0
+    s.counter[SWEEPS] += 1
+    s.counter[SWEEP_DUE] = s.counter[RENEWALS] + s.counter[PATIENCE]
     for cell in range(cells):
         s.cell_count[cell] = 0
-    for k in range(n * s.counter[LIST_ROOM]):
-        s.neighbours[k] = n
+    if s.counter[IMAGES]:
+        for k in range(n * s.counter[LIST_ROOM]):
+            s.neighbours[k] = n
     for i in range(n):
         set_centre(s, i, now)
         if s.counter[IMAGES]:
-            look_around(s, i)
-        else:
-            relist(s, i)
+            look_around(s, i)  # each for those that came before
         put_in_cell(s, i)
+    if s.counter[IMAGES] == 0 and s.counter[SHORT_CELLS] == 0:
+        for cx in range(s.counter[CELLS]):
+            for cy in range(s.counter[CELLS + 1]):
+                for cz in range(s.counter[CELLS + 2]):
+                    list_cell(s, cx, cy, cz)
+
+
+@jit
+def list_cell(s, cx, cy, cz):
+    """Make the lists of all particles in a cell."""
+    wide = AROUND * s.counter[CELL_ROOM] + CELL_LANES
+    m, own, count = lay_out_around(s, cx, cy, cz)
+    for line in range(own, own + count):
+        i = s.around_ids[line]
+        x, y = s.around[line + wide], s.around[line + 2 * wide]
+        z = s.around[line + 3 * wide] if DIM == 3 else np.float32(0.0)
+        reach = np.float32(s.number[REACH])
+        if SIZES:
+            reach += s.around[line + (1 + DIM) * wide]
+        kept = 0
+        for k in range(0, m, CELL_LANES):
+            kept += keep_within(s.near, kept, s.around_ids, s.around, k, wide, m - k, i, x, y, z, reach)
+        write_list(s, i, kept)
+
+
+@jit
+def lay_out_around(s, cx, cy, cz):
+    """Copy a cell and those around it to a table, as seen from its corner.
+
+    Returns how many lines that makes, which is the first of the cell itself, and how many it has.
+    """
+    wide = AROUND * s.counter[CELL_ROOM] + CELL_LANES
+    m, own, count = 0, 0, 0
+    for ox in range(-1, 2):
+        kx, _ = neighbour_cell(s, cx + ox, 0)
+        x = np.float32(ox * s.number[CELL_EDGE])
+        for oy in range(-1, 2):
+            ky, _ = neighbour_cell(s, cy + oy, 1)
+            y = np.float32(oy * s.number[CELL_EDGE + 1])
+            if kx < 0 or ky < 0:
+                continue
+            row_of_cells = (kx * s.counter[CELLS + 1] + ky) * s.counter[CELLS + 2]
+            for oz in range(-1 if DIM == 3 else 0, 2 if DIM == 3 else 1):
+                kz, _ = neighbour_cell(s, cz + oz, 2)
+                z = np.float32(oz * s.number[CELL_EDGE + 2])
+                if kz < 0:
+                    continue
+                here = s.cell_count[row_of_cells + kz]
+                if ox == 0 and oy == 0 and oz == 0:
+                    own, count = m, here
+                line = line_of((row_of_cells + kz) * s.counter[CELL_ROOM])
+                for k in range(0, max(here, 1), CELL_LANES):
+                    at = line + CELL_COLUMNS * k
+                    copy_lines(
+                        s.around_ids,
+                        s.around,
+                        m + k,
+                        wide,
+                        s.cell_ids,
+                        s.cell_places,
+                        at,
+                        CELL_LANES,
+                        x,
+                        y,
+                        z,
+                    )
+                m += here
+    return m, own, count

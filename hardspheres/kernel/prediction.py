@@ -175,7 +175,7 @@ def earliest_contact(s, i, now):
                     partner, least_of_equal(s.scratch_int, WHO + k, s.scratch_int, WHEN + k, soonest)
                 )
         first += LANES
-        if first == room or s.neighbours[i * room + first] == s.counter[N]:
+        if first == room or s.neighbours[i * room + first - 1] == s.counter[N]:
             break
     return from_bits(best), partner
 

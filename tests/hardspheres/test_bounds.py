@@ -65,8 +65,8 @@ print(json.dumps(pairs))
 ONE_TOO_SHORT = """
 short = []
 for method, names in (
-    (LISTS, ("event", "neighbours", "images", "cell_ids", "cell_places", "near_excess", "chunks", "scratch")),
-    (WINDOWS, ("order", "drafts", "lines", "bounds", "cell_of_line", "column", "near", "near_to", "meetings", "changed", "version")),
+    (LISTS, ("event", "neighbours", "images", "cell_ids", "cell_places", "near", "chunks", "scratch")),
+    (WINDOWS, ("order", "drafts", "lines", "bounds", "cell_of_line", "column", "pair_slot", "pair_own", "meetings", "changed", "version")),
 ):
     for name in names:
         sim = simulation(gas("3d", 10, 0.02, seed=3), method)
@@ -126,8 +126,8 @@ def test_nor_while_spheres_grow():
 def test_an_array_too_short_is_seen():
     """Sibling: where only its first element is left of an array the checks speak up, whichever array it is."""
     seen = checked(with_prelude(ONE_TOO_SHORT))
-    lists = "event neighbours images cell_ids cell_places near_excess chunks scratch"
-    windows = "order drafts lines bounds cell_of_line column near near_to meetings changed version"
+    lists = "event neighbours images cell_ids cell_places near chunks scratch"
+    windows = "order drafts lines bounds cell_of_line column pair_slot pair_own meetings changed version"
     assert seen == lists.split() + windows.split()
 
 

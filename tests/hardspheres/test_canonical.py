@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scenes import KINDS, gas, state
 
 import hardspheres as hs
-from hardspheres import tuning
+from hardspheres import engine, tuning
 
 COLLISIONS = 3000
 
@@ -91,6 +91,20 @@ def test_the_width_of_the_shells_changes_nothing(scene, expected, wanted, monkey
     sim = run(scene)
     assert state(sim) == expected
     assert sim.status()["shell"] != usual
+
+
+@pytest.mark.parametrize(("patience", "often"), [(1e-9, True), (1e6, False)])
+def test_renewing_all_lists_at_once_changes_nothing(scene, expected, patience, often, monkeypatch):
+    """Whenever one list has been renewed, or, sibling, at the beginning of epochs only."""
+    monkeypatch.setattr(tuning, "SPARSE_BELOW", LISTS)
+    monkeypatch.setattr(engine, "PATIENCE", patience)
+    sim = hs.Simulation(scene)
+    for _ in range(5):
+        sim.run(collisions=COLLISIONS // 5)
+        sim.check()
+    assert state(sim) == expected
+    count = sim._engine.arrays.counter
+    assert (count[sim._at.SWEEPS] > 2 * count[sim._at.EPOCH] + 2) is np.bool_(often)
 
 
 @pytest.mark.parametrize("speeds", [0.7, 5.0])

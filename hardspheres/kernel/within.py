@@ -1,0 +1,123 @@
+"""Which centres are within reach, eight in one step.
+
+LLVM turns a loop over eight lanes into eight scalar steps before it could make vectors of them, so here the vectors are
+written down. What is found goes into lists only, never into the trajectory.
+
+Both functions work on columns that are `stride` apart: ids, places, and radii where they differ. Ids are integers in the same
+memory as the floats.
+"""
+
+import numba
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+from .compiler import CHECKED, PURE_PYTHON
+from .flags import DIM, SIZES
+from .layout import CELL_COLUMNS, CELL_LANES
+
+if PURE_PYTHON or CHECKED:
+
+    @numba.njit
+    def keep_within(target, kept, ids, table, k, stride, count, me, x, y, z, reach):
+        """Append to the target the ids of those of eight lines that are within reach; returns how many."""
+        found = 0
+        limit = reach
+        for line in range(k, k + min(count, CELL_LANES)):
+            dx = x - table[line + stride]
+            dy = y - table[line + 2 * stride]
+            rr = dx * dx + dy * dy
+            if DIM == 3:
+                dz = z - table[line + 3 * stride]
+                rr += dz * dz
+            if SIZES:
+                limit = reach + table[line + (1 + DIM) * stride]
+            if rr < limit * limit and ids[line] != me:
+                target[kept + found] = ids[line]
+                found += 1
+        return found
+
+    @numba.njit
+    def copy_lines(target_ids, target, m, wide, ids, table, k, stride, x, y, z):
+        """Copy eight lines to a table with columns `wide` apart, as seen from a corner that is (x, y, z) away."""
+        for lane in range(CELL_LANES):
+            target_ids[m + lane] = ids[k + lane]
+            target[m + lane + wide] = table[k + lane + stride] + x
+            target[m + lane + 2 * wide] = table[k + lane + 2 * stride] + y
+            if DIM == 3:
+                target[m + lane + 3 * wide] = table[k + lane + 3 * stride] + z
+            if SIZES:
+                target[m + lane + (1 + DIM) * wide] = table[k + lane + (1 + DIM) * stride]
+
+else:
+    WORD, SHORT = ir.IntType(64), ir.IntType(32)
+    FLOATS, SHORTS = ir.VectorType(ir.FloatType(), CELL_LANES), ir.VectorType(SHORT, CELL_LANES)
+    IDS, TABLE = types.CPointer(types.int32), types.CPointer(types.float32)
+
+    def lanes_at(builder, pointer, index, vector):
+        """Return where eight elements stand."""
+        return builder.bitcast(builder.gep(pointer, [index]), vector.as_pointer())
+
+    def column(builder, table, k, stride, c):
+        """Return where eight elements of a column of floats stand."""
+        return lanes_at(builder, table, builder.add(k, builder.mul(stride, WORD(c))), FLOATS)
+
+    def everywhere(builder, value, vector):
+        """Return a vector of one value."""
+        one = builder.insert_element(ir.Constant(vector, ir.Undefined), value, SHORT(0))
+        return builder.shuffle_vector(one, one, ir.Constant(SHORTS, [0] * CELL_LANES))
+
+    @intrinsic
+    def keep_within(typingctx, target, kept, ids, table, k, stride, count, me, x, y, z, reach):
+        """Append to the target the ids of those of eight lines that are within reach; returns how many.
+
+        Lines from `count` on, and `me`, are passed over. Whatever stands in the eight elements of the target is lost.
+        """
+
+        def codegen(context, builder, signature, args):
+            target, kept, ids, table, k, stride, count, me, x, y, z, reach = args
+            rr = None
+            for c, place in enumerate((x, y, z)[:DIM], 1):
+                there = builder.load(column(builder, table, k, stride, c), align=4)
+                off = builder.fsub(everywhere(builder, place, FLOATS), there)
+                square = builder.fmul(off, off)
+                rr = builder.fadd(rr, square) if rr else square
+            limit = everywhere(builder, reach, FLOATS)
+            if SIZES:
+                radii = builder.load(column(builder, table, k, stride, 1 + DIM), align=4)
+                limit = builder.fadd(limit, radii)
+            names = builder.load(lanes_at(builder, ids, k, SHORTS), align=4)
+            lanes = ir.Constant(SHORTS, list(range(CELL_LANES)))
+            end = everywhere(builder, builder.trunc(count, SHORT), SHORTS)
+            itself = everywhere(builder, builder.trunc(me, SHORT), SHORTS)
+            chosen = builder.fcmp_ordered("<", rr, builder.fmul(limit, limit))
+            chosen = builder.and_(chosen, builder.icmp_signed("<", lanes, end))
+            chosen = builder.and_(chosen, builder.icmp_signed("!=", names, itself))
+            kind = ir.FunctionType(SHORTS, [SHORTS, chosen.type, SHORTS])
+            name = f"llvm.experimental.vector.compress.v{CELL_LANES}i32"
+            compress = cgutils.get_or_insert_function(builder.module, kind, name)
+            closed = builder.call(compress, [names, chosen, ir.Constant(SHORTS, ir.Undefined)])
+            builder.store(closed, lanes_at(builder, target, kept, SHORTS), align=4)
+            return builder.zext(builder.ctpop(builder.bitcast(chosen, ir.IntType(CELL_LANES))), WORD)
+
+        integers, floats = [types.int64] * 4, [types.float32] * 4
+        return types.int64(IDS, types.int64, IDS, TABLE, *integers, *floats), codegen
+
+    @intrinsic
+    def copy_lines(typingctx, target_ids, target, m, wide, ids, table, k, stride, x, y, z):
+        """Copy eight lines to a table with columns `wide` apart, as seen from a corner that is (x, y, z) away."""
+
+        def codegen(context, builder, signature, args):
+            target_ids, target, m, wide, ids, table, k, stride, *corner = args
+            names = builder.load(lanes_at(builder, ids, k, SHORTS), align=4)
+            builder.store(names, lanes_at(builder, target_ids, m, SHORTS), align=4)
+            for c in range(1, CELL_COLUMNS):
+                there = builder.load(column(builder, table, k, stride, c), align=4)
+                if c <= DIM:
+                    there = builder.fadd(there, everywhere(builder, corner[c - 1], FLOATS))
+                builder.store(there, column(builder, target, m, wide, c), align=4)
+            return context.get_dummy_value()
+
+        integers, floats = [types.int64] * 2, [types.float32] * 3
+        return types.none(IDS, TABLE, *integers, IDS, TABLE, *integers, *floats), codegen
