@@ -22,7 +22,7 @@ SLACK = 1e-6  # by which lists and lines reach further than they must, so that r
 THERMAL_SPEEDS = (2.2, 2.6, 3.0, 3.5)
 WINDOWS_IN_AN_EPOCH = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
 OUT_OF_PACE = 16.0  # epochs that are this many times too long or too short are changed
-SPARSE_BELOW = {2: 0.3, 3: 0.25}  # packing fraction below which windows are faster than lists
+SPARSE_BELOW = {2: 0.4, 3: 0.25}  # packing fraction below which windows are faster than lists
 REG, PIECE, PAIR, CELL, COLL, NEWP, NEWC = (
     60.0,
     300.0,
