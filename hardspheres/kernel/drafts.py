@@ -115,6 +115,9 @@ def cells_near(x, half, cell, of_axis):
 @jit
 def near_of(d, before, after):
     """Return these numbers, at most 1, along y at most 3, in the place that they have in a number for all axes."""
+    if WALLS:  # the middle of a line that passes through a wall lies outside, where nothing is near
+        most = 3.0 if d == 1 else 1.0
+        before, after = min(before, most), min(after, most)
     return RUNS[d] * before + RUNS[d + 3] * after
 
 

@@ -18,14 +18,12 @@ from .drafts import CELL, EDGE, EIGHT, FAR, cell_at, column_at, draft, draft_eig
 from .flags import DIM, SIZES, WALLS
 from .layout import (
     BEYOND,
-    BOX,
     BUCKET,
     CELLS,
     HALF_WINDOW,
     INVERSE,
     LARGE,
     LINE_ROOM,
-    LINE_UNIT,
     REGISTERED,
     ROW,
     SHORT_LISTS,
@@ -42,7 +40,6 @@ from .lines import (
     IMAGE,
     LINE,
     NEAR_SHIFT,
-    PLACE,
     REACH_OF_LINE,
     WHOSE,
     checked,
@@ -224,18 +221,6 @@ def signed(difference):
 
 
 @jit
-def low_end(s, word, d, cell):
-    """Low end along axis d of a line's box, from the beginning of a cell near it."""
-    return signed((word >> 8 * d) - cell * s.counter[WIDTH + d])
-
-
-@jit
-def high_end(s, word, d, cell):
-    """High end along axis d of a line's box, from the beginning of a cell near it."""
-    return signed(-(word >> 8 * (d + 3)) - cell * s.counter[WIDTH + d])
-
-
-@jit
 def cells_along_y(s, near, y):
     """First and last cell along y with lines that may overlap a line of cell y."""
     return y - (near >> BEFORE_Y & 3), y + (near >> AFTER_Y & 3)
@@ -293,23 +278,22 @@ def meet_all(s):
 
 
 @jit
-def fits(s, new, slot):
-    """Whether a new line reaches no further beyond the cell of the old one than lines may."""
-    cell, word = int(s.cell_of_line[slot]), s.bounds[new]
+def fits(s, word, cell, cx, cy, cz):
+    """Whether a line with these bounds, whose middle is in (cx, cy, cz), reaches no further beyond another cell than lines may.
+
+    What lies further away than one cell, along y than two, does not, even if whole turns of 256 make it seem so.
+    """
     column = cell // s.counter[CELLS + 1]
     y = cell - column * s.counter[CELLS + 1]
     x = column // s.counter[CELLS + 2]
     z = column - x * s.counter[CELLS + 2]
-    inside = True
+    inside = (abs(cx - x) <= 1) & (abs(cy - y) <= 2) & (abs(cz - z) <= 1)
     for d in range(DIM):
         at = x if d == 0 else (y if d == 1 else z)
         beyond = s.counter[BEYOND + d]
-        inside &= (low_end(s, word, d, at) >= -beyond) & (
-            high_end(s, word, d, at) <= s.counter[WIDTH + d] + beyond
-        )
-        # In the same image: the old one may have been on the other side of the box.
-        far = abs(s.lines[new * LINE + PLACE + d] - s.lines[slot * LINE + PLACE + d])
-        inside &= 2.0 * far < s.number[BOX + d] * s.number[LINE_UNIT]
+        low = signed((word >> 8 * d) - at * s.counter[WIDTH + d])
+        length = (-(word >> 8 * (d + 3)) - (word >> 8 * d)) & BYTE
+        inside &= (low >= -beyond) & (low + length <= s.counter[WIDTH + d] + beyond)
     return inside
 
 
@@ -322,12 +306,10 @@ def withdraw(s, i):
 
 
 @jit
-def replace_line(s, i, new):
-    """Put i's new line in the place of the old one, if it reaches no further; returns whether it does."""
+def replace_line(s, i, new, x, y, z):
+    """Put i's new line, whose middle is in (x, y, z), in the place of the old one, if it reaches no further; returns whether it does."""
     slot = s.where[i]
-    if slot < 0:
-        return False
-    if not fits(s, new, slot):
+    if slot < 0 or not fits(s, s.bounds[new], int(s.cell_of_line[slot]), x, y, z):
         return False
     copy_lanes(s.lines, slot * LINE, s.lines, new * LINE)
     s.bounds[slot] = s.bounds[new]

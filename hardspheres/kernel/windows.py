@@ -185,8 +185,8 @@ def register_piece(s, a, p, now, duration):
     if SIZES and is_large(s, i):
         chain_large(s, i, new, middle_of_piece(s, a, p, now, duration), p == 0)
         return
-    if s.changed[a * CHANGED + PIECES] > 1 or not replace_line(s, i, new):
-        x, y, z = cell_of_piece(s, a)
+    x, y, z = cell_of_piece(s, a)
+    if s.changed[a * CHANGED + PIECES] > 1 or not replace_line(s, i, new, x, y, z):
         chain_line(s, new, chain_at(s, x, y, z))
 
 
