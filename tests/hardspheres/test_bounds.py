@@ -81,6 +81,28 @@ print(json.dumps(short))
 """
 
 
+FITS = """
+from types import SimpleNamespace
+from hardspheres.kernel import specialise
+at = specialise(2, False, False, False, True).layout
+fits = sys.modules["hardspheres.kernel.2d_sparse.line_cells"].fits
+wrong = 0
+for cells in range(1, 7):
+    for width in (42, 66, 85):
+        counter = np.zeros(at.COUNTERS, dtype=np.int64)
+        counter[at.CELLS : at.CELLS + 3], counter[at.WIDTH : at.WIDTH + 2] = (cells, 9, 1), (width, 20)
+        counter[at.BEYOND : at.BEYOND + 2] = 21
+        for middle in range(0, cells * width, 3):
+            for half in (2, 20):
+                ends = (middle - half, 85, 0, -(middle + half), -95, 0)
+                word = sum((end & 255) << 8 * k for k, end in enumerate(ends))
+                for x in range(cells):
+                    inside = x * width - 21 <= middle - half and middle + half <= (x + 1) * width + 21
+                    wrong += fits(SimpleNamespace(counter=counter), word, x * 9 + 4, middle // width, 4, 0) != inside
+print(json.dumps(int(wrong)))
+"""
+
+
 def checked(program, jit=False):
     """Run a program with bounds checks in a fresh interpreter; returns the JSON that it prints."""
     done = subprocess.run(
@@ -121,6 +143,11 @@ def test_nor_while_room_is_short():
 
 def test_nor_while_spheres_grow():
     assert checked(with_prelude(GROWTH)) == [20, 20]
+
+
+def test_a_new_line_takes_the_place_of_an_old_one_only_where_it_fits():
+    """In bytes a box some cells away can look as if it were here; then a line would stand where nobody looks for it."""
+    assert checked(with_prelude(FITS)) == 0
 
 
 def test_an_array_too_short_is_seen():
