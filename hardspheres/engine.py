@@ -267,12 +267,12 @@ class Engine:
         chains += math.prod(count[at.LARGE_CELLS : at.LARGE_CELLS + 3].tolist())
         table = at.AROUND * cell_room + at.CELL_LANES
         places, nodes = self.cells * cell_room, int(count[at.NODE_ROOM])
-        entries, most = max(places, lines + nodes, candidates, n + 6), MOST_LINES if sparse else MOST_ENTRIES
-        if entries >= most:
-            raise SimulationError(
-                f"{n} particles in {self.cells} cells need a table of {entries} entries, more "
-                f"than the {most} that are counted; take fewer particles, or spread them more evenly"
-            )
+        for entries, most in ((max(places, candidates, n + 6), MOST_ENTRIES), (lines + nodes, MOST_LINES)):
+            if entries >= most:
+                raise SimulationError(
+                    f"{n} particles in {self.cells} cells need a table of {entries} entries, more "
+                    f"than the {most} that are counted; take fewer particles, or spread them more evenly"
+                )
         listed = n * room * (1 + dim * int(count[at.IMAGES])) + places * at.CELL_COLUMNS
         needed = (
             4 * listed

@@ -175,42 +175,39 @@ def around(s, cell, d, grid):
 
 
 @jit
-def meet_run(s, m, begin, end, first, last, code):
-    """Enter all pairs of lines from `begin` to `end`, seen in this image, and those from `first` to `last` whose bounds overlap.
+def meet_run(s, m, own, first, last, code):
+    """Enter the pairs of a line, seen in this image, and those from `first` to `last` whose bounds overlap.
 
     The table has m pairs; returns how many it has then.
     """
-    shift = s.image_shifts[code]
+    word, seen, shift = s.bounds[own], seen_in(own, code), s.image_shifts[code]
     for block in range(first, last, AT_ONCE):
-        for own in range(begin, end):
-            word, seen = s.bounds[own], seen_in(own, code)
-            m = checked(
-                s, keep_overlapping(s.pair_slot, s.pair_own, m, word, seen, s.bounds, block, last, shift)
-            )
+        kept = keep_overlapping(s.pair_slot, s.pair_own, m, word, seen, s.bounds, block, last, shift)
+        m = checked(s, kept)
     return m
 
 
 @jit
-def meet_column(s, m, begin, end, column, first, last, after, code):
+def meet_column(s, m, own, column, first, last, after, code):
     """Do so with the cells from `first` to `last` of a column, which may lie beyond the box, and with slots that are not before `after`."""
     ny = s.counter[CELLS + 1]
     cells = column * ny
     start, stop = int(s.cell_count[cells + max(first, 0)]), int(s.cell_count[cells + min(last, ny - 1) + 1])
-    m = meet_run(s, m, begin, end, max(start, after), stop, code)
+    m = meet_run(s, m, own, max(start, after), stop, code)
     if (first < 0 or last >= ny) and s.number[INVERSE + 1] > 0.0:
-        m = meet_beyond(s, m, begin, end, cells, first, last, code)
+        m = meet_beyond(s, m, own, cells, first, last, code)
     return m
 
 
 @jit
-def meet_beyond(s, m, begin, end, cells, first, last, code):
+def meet_beyond(s, m, own, cells, first, last, code):
     """Do so with those of these cells that lie beyond the box, on its other side."""
     ny = s.counter[CELLS + 1]
     for turn in range(-1, 2, 2):
         if first < 0 if turn < 0 else last >= ny:
             start = int(s.cell_count[cells + max(first - turn * ny, 0)])
             stop = int(s.cell_count[cells + min(last - turn * ny, ny - 1) + 1])
-            m = meet_run(s, m, begin, end, start, stop, code - turn * IMAGE[1])
+            m = meet_run(s, m, own, start, stop, code - turn * IMAGE[1])
     return m
 
 
@@ -270,7 +267,7 @@ def meet_all(s):
                     for a in range(columns_after(s, near, x, z)):
                         column, code = int(s.column[s.places[a]]), int(s.column_code[s.places[a]])
                         least, after = (y, k + 1) if a == 0 else (first, 0)
-                        m = meet_column(s, m, k, k + 1, column, least, last, after, code)
+                        m = meet_column(s, m, k, column, least, last, after, code)
                     if m >= ENOUGH:
                         examine(s, m, ALWAYS)
                         m = 0

@@ -229,7 +229,7 @@ def meet_around(s, m, a):
     first, last = s.changed[a * CHANGED + FIRST], s.changed[a * CHANGED + FIRST + 1]
     for k in range(begin, begin + s.changed[a * CHANGED + PLACES]):
         column, code = int(s.column[s.places[k]]), int(s.column_code[s.places[k]])
-        m = meet_column(s, m, new, new + 1, column, first, last, 0, code)
+        m = meet_column(s, m, new, column, first, last, 0, code)
         m = meet_chains_around(s, m, new, column, first, last, code)
     return m
 
