@@ -35,7 +35,6 @@ COLUMN = 3.3  # width of a column of cells along x and z, in the reach of lines 
 ALONG = 1.0  # width of a cell along y
 REACH_OF_BOUNDS = 20  # units of the bounds of lines in that reach: see `kernel.lines`
 WIDEST = 85  # units in a cell, at most
-SAME = 21  # the code of an image that is not shifted
 TINY = 1e-300  # in place of a collision frequency of zero
 LINE_MARGIN = 1e-4  # in cells, of boxes that are not many cells long: single precision is off by a few 1e-6
 
@@ -263,7 +262,7 @@ class Engine:
         lines, candidates = int(count[at.LINE_ROOM]), int(count[at.CANDIDATE_ROOM])
         agenda = int(count[at.AGENDA_ROOM])
         columns = math.prod(count[[at.CELLS, at.CELLS + 2]].tolist())
-        chains = (columns + 1) * math.ceil(int(count[at.CELLS + 1]) / 16) * windows
+        chains = (columns + 1) * math.ceil(int(count[at.CELLS + 1]) / at.CELLS_OF_CHAIN) * windows
         chains += math.prod(count[at.LARGE_CELLS : at.LARGE_CELLS + 3].tolist())
         table = at.AROUND * cell_room + at.CELL_LANES
         places, nodes = self.cells * cell_room, int(count[at.NODE_ROOM])
@@ -337,7 +336,7 @@ class Engine:
         periodic = dict(enumerate(self.scene.periodic.tolist()))
         outside = (x % nx != x)[:, None] & (not periodic[0]) | (z % nz != z) & (not periodic.get(2, False))
         column = np.where(outside, nx * nz, (x % nx)[:, None] * nz + z % nz)
-        code = SAME - x[:, None] // nx - 16 * (z // nz)
+        code = self.layout.SAME - self.layout.IMAGE[0] * (x[:, None] // nx) - self.layout.IMAGE[2] * (z // nz)
         return {"column": column.astype(np.int32).ravel(), "column_code": code.astype(np.int32).ravel()}
 
     def _make_room(self) -> None:

@@ -2,10 +2,8 @@
 
 from .compiler import copy_lanes, jit, part
 from .drafts import column_at
-from .layout import CELLS, LINE_ROOM, NODE_ROOM, NODES, SHORT_LISTS
+from .layout import CELLS, CELLS_OF_CHAIN, LINE_ROOM, NODE_ROOM, NODES, SHORT_LISTS
 from .lines import LINE, WHOSE, enter_pair
-
-CELLS_OF_CHAIN = 16  # along y
 
 
 @jit

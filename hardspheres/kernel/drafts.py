@@ -28,19 +28,26 @@ from .layout import (
     V,
     X,
 )
-from .lines import LINE, NEAR_SHIFT, PLACE, REACH_OF_LINE, WAY, WHOSE
+from .lines import (
+    AFTER_X,
+    AFTER_Y,
+    AFTER_Z,
+    BEFORE_X,
+    BEFORE_Y,
+    BEFORE_Z,
+    LINE,
+    NEAR_SHIFT,
+    PLACE,
+    REACH_OF_LINE,
+    WAY,
+    WHOSE,
+)
 
 MANY = 1000000  # pieces; more than anybody can need
 OUTWARDS = 1e-3  # units that bounds are further out than they must be, because of rounding
 TURN = 256.0
-RUNS = (
-    1.0,
-    4.0,
-    2.0,
-    16.0,
-    64.0,
-    32.0,
-)  # places of the numbers of cells before along x, y, z, and of those after
+# Places of the numbers of cells before along x, y, z, and of those after.
+RUNS = tuple(float(bit) for bit in (BEFORE_X, 1 << BEFORE_Y, BEFORE_Z, AFTER_X, 1 << AFTER_Y, AFTER_Z))
 NEGATED_HIGH = TURN**3  # place of the high ends among the bounds
 NEAR_A_WALL = 1e-9  # of a box, for rounding
 

@@ -17,6 +17,7 @@ from .layout import (
     BOX,
     CELL_DENSITY,
     CELLS,
+    IMAGE,
     INVERSE,
     LARGE,
     LARGE_CELLS,
@@ -24,14 +25,14 @@ from .layout import (
     LARGEST,
     RADIUS,
     ROW,
+    SAME,
     SMALL_RADIUS,
     STRETCH,
     T,
     V,
     X,
 )
-from .line_cells import around
-from .lines import IMAGE, SAME, enter_pair
+from .lines import enter_pair
 
 ROUNDED_UP = 1.001  # spans are this much wider than they must be
 
@@ -53,6 +54,19 @@ def span(s, i, t, d, reach, cells, density):
     if s.number[INVERSE + d] == 0.0:
         return int(min(max(first, 0), most - 1)), int(max(min(last, most - 1), 0))
     return int(max(first, -most)), int(min(last, 2 * most - 1))
+
+
+@jit
+def around(s, cell, d, grid):
+    """Index of a cell of a grid that may lie beyond the box's edge, -1 where there is none, and the image seen there."""
+    cells = s.counter[grid + d]
+    if 0 <= cell < cells:
+        return cell, 0
+    if s.number[INVERSE + d] == 0.0:
+        return -1, 0
+    if cell < 0:
+        return cell + cells, IMAGE[d]
+    return cell - cells, -IMAGE[d]
 
 
 @jit

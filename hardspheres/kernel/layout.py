@@ -166,6 +166,10 @@ STAMP_BITS = 0xFFFFFFFF
 WAITING = 4  # entries that wait for their bucket to come into the cache
 
 CANDIDATE = 4  # int64 in a candidate
+CELLS_OF_CHAIN = 16  # windows: cells along y that share a chain of new lines
+# The image of one line in which another is compared with it: 1, plus or minus a box, for each axis.
+IMAGE = (1, 4, 16)
+SAME = 21
 
 LANES = 16  # neighbours that one pass of the prediction handles
 CELL_LANES = 8  # centres that one step in a cell handles

@@ -21,6 +21,7 @@ from .layout import (
     BUCKET,
     CELLS,
     HALF_WINDOW,
+    IMAGE,
     INVERSE,
     LARGE,
     LINE_ROOM,
@@ -37,7 +38,6 @@ from .lines import (
     BEFORE_Y,
     BEFORE_Z,
     BYTE,
-    IMAGE,
     LINE,
     NEAR_SHIFT,
     REACH_OF_LINE,
@@ -159,19 +159,6 @@ def keep_order(s):
             m += 1
             if s.where[i] == SEVERAL:
                 s.where[i] = SEEN
-
-
-@jit
-def around(s, cell, d, grid):
-    """Index of a cell of a grid that may lie beyond the box's edge, -1 where there is none, and the image seen there."""
-    cells = s.counter[grid + d]
-    if 0 <= cell < cells:
-        return cell, 0
-    if s.number[INVERSE + d] == 0.0:
-        return -1, 0
-    if cell < 0:
-        return cell + cells, IMAGE[d]
-    return cell - cells, -IMAGE[d]
 
 
 @jit

@@ -33,9 +33,6 @@ NEAR_SHIFT = 48
 BEFORE_X, BEFORE_Z, AFTER_X, AFTER_Z = 1, 2, 16, 32  # bits of that byte: one cell
 BEFORE_Y, AFTER_Y = 2, 6  # of two bits each: up to three, the first of them
 
-# The image of one line in which another is compared with it: 1, plus or minus a box, for each axis.
-IMAGE = (1, 4, 16)
-SAME = 21
 SLOT_BITS = 26  # of a number with the slot and the image
 SLOTS = (1 << SLOT_BITS) - 1
 

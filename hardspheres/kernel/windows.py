@@ -27,6 +27,7 @@ from .layout import (
     CANDIDATES,
     CELLS,
     HALF_WINDOW,
+    IMAGE,
     INVERSE,
     LARGE,
     MIDDLE,
@@ -47,7 +48,7 @@ from .line_cells import (
     replace_line,
     withdraw,
 )
-from .lines import AFTER_X, AFTER_Z, BEFORE_X, BEFORE_Z, IMAGE, NEAR_SHIFT, examine, examine_table, new_line
+from .lines import AFTER_X, AFTER_Z, BEFORE_X, BEFORE_Z, NEAR_SHIFT, examine, examine_table, new_line
 
 # Of each of the particles that an event has changed, int64.
 WHO = 0
