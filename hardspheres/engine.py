@@ -28,7 +28,8 @@ from hardspheres.tuning import (
 )
 
 EVENTS_PER_BUCKET = {False: 8, True: 32}  # more of them, where what they need is fetched ahead
-CACHED = 16000  # particles that the processor's own caches hold
+CACHED = 16000  # particles that the caches of a core hold
+CACHED_AT_ALL = 48000  # particles that those hold which cores share
 MOST_ENTRIES = 2**31 - 1  # of a table: its places are kept in 32 bits
 MOST_LINES = 2**26 - 2  # of windows, in as many bits: see `kernel.lines`
 COLUMN = 3.3  # width of a column of cells along x and z, in the reach of lines beyond their cells
@@ -136,6 +137,7 @@ class Engine:
         count[at.N] = n
         count[at.AGENDA_ROOM] = 1024 + n // 16
         count[at.BEYOND_CACHE] = int(n > CACHED)
+        count[at.BEYOND_ALL] = int(n > CACHED_AT_ALL)
         count[at.KINDS] = len(units) // 3
         count[at.LOG_ROOM] = ROOM if sink else 0
         self._plan(plan, length, number, count)

@@ -102,7 +102,7 @@ NODE_ROOM = 30
 EPOCH_BUCKETS = 33  # buckets in an epoch
 LARGE = 34  # windows: how many particles are in the coarse grid
 LARGE_CELLS = 35  # coarse cells per axis, 3 slots
-BEYOND_CACHE = 38  # 1: the gas is larger than the caches, so what is needed soon is fetched ahead
+BEYOND_CACHE = 38  # 1: the gas is larger than a core's caches, so what is needed soon is fetched ahead
 LOGGED = 39  # events in the log's buffer
 LOG_ROOM = 40  # how many it can hold; 0: there is no log
 KINDS = 41  # species that flights are told apart by
@@ -113,7 +113,8 @@ PATIENCE = 48  # lists: single renewals after which all are renewed at once
 SWEEP_DUE = 49  # how many single renewals there have been then
 SWEEPS = 50  # how often all lists were made at once
 WAITS = 51  # which of those that wait for their bucket is the next
-COUNTERS = 52
+BEYOND_ALL = 52  # 1: it is larger than those that cores share, too
+COUNTERS = 53
 
 # Flights, where FLIGHTS. Of a particle, float64:
 FLIGHT = 4 if FLIGHTS else 0

@@ -35,6 +35,7 @@ from .lines import (
     AFTER_X,
     AFTER_Y,
     AFTER_Z,
+    BEFORE_X,
     BEFORE_Y,
     BEFORE_Z,
     BYTE,
@@ -217,10 +218,33 @@ def place_of_column(s, x, z):
 
 
 @jit
+def cell_place(s, cell):
+    """Return x, y, z of a cell."""
+    column = cell // s.counter[CELLS + 1]
+    x = column // s.counter[CELLS + 2]
+    return x, cell - column * s.counter[CELLS + 1], column - x * s.counter[CELLS + 2]
+
+
+@jit
 def note_place(s, k, place, noted):
     """Note a place in the table of columns, if it is asked for; returns how many there are."""
     s.places[k] = place
     return k + (1 if noted != 0 else 0)
+
+
+@jit
+def columns_around(s, begin, near, x, z):
+    """Note, from `begin` on, this column and those with lines that may overlap one of its own; returns where they end."""
+    layer = s.counter[CELLS + 2] + 2
+    k = begin
+    for ox in range(-1, 2):
+        along_x = 1 if ox == 0 else ((near & BEFORE_X) // BEFORE_X if ox < 0 else (near & AFTER_X) // AFTER_X)
+        place = place_of_column(s, x, z) + ox * layer
+        if DIM == 3:
+            k = note_place(s, k, place - 1, along_x & (near & BEFORE_Z) // BEFORE_Z)
+            k = note_place(s, k, place + 1, along_x & (near & AFTER_Z) // AFTER_Z)
+        k = note_place(s, k, place, along_x)
+    return k
 
 
 @jit
@@ -267,10 +291,7 @@ def fits(s, word, cell, cx, cy, cz):
 
     What lies further away than one cell, along y than two, does not, even if whole turns of 256 make it seem so.
     """
-    column = cell // s.counter[CELLS + 1]
-    y = cell - column * s.counter[CELLS + 1]
-    x = column // s.counter[CELLS + 2]
-    z = column - x * s.counter[CELLS + 2]
+    x, y, z = cell_place(s, cell)
     inside = (abs(cx - x) <= 1) & (abs(cy - y) <= 2) & (abs(cz - z) <= 1)
     for d in range(DIM):
         at = x if d == 0 else (y if d == 1 else z)

@@ -8,9 +8,20 @@ pass whatever does, and a little more. It works through a table of pairs, eight 
 import numpy as np
 
 from .candidates import note_candidate
-from .compiler import jit, keep_marked, part, rough, turn_rows
+from .compiler import jit, keep_marked, part, prefetch, rough, turn_rows
 from .flags import DIM
-from .layout import BOX, HALF_WINDOW, LINE_ROOM, LINE_UNIT, MIDDLE, NEAR_ROOM, NODE_ROOM, SHORT_QUEUE
+from .layout import (
+    BEYOND_ALL,
+    BOX,
+    HALF_WINDOW,
+    LINE_ROOM,
+    LINE_UNIT,
+    MIDDLE,
+    NEAR_ROOM,
+    NODE_ROOM,
+    ROW,
+    SHORT_QUEUE,
+)
 from .prediction import pair_contact
 
 ONE = np.float32(1.0)
@@ -129,12 +140,25 @@ def examine(s, m, since):
             b, vv, c = compare(s.pair_lines, LINES, k, s.pair_lines, LINE * LINES + k, code, ex, ey, ez)
             marks |= (1 << k) if may_meet(b, vv, c, since) else 0
         meetings = keep_marked(s.meetings, meetings, block, m, marks)
+    if s.counter[BEYOND_ALL]:
+        fetch_rows(s, meetings)
     for a in range(meetings):
         pair = int(s.meetings[a])
         slot, own, code = int(s.pair_slot[pair]), slot_in(s.pair_own[pair]), image_in(s.pair_own[pair])
         b, vv, c = compare(s.lines, 1, slot * LINE, s.lines, own * LINE, code, ex, ey, ez)
         when = min(max(-b / (vv + TINY), since), ONE)
         solve_meeting(s, int(s.line_words[own * LINE + WHOSE]), int(s.line_words[slot * LINE + WHOSE]), when)
+
+
+@jit
+def fetch_rows(s, meetings):
+    """Have in the cache the rows of those whose contacts are to be computed."""
+    for a in range(meetings):
+        pair = int(s.meetings[a])
+        for slot in (int(s.pair_slot[pair]), int(slot_in(s.pair_own[pair]))):
+            i = int(s.line_words[slot * LINE + WHOSE])
+            prefetch(s.row, i * ROW)
+            prefetch(s.version, i)
 
 
 @part

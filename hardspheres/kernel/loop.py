@@ -6,9 +6,11 @@ from .calendar import clear_calendar, fetch_neighbours, schedule, turn_page
 from .candidates import candidate_holds, open_candidates, partners
 from .compiler import entry, jit, part
 from .events import begin_epoch, collide_pair, hit_wall, out_of_pace
+from .fetch import fetch_surroundings
 from .flags import FLIGHTS, GROWS, MASSES, SPARSE, WALLS
 from .layout import (
     AGENDA_LENGTH,
+    BEYOND_ALL,
     BEYOND_CACHE,
     BUCKET,
     EPOCH,
@@ -119,6 +121,8 @@ def run(arrays, cells, chunks, afresh, stop_epoch, stop_time, stop_pairs, budget
                 search = (bucket & (s.counter[WINDOW_BUCKETS] - 1)) == 0
                 if not search:
                     open_candidates(s)
+                    if s.counter[BEYOND_ALL]:
+                        fetch_surroundings(s)
             elif s.counter[RENEWALS] >= s.counter[SWEEP_DUE]:
                 renew_all(s, page_ends, cells)
                 budget -= n

@@ -18,10 +18,11 @@ from .chains import chain_at, chain_line, clear_chains, meet_chains
 from .chunks import clear_buckets
 from .compiler import AT_ONCE, jit, part, prefetch
 from .drafts import pieces_of, write_draft
-from .flags import DIM, SIZES, WALLS
+from .flags import SIZES, WALLS
 from .large import chain_large, clear_large, is_large, meet_large, meet_small
 from .layout import (
     AGENDA_LENGTH,
+    BEYOND_ALL,
     BEYOND_CACHE,
     BUCKET,
     CANDIDATES,
@@ -40,15 +41,14 @@ from .line_cells import (
     ALWAYS,
     SEVERAL,
     cells_along_y,
+    columns_around,
     meet_all,
     meet_column,
-    note_place,
-    place_of_column,
     register_all,
     replace_line,
     withdraw,
 )
-from .lines import AFTER_X, AFTER_Z, BEFORE_X, BEFORE_Z, NEAR_SHIFT, examine, examine_table, new_line
+from .lines import LINE, NEAR_SHIFT, examine, examine_table, new_line
 
 # Of each of the particles that an event has changed, int64.
 WHO = 0
@@ -204,16 +204,8 @@ def find_runs(s, a):
     near = s.bounds[new_line(s) + a] >> NEAR_SHIFT
     first, last = cells_along_y(s, near, y)
     s.changed[a * CHANGED + FIRST], s.changed[a * CHANGED + FIRST + 1] = first, last
-    layer = s.counter[CELLS + 2] + 2
     begin = a * MOST_PLACES
-    k = begin
-    for ox in range(-1, 2):
-        along_x = 1 if ox == 0 else ((near & BEFORE_X) // BEFORE_X if ox < 0 else (near & AFTER_X) // AFTER_X)
-        place = place_of_column(s, x, z) + ox * layer
-        if DIM == 3:
-            k = note_place(s, k, place - 1, along_x & (near & BEFORE_Z) // BEFORE_Z)
-            k = note_place(s, k, place + 1, along_x & (near & AFTER_Z) // AFTER_Z)
-        k = note_place(s, k, place, along_x)
+    k = columns_around(s, begin, near, x, z)
     s.changed[a * CHANGED + PLACES] = k - begin
     if s.counter[BEYOND_CACHE]:
         for place in range(begin, k):
@@ -230,7 +222,11 @@ def meet_around(s, m, a):
     first, last = s.changed[a * CHANGED + FIRST], s.changed[a * CHANGED + FIRST + 1]
     for k in range(begin, begin + s.changed[a * CHANGED + PLACES]):
         column, code = int(s.column[s.places[k]]), int(s.column_code[s.places[k]])
+        before = m
         m = meet_column(s, m, new, column, first, last, 0, code)
+        if s.counter[BEYOND_ALL]:
+            for pair in range(before, m):
+                prefetch(s.lines, s.pair_slot[pair] * LINE)
         m = meet_chains_around(s, m, new, column, first, last, code)
     return m
 
