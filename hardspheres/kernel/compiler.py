@@ -22,7 +22,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 AT_ONCE = 16  # bounds that `keep_overlapping` compares
-MOST = 2**63 - 1  # the largest int64
+MOST = 2**31 - 1  # the largest int32
 
 config: Any = numba.config
 PURE_PYTHON = bool(config.DISABLE_JIT)
@@ -144,7 +144,7 @@ if PURE_PYTHON or CHECKED:
 
     @numba.njit
     def least_of_equal(keys, m, values, k, wanted):
-        """Return the least of 8 keys, of those whose value is the one wanted; the largest int64 where none is."""
+        """Return the least of 8 keys, of those whose value is the one wanted; the largest int32 where none is."""
         least = MOST
         for lane in range(8):
             if values[k + lane] == wanted:
@@ -242,25 +242,19 @@ else:
 
     @intrinsic
     def least_of_equal(typingctx, keys, m, values, k, wanted):
-        """Return the least of 8 keys, of those whose value is the one wanted; the largest int64 where none is."""
+        """Return the least of 8 keys, of those whose value is the one wanted; the largest int32 where none is."""
 
         def codegen(context, builder, signature, args):
             keys, m, values, k, wanted = args
-            word, index = ir.IntType(64), ir.VectorType(ir.IntType(32), 8)
-            vector = ir.VectorType(word, 8)
+            short, word = ir.IntType(32), ir.IntType(64)
 
-            def load(pointer, first):
-                return builder.load(
-                    builder.bitcast(builder.gep(pointer, [first]), vector.as_pointer()), align=8
-                )
+            def load(pointer, first, element, size):
+                vector = ir.VectorType(element, 8).as_pointer()
+                return builder.load(builder.bitcast(builder.gep(pointer, [first]), vector), align=size)
 
-            same = builder.insert_element(ir.Constant(vector, ir.Undefined), wanted, ir.IntType(32)(0))
-            same = builder.shuffle_vector(same, same, ir.Constant(index, [0] * 8))
-            most = ir.Constant(vector, [MOST] * 8)
-            kept = builder.select(builder.icmp_signed("==", load(values, k), same), load(keys, m), most)
-            kind = ir.FunctionType(word, [vector])
-            least = cgutils.get_or_insert_function(builder.module, kind, "llvm.vector.reduce.smin.v8i64")
-            return builder.call(least, [kept])
+            found = builder.icmp_signed("==", load(values, k, word, 8), _spread(builder, wanted, 8))
+            kept = builder.select(found, load(keys, m, short, 4), _constant(short, [MOST] * 8))
+            return builder.sext(_call(builder, "llvm.vector.reduce.smin.v8i32", short, kept), word)
 
         return types.int64(keys, types.int64, values, types.int64, types.int64), codegen
 

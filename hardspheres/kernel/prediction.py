@@ -39,14 +39,13 @@ NEVER = math.inf
 NO_TIME = 0x7FF0000000000000  # the bits of infinity: non-negative times order as their bits do
 NO_PARTICLE = 0x7FFFFFFF
 
-# Columns of the table that the prediction works on: a partner's row as it is, its id, the contact time found.
+# Columns of the table that the prediction works on: a partner's row as it is, the contact time found.
 PLACE = X * LANES
 VEL = V * LANES
 SINCE = T * LANES
 SIZE = RADIUS * LANES
-WHO = ROW * LANES
-WHEN = 9 * LANES
-SHIFT = 10 * LANES
+WHEN = ROW * LANES
+SHIFT = 9 * LANES
 
 
 @jit
@@ -67,8 +66,6 @@ def gather(s, i, first):
     entry = i * s.counter[LIST_ROOM] + first
     for k in range(0, LANES, ROW):
         turn_rows(s.scratch, k, LANES, s.row, s.neighbours, entry + k)
-    for k in range(LANES):
-        s.scratch_int[WHO + k] = s.neighbours[entry + k]
     if s.counter[IMAGES]:
         for k in range(LANES):
             for d in range(DIM):
@@ -171,9 +168,9 @@ def earliest_contact(s, i, now):
                 partner = NO_PARTICLE
             best = soonest
             for k in range(0, LANES, ROW):
-                partner = min(
-                    partner, least_of_equal(s.scratch_int, WHO + k, s.scratch_int, WHEN + k, soonest)
-                )
+                entry = i * room + first + k
+                least = least_of_equal(s.neighbours, entry, s.scratch_int, WHEN + k, soonest)
+                partner = min(partner, least)
         first += LANES
         if first == room or s.neighbours[i * room + first - 1] == s.counter[N]:
             break
