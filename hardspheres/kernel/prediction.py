@@ -187,13 +187,11 @@ def wall_contact(s, i):
     radius = row[ri + RADIUS] if SIZES else s.number[CORE]
     for d in range(DIM):
         v = row[ri + V + d]
-        if s.number[INVERSE + d] == 0.0 and v != 0.0:
-            side = 1 if v > 0.0 else 0
-            gap = (s.number[BOX + d] - radius) - row[ri + X + d] if v > 0.0 else row[ri + X + d] - radius
-            t = row[ri + T] + max(gap, 0.0) / abs(v)
-            if t < time:
-                time = t
-                wall = s.counter[N] + 2 * d + side
+        lower, upper = row[ri + X + d] - radius, (s.number[BOX + d] - radius) - row[ri + X + d]
+        t = row[ri + T] + max(upper if v > 0.0 else lower, 0.0) / abs(v)
+        sooner = (s.number[INVERSE + d] == 0.0) & (v != 0.0) & (t < time)
+        time = t if sooner else time
+        wall = s.counter[N] + 2 * d + (1 if v > 0.0 else 0) if sooner else wall
     return time, wall
 
 
