@@ -15,7 +15,7 @@ sys.path.insert(0, {tests!r})
 from scenes import KINDS, gas
 import numpy as np
 import hardspheres as hs
-from hardspheres import tuning
+from hardspheres import engine, tuning
 
 LISTS, WINDOWS = {{2: 0.0, 3: 0.0}}, {{2: 1.0, 3: 1.0}}
 
@@ -26,12 +26,13 @@ def simulation(scene, method):
 
 EVERY_KIND = """
 seen = {{}}
-for kind in {kinds}:
+for kind, cached in [(kind, cached) for kind in {kinds} for cached in (0, 1000)]:
+    engine.CACHED = engine.CACHED_AT_ALL = cached
     for n, eta, method, wanted in ((10, 0.2, LISTS, 12), (30, 0.02, LISTS, 1), (10, 0.02, WINDOWS, 0)):
         tuning.NEIGHBOURS_WANTED = {{2: wanted, 3: wanted}}
         sim = simulation(gas(kind, n, eta, seed=3), method)
         sim.run(collisions={collisions})
-        seen[kind, n, eta, sim.status()["method"]] = [sim.collisions, float(abs(sim.energy_drift))]
+        seen[kind, cached, n, eta, sim.status()["method"]] = [sim.collisions, float(abs(sim.energy_drift))]
 print(json.dumps(list(seen.items())))
 """
 
@@ -122,7 +123,7 @@ def with_prelude(program):
 
 def test_no_kernel_leaves_its_arrays():
     seen = checked(with_prelude(EVERY_KIND.format(kinds="KINDS", collisions=20)))
-    assert len(seen) == 15
+    assert len(seen) == 30
     names = {"windows of time", "neighbour lists", "neighbour lists that name the image"}
     assert {method for (*_, method), _ in seen} == names
     assert all(collisions == 20 and drift < 1e-13 for _, (collisions, drift) in seen)
@@ -132,7 +133,7 @@ def test_no_kernel_leaves_its_arrays():
 def test_no_compiled_kernel_leaves_its_arrays():
     """The same compiled with checks, ten minutes for one kind: what vectors and inlining do to the code is seen, too."""
     seen = checked(with_prelude(EVERY_KIND.format(kinds="['3d']", collisions=100_000)), jit=True)
-    assert len(seen) == 3
+    assert len(seen) == 6
     assert all(collisions == 100_000 and drift < 1e-11 for _, (collisions, drift) in seen)
 
 

@@ -149,6 +149,14 @@ def test_running_out_of_room_changes_nothing(scene, expected, method):
     assert grown >= ({at.LIST_ROOM} if method is LISTS else {at.LINE_ROOM, at.CANDIDATE_ROOM})
 
 
+def test_fetching_ahead_changes_nothing(scene, expected, method, monkeypatch):
+    monkeypatch.setattr(engine, "CACHED", 0)
+    monkeypatch.setattr(engine, "CACHED_AT_ALL", 0)
+    sim = run(scene)
+    assert all(sim._engine.arrays.counter[at] for at in (sim._at.BEYOND_CACHE, sim._at.BEYOND_ALL))
+    assert state(sim) == expected
+
+
 def test_a_crowded_cell_changes_nothing(monkeypatch):
     """A droplet in a large box: some cells hold many times what they were made for."""
     droplet = hs.lattice_gas(n=300, packing_fraction=0.4, seed=5)
