@@ -9,52 +9,45 @@ from .layout import AGENDA_LENGTH, CELLS, STAMP_BITS, N
 from .line_cells import cell_place, columns_around
 from .lines import LINE, NEAR_SHIFT
 
+# The steps: where the line is, the line itself, where the lines of near columns begin, and their bounds.
+STEPS = 4
+ITSELF, COLUMNS = 1, 2
+
 
 @part
 def fetch_surroundings(s):
-    """Have in the cache what the searches after the events on the agenda will read."""
-    for a in range(s.counter[AGENDA_LENGTH]):
-        first, second = partners_on_agenda(s, a)
-        prefetch(s.where, first)
-        prefetch(s.where, second)
-    for a in range(s.counter[AGENDA_LENGTH]):
-        first, second = partners_on_agenda(s, a)
-        fetch_line(s, first)
-        fetch_line(s, second)
-    for a in range(s.counter[AGENDA_LENGTH]):
-        fetch_columns(s, partners_on_agenda(s, a)[0], False)
-    for a in range(s.counter[AGENDA_LENGTH]):
-        fetch_columns(s, partners_on_agenda(s, a)[0], True)
+    """Have in the cache what the searches after the events on the agenda will read.
+
+    The columns near both partners are the same, nearly: they are fetched once.
+    """
+    for step in range(STEPS):
+        ids = 2 if step < COLUMNS else 1
+        for a in range(ids * s.counter[AGENDA_LENGTH]):
+            key = s.agenda_key[a // ids]
+            i = key >> 32 if a % ids == 0 else key & STAMP_BITS
+            if i < s.counter[N]:  # no wall
+                fetch_step(s, step, i)
 
 
 @jit
-def partners_on_agenda(s, a):
-    """Lower and higher id of an entry; twice the same where the partner is a wall."""
-    low, high = s.agenda_key[a] >> 32, s.agenda_key[a] & STAMP_BITS
-    return low, high if high < s.counter[N] else low
-
-
-@jit
-def fetch_line(s, i):
-    """Fetch i's line, its bounds and its cell."""
+def fetch_step(s, step, i):
+    """Fetch what one step reads of i."""
+    if step == 0:
+        prefetch(s.where, i)
+        return
     slot = s.where[i]
-    if slot >= 0:
+    if slot < 0:
+        return
+    if step == ITSELF:
         prefetch(s.lines, slot * LINE)
         prefetch(s.bounds, slot)
         prefetch(s.cell_of_line, slot)
-
-
-@jit
-def fetch_columns(s, i, lines):
-    """Fetch where the lines of the columns near i's line begin, or the bounds that stand there; its partner's are the same."""
-    slot = s.where[i]
-    if slot < 0:
         return
     x, y, z = cell_place(s, int(s.cell_of_line[slot]))
     for k in range(columns_around(s, 0, s.bounds[slot] >> NEAR_SHIFT, x, z)):
         cell = int(s.column[s.places[k]]) * s.counter[CELLS + 1] + max(y - 1, 0)
-        if lines:
+        if step == COLUMNS:
+            prefetch(s.cell_count, cell)
+        else:
             prefetch(s.bounds, s.cell_count[cell])
             prefetch(s.bounds, s.cell_count[cell] + AT_ONCE // 2)
-        else:
-            prefetch(s.cell_count, cell)

@@ -150,7 +150,7 @@ def examine(s, m, since):
         solve_meeting(s, int(s.line_words[own * LINE + WHOSE]), int(s.line_words[slot * LINE + WHOSE]), when)
 
 
-@jit
+@part
 def fetch_rows(s, meetings):
     """Have in the cache the rows of those whose contacts are to be computed."""
     for a in range(meetings):
