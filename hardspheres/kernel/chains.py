@@ -1,6 +1,6 @@
 """Chains of the window method: the new lines that fit no slot, one chain for each stretch of cells of a column."""
 
-from .compiler import copy_lanes, jit, part
+from .compiler import copy_lanes, jit, part, whole
 from .drafts import column_at
 from .layout import CELLS, CELLS_OF_CHAIN, LINE_ROOM, NODE_ROOM, NODES, SHORT_LISTS
 from .lines import LINE, WHOSE, enter_pair
@@ -47,10 +47,10 @@ def chain_line(s, new, head):
 @jit
 def meet_chain(s, m, new, head, code):
     """Enter the pairs of a new line in this image and those of a chain in the table, which has m; returns how many it has."""
-    node = int(s.chain_first[head])
+    node = whole(s.chain_first[head])
     while node >= 0:
         m = enter_pair(s, m, new, s.counter[LINE_ROOM] + node, code)
-        node = int(s.node_next[node])
+        node = whole(s.node_next[node])
     return m
 
 
@@ -67,9 +67,9 @@ def meet_chains(s, m, new, column, first, last, code):
 def unchain(s, head, i):
     """Take i's lines off a chain."""
     before = -1
-    node = int(s.chain_first[head])
+    node = whole(s.chain_first[head])
     while node >= 0:
-        after = int(s.node_next[node])
+        after = whole(s.node_next[node])
         if s.line_words[(s.counter[LINE_ROOM] + node) * LINE + WHOSE] != i:
             before = node
         elif before < 0:

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numba
+import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
@@ -48,6 +49,9 @@ class Guarded:
     def __setitem__(self, k, value):
         self.array[self._inside(k)] = value
 
+
+# `int` leaves numbers of 32 bits as they are, and a 0 a constant: a function is then compiled once more for each mix of them.
+whole: Any = int if PURE_PYTHON else np.int64
 
 if PURE_PYTHON:
 

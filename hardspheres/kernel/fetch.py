@@ -4,7 +4,7 @@ A search reads where a particle's line is, in which cell, where the lines near i
 before tells, and each would be waited for. Here every step is made for all events of the bucket before the next one.
 """
 
-from .compiler import AT_ONCE, jit, part, prefetch
+from .compiler import AT_ONCE, jit, part, prefetch, whole
 from .layout import AGENDA_LENGTH, CELLS, STAMP_BITS, N
 from .line_cells import cell_place, columns_around
 from .lines import LINE, NEAR_SHIFT
@@ -43,9 +43,9 @@ def fetch_step(s, step, i):
         prefetch(s.bounds, slot)
         prefetch(s.cell_of_line, slot)
         return
-    x, y, z = cell_place(s, int(s.cell_of_line[slot]))
-    for k in range(columns_around(s, 0, s.bounds[slot] >> NEAR_SHIFT, x, z)):
-        cell = int(s.column[s.places[k]]) * s.counter[CELLS + 1] + max(y - 1, 0)
+    x, y, z = cell_place(s, whole(s.cell_of_line[slot]))
+    for k in range(columns_around(s, whole(0), s.bounds[slot] >> NEAR_SHIFT, x, z)):
+        cell = whole(s.column[s.places[k]]) * s.counter[CELLS + 1] + max(y - 1, 0)
         if step == COLUMNS:
             prefetch(s.cell_count, cell)
         else:

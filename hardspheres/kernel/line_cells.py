@@ -13,7 +13,7 @@ lines may; otherwise it is chained to those of its cell (`chains`).
 import numpy as np
 
 from .candidates import note_wall
-from .compiler import AT_ONCE, copy_lanes, jit, keep_overlapping, part, prefetch
+from .compiler import AT_ONCE, copy_lanes, jit, keep_overlapping, part, prefetch, whole
 from .drafts import CELL, EDGE, EIGHT, FAR, cell_at, column_at, draft, draft_eight, pieces_of
 from .flags import DIM, SIZES, WALLS
 from .layout import (
@@ -75,9 +75,9 @@ def count_lines(s, begin, duration):
             prefetch(s.row, s.order[min(first + AHEAD + k, n - 1)] * ROW)
         draft_eight(s, first, duration)
         for k in range(min(EIGHT, n - first)):
-            i = int(s.order[first + k])
+            i = whole(s.order[first + k])
             if s.scratch[FAR + k] < 1.0:
-                cell = int(s.scratch[CELL + k])
+                cell = whole(s.scratch[CELL + k])
                 s.where[i] = cell
                 s.cell_count[cell] += 1
                 if WALLS and s.scratch[EDGE + k] > 0.0:
@@ -111,8 +111,8 @@ def sort_lines(s, cells, begin, duration):
     for empty in range(cells, cells + s.counter[CELLS + 1] + 1):  # a column that stands for all beyond walls
         s.cell_count[empty] = end
     for m in range(in_cells(s)):
-        i = int(s.order[m])
-        cell = int(s.where[i])
+        i = whole(s.order[m])
+        cell = whole(s.where[i])
         if cell >= 0:
             s.where[i] = insert_draft(s, m, cell)
         else:
@@ -152,9 +152,9 @@ def register_all(s, cells, begin):
 @part
 def keep_order(s):
     """Go through the particles in the order of their cells from now on: it saves waiting for memory, and changes nothing else."""
-    m = 0
+    m = whole(0)
     for slot in range(s.counter[REGISTERED]):
-        i = int(s.line_words[slot * LINE + WHOSE])
+        i = whole(s.line_words[slot * LINE + WHOSE])
         if s.where[i] == slot or s.where[i] == SEVERAL:
             s.order[m] = i
             m += 1
@@ -180,7 +180,8 @@ def meet_column(s, m, own, column, first, last, after, code):
     """Do so with the cells from `first` to `last` of a column, which may lie beyond the box, and with slots that are not before `after`."""
     ny = s.counter[CELLS + 1]
     cells = column * ny
-    start, stop = int(s.cell_count[cells + max(first, 0)]), int(s.cell_count[cells + min(last, ny - 1) + 1])
+    start = whole(s.cell_count[cells + max(first, 0)])
+    stop = whole(s.cell_count[cells + min(last, ny - 1) + 1])
     m = meet_run(s, m, own, max(start, after), stop, code)
     if (first < 0 or last >= ny) and s.number[INVERSE + 1] > 0.0:
         m = meet_beyond(s, m, own, cells, first, last, code)
@@ -193,8 +194,8 @@ def meet_beyond(s, m, own, cells, first, last, code):
     ny = s.counter[CELLS + 1]
     for turn in range(-1, 2, 2):
         if first < 0 if turn < 0 else last >= ny:
-            start = int(s.cell_count[cells + max(first - turn * ny, 0)])
-            stop = int(s.cell_count[cells + min(last - turn * ny, ny - 1) + 1])
+            start = whole(s.cell_count[cells + max(first - turn * ny, 0)])
+            stop = whole(s.cell_count[cells + min(last - turn * ny, ny - 1) + 1])
             m = meet_run(s, m, own, start, stop, code - turn * IMAGE[1])
     return m
 
@@ -267,21 +268,21 @@ def columns_after(s, near, x, z):
 def meet_all(s):
     """Compare all lines with those near them, each pair once: in a line's own column those that stand behind it."""
     ny = s.counter[CELLS + 1]
-    m = 0
+    m = whole(0)
     for x in range(s.counter[CELLS]):
         for z in range(s.counter[CELLS + 2]):
             cells = column_at(s, x, z) * ny
             for y in range(ny):
-                for k in range(int(s.cell_count[cells + y]), int(s.cell_count[cells + y + 1])):
+                for k in range(whole(s.cell_count[cells + y]), whole(s.cell_count[cells + y + 1])):
                     near = s.bounds[k] >> NEAR_SHIFT
                     first, last = cells_along_y(s, near, y)
                     for a in range(columns_after(s, near, x, z)):
-                        column, code = int(s.column[s.places[a]]), int(s.column_code[s.places[a]])
+                        column, code = whole(s.column[s.places[a]]), whole(s.column_code[s.places[a]])
                         least, after = (y, k + 1) if a == 0 else (first, 0)
                         m = meet_column(s, m, k, column, least, last, after, code)
                     if m >= ENOUGH:
                         examine(s, m, ALWAYS)
-                        m = 0
+                        m = whole(0)
     examine_table(s, m, ALWAYS)
 
 
@@ -314,7 +315,7 @@ def withdraw(s, i):
 def replace_line(s, i, new, x, y, z):
     """Put i's new line, whose middle is in (x, y, z), in the place of the old one, if it reaches no further; returns whether it does."""
     slot = s.where[i]
-    if slot < 0 or not fits(s, s.bounds[new], int(s.cell_of_line[slot]), x, y, z):
+    if slot < 0 or not fits(s, s.bounds[new], whole(s.cell_of_line[slot]), x, y, z):
         return False
     copy_lanes(s.lines, slot * LINE, s.lines, new * LINE)
     s.bounds[slot] = s.bounds[new]

@@ -8,7 +8,7 @@ pass whatever does, and a little more. It works through a table of pairs, eight 
 import numpy as np
 
 from .candidates import note_candidate
-from .compiler import jit, keep_marked, part, prefetch, rough, turn_rows
+from .compiler import jit, keep_marked, part, prefetch, rough, turn_rows, whole
 from .flags import DIM
 from .layout import (
     BEYOND_ALL,
@@ -128,7 +128,7 @@ def examine(s, m, since):
         np.float32(s.number[BOX + 1] * unit),
         np.float32(s.number[BOX + 2] * unit),
     )
-    meetings = 0
+    meetings = whole(0)
     for block in range(0, m, LINES):
         turn_rows(s.pair_lines, 0, LINES, s.lines, s.pair_slot, block)
         for k in range(LINES):
@@ -147,7 +147,7 @@ def examine(s, m, since):
         slot, own, code = int(s.pair_slot[pair]), slot_in(s.pair_own[pair]), image_in(s.pair_own[pair])
         b, vv, c = compare(s.lines, 1, slot * LINE, s.lines, own * LINE, code, ex, ey, ez)
         when = min(max(-b / (vv + TINY), since), ONE)
-        solve_meeting(s, int(s.line_words[own * LINE + WHOSE]), int(s.line_words[slot * LINE + WHOSE]), when)
+        solve_meeting(s, whole(s.line_words[own * LINE + WHOSE]), whole(s.line_words[slot * LINE + WHOSE]), when)
 
 
 @part
@@ -156,7 +156,7 @@ def fetch_rows(s, meetings):
     for a in range(meetings):
         pair = int(s.meetings[a])
         for slot in (int(s.pair_slot[pair]), int(slot_in(s.pair_own[pair]))):
-            i = int(s.line_words[slot * LINE + WHOSE])
+            i = whole(s.line_words[slot * LINE + WHOSE])
             prefetch(s.row, i * ROW)
             prefetch(s.version, i)
 

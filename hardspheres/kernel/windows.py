@@ -16,7 +16,7 @@ import numpy as np
 from .candidates import note_wall
 from .chains import chain_at, chain_line, clear_chains, meet_chains
 from .chunks import clear_buckets
-from .compiler import AT_ONCE, jit, part, prefetch
+from .compiler import AT_ONCE, jit, part, prefetch, whole
 from .drafts import pieces_of, write_draft
 from .flags import SIZES, WALLS
 from .large import chain_large, clear_large, is_large, meet_large, meet_small
@@ -89,7 +89,7 @@ def register_large(s, begin):
     duration = 2.0 * s.number[HALF_WINDOW]
     new = new_line(s)
     for a in range(s.counter[LARGE]):
-        i = int(s.large[a])
+        i = whole(s.large[a])
         s.where[i] = SEVERAL
         if WALLS:
             note_wall(s, i)
@@ -139,7 +139,7 @@ def follow_piece(s, begin, end, p, now, duration):
     for a in range(begin, end):
         draft_piece(s, a, p, now, duration)
         find_runs(s, a)
-    m = 0
+    m = whole(0)
     for a in range(begin, end):
         m = meet_piece(s, m, a, p, now, duration)
     examine(s, m, since)
@@ -209,7 +209,7 @@ def find_runs(s, a):
     s.changed[a * CHANGED + PLACES] = k - begin
     if s.counter[BEYOND_CACHE]:
         for place in range(begin, k):
-            column = int(s.column[s.places[place]])
+            column = whole(s.column[s.places[place]])
             start = s.cell_count[column * s.counter[CELLS + 1] + max(first, 0)]
             prefetch(s.bounds, start)
             prefetch(s.bounds, start + AT_ONCE // 2)
@@ -221,7 +221,7 @@ def meet_around(s, m, a):
     new, begin = new_line(s) + a, a * MOST_PLACES
     first, last = s.changed[a * CHANGED + FIRST], s.changed[a * CHANGED + FIRST + 1]
     for k in range(begin, begin + s.changed[a * CHANGED + PLACES]):
-        column, code = int(s.column[s.places[k]]), int(s.column_code[s.places[k]])
+        column, code = whole(s.column[s.places[k]]), whole(s.column_code[s.places[k]])
         before = m
         m = meet_column(s, m, new, column, first, last, 0, code)
         if s.counter[BEYOND_ALL]:
