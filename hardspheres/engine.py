@@ -24,6 +24,7 @@ from hardspheres.tuning import (
     pace,
     power_of_two_below,
     shell_width,
+    widest_shell_of_one_image,
     window_plan,
 )
 
@@ -191,10 +192,9 @@ class Engine:
         number[at.REACH] = (
             2.0 * shell * (1.0 + SLACK) + rounding + (2.0 * scene.radii[0] if one_size else 0.0)
         )
-        # With four cells per axis only one image of a pair can matter; below that, lists say which image they mean.
-        count[at.IMAGES] = int(
-            any(c < 4 for c, periodic in zip(cells, scene.periodic, strict=True) if periodic)
-        )
+        # Where more than one image of a pair can matter, lists say which one they mean.
+        few = bool(np.any(np.array(cells)[scene.periodic] < 3))
+        count[at.IMAGES] = int(few or shell > widest_shell_of_one_image(scene))
         lanes = at.CELL_LANES
         count[at.CELL_ROOM] = lanes * math.ceil(min(n, 1.5 * n / self.cells + 3) / lanes)
         count[at.LIST_ROOM] = 32

@@ -17,6 +17,7 @@ Floats = NDArray[np.float64]
 NEIGHBOURS_WANTED = {2: 13.0, 3: 14.0}  # per list: fewer means more renewals, more means dearer predictions
 LEAD = 1.0  # mean free times: so far ahead of a particle is the centre of its shell
 PATIENCE = 0.04  # lists renewed one by one, per particle, after which all are renewed at once
+NARROWED = 0.5  # shells are made narrower down to this share, if lists then need not name images
 SLACK = 1e-6  # by which lists and lines reach further than they must, so that rounding never matters
 # One of each is chosen: flights up to this many sqrt(kT/m) are registered in one piece; so many windows in an epoch.
 THERMAL_SPEEDS = (2.2, 2.6, 3.0, 3.5)
@@ -118,7 +119,10 @@ def collision_frequency(scene: Scene) -> float:
 
 
 def shell_width(scene: Scene) -> float:
-    """How far a particle may go before its neighbour list is renewed: as far as leaves lists of about the wanted length."""
+    """How far a particle may go before its neighbour list is renewed: as far as leaves lists of about the wanted length.
+
+    In a small box less far, if that spares lists to name images.
+    """
     ball = 4.0 * math.pi / 3.0 if scene.dim == 3 else math.pi
 
     a1, a2, a3 = (float(np.mean(scene.radii**k)) for k in (1, 2, 3))
@@ -139,7 +143,22 @@ def shell_width(scene: Scene) -> float:
     for _ in range(60):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if neighbours(middle) < NEIGHBOURS_WANTED[scene.dim] else (low, middle)
-    return min(limit, max(high, 0.05 * float(scene.radii.mean())))
+    shell = min(limit, max(high, 0.05 * float(scene.radii.mean())))
+    nameless = widest_shell_of_one_image(scene)
+    return nameless if NARROWED * shell <= nameless < shell else shell
+
+
+def widest_shell_of_one_image(scene: Scene) -> float:
+    """Return the widest shells with which one image of a pair at most is near, and remains the nearest; infinity between walls.
+
+    With three cells along an axis no two images of a particle are within reach. Centres of neighbours are a contact and two shells
+    apart, so particles in their shells at most a contact and four, which is less than half a box.
+    """
+    edges = scene.box[scene.periodic]
+    if not edges.size:
+        return math.inf
+    edge, contact = float(edges.min()), 2.0 * float(scene.radii.max())
+    return min((edge / 3.0 - contact) / 2.0, (edge / 2.0 - contact) / 4.0) * (1.0 - 20.0 * SLACK)
 
 
 def cells_per_axis(scene: Scene, width: float, particles: int) -> list[int]:

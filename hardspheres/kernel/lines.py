@@ -147,7 +147,9 @@ def examine(s, m, since):
         slot, own, code = int(s.pair_slot[pair]), slot_in(s.pair_own[pair]), image_in(s.pair_own[pair])
         b, vv, c = compare(s.lines, 1, slot * LINE, s.lines, own * LINE, code, ex, ey, ez)
         when = min(max(-b / (vv + TINY), since), ONE)
-        solve_meeting(s, whole(s.line_words[own * LINE + WHOSE]), whole(s.line_words[slot * LINE + WHOSE]), when)
+        solve_meeting(
+            s, whole(s.line_words[own * LINE + WHOSE]), whole(s.line_words[slot * LINE + WHOSE]), when
+        )
 
 
 @part
