@@ -19,8 +19,8 @@ LEAD = 1.0  # mean free times: so far ahead of a particle is the centre of its s
 PATIENCE = 0.04  # lists renewed one by one, per particle, after which all are renewed at once
 NARROWED = 0.5  # shells are made narrower down to this share, if lists then need not name images
 SLACK = 1e-6  # by which lists and lines reach further than they must, so that rounding never matters
-# One of each is chosen: flights up to this many sqrt(kT/m) are registered in one piece; so many windows in an epoch.
-THERMAL_SPEEDS = (2.2, 2.6, 3.0, 3.5)
+THERMAL_SPEED = 3.5  # windows: flights up to this many sqrt(kT/m) are registered in one piece
+# One of these numbers of windows in an epoch is chosen.
 WINDOWS_IN_AN_EPOCH = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
 OUT_OF_PACE = 16.0  # epochs that are this many times too long or too short are changed
 SPARSE_BELOW = {2: 0.4, 3: 0.25}  # packing fraction below which windows are faster than lists
@@ -293,9 +293,10 @@ def window_plan(scene: Scene, epoch: float) -> WindowPlan | None:
         return None
     frequency = collision_frequency(scene)
     plans = {}
-    for split, parts, speeds in itertools.product(splits(scene), WINDOWS_IN_AN_EPOCH, THERMAL_SPEEDS):
+    in_pieces = share_faster(THERMAL_SPEED, scene.dim)
+    for split, parts in itertools.product(splits(scene), WINDOWS_IN_AN_EPOCH):
         length = epoch / parts
-        plan = split.plan(length, 0.5 * speeds * rms / math.sqrt(scene.dim) * length)
+        plan = split.plan(length, 0.5 * THERMAL_SPEED * rms / math.sqrt(scene.dim) * length)
         if plan is not None:
-            plans[split.cost(plan, frequency * length, share_faster(speeds, scene.dim)) / length] = plan
+            plans[split.cost(plan, frequency * length, in_pieces) / length] = plan
     return plans[min(plans)] if plans else None

@@ -112,7 +112,7 @@ def test_the_length_of_the_pieces_changes_nothing(scene, expected, speeds, monke
     """Flights registered in many pieces, or in ones so long that others lie many cells away."""
     monkeypatch.setattr(tuning, "SPARSE_BELOW", WINDOWS)
     usual = tuning.window_plan(scene, tuning.epoch_length(scene))
-    monkeypatch.setattr(tuning, "THERMAL_SPEEDS", (speeds,))
+    monkeypatch.setattr(tuning, "THERMAL_SPEED", speeds)
     assert tuning.window_plan(scene, tuning.epoch_length(scene)) != usual
     assert state(run(scene)) == expected
 
