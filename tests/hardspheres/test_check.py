@@ -167,7 +167,7 @@ def walls_forgotten(sim, at, a):
 
 
 def centre_astray(sim, at, a):
-    a.event_float[7 * at.EVENT + at.CENTRE] += 0.9 * a.number[at.SHELL]
+    a.event_float[7 * at.EVENT + at.CENTRE] += 2.5 * a.number[at.SHELL]  # now it is outside of its shell
 
 
 def pending(sim, at, a):
