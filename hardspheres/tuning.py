@@ -21,7 +21,7 @@ NARROWED = 0.5  # shells are made narrower down to this share, if lists then nee
 SLACK = 1e-6  # by which lists and lines reach further than they must, so that rounding never matters
 THERMAL_SPEED = 3.5  # windows: flights up to this many sqrt(kT/m) are registered in one piece
 # One of these numbers of windows in an epoch is chosen.
-WINDOWS_IN_AN_EPOCH = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
+WINDOWS_IN_AN_EPOCH = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
 OUT_OF_PACE = 16.0  # epochs that are this many times too long or too short are changed
 SPARSE_BELOW = {2: 0.4, 3: 0.25}  # packing fraction below which windows are faster than lists
 REG, PIECE, PAIR, CELL, COLL, NEWP, NEWC = (

@@ -46,7 +46,7 @@ Either way buckets are chains of whole cache lines (`chunks`), and the events of
 (`agenda`), so that the next event is found in a time that does not depend on their number. Equal times are ordered by the
 lower, then the higher id; a wall counts as the id n + 2 axis + side.
 
-Where a gas is larger than the processor's caches, what the coming events need is fetched ahead; that too changes no bit.
+Where a gas is larger than the processor's caches, what the coming events need is fetched ahead (`fetch`); that too changes no bit.
 
 **Flights** (`flights`, `log`). On request every free flight is tallied when a collision of two particles ends it, and events
 are written down. That reads the rows and writes none of them; a full buffer makes the run return, and it goes on as if it had

@@ -115,8 +115,9 @@ def may_meet(b, vv, c, since):
     """Whether two lines may come within contact from `since` to 1, in half windows from the middle.
 
     They approach at first, b + since v.v < 0, and are in contact when nearest to each other or, if that is later, at the end.
+    Two that touch and fly alike pass, too: b and v.v are 0 then, and may be different from 0 in double precision.
     """
-    return (b < SLACK - since * vv) & (c * vv < b * b) & ((b + vv > 0.0) | (c + (TWO * b + vv) < 0.0))
+    return (b < SLACK - since * vv) & (c * vv <= b * b) & ((b + vv > 0.0) | (c + (TWO * b + vv) < 0.0))
 
 
 @jit

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scenes import gas
 
 import hardspheres as hs
-from hardspheres import engine
+from hardspheres import engine, tuning
 from hardspheres.reference import ReferenceSimulation
 
 PARTED = 1e-7  # deviation, in smallest diameters and largest speeds, from which on sequences are no longer compared
@@ -250,6 +250,22 @@ def test_windows_and_lists_agree_in_any_box(kind, shape, monkeypatch):
     lists = rows_after(scene, 300.0)
     assert usual[0] == "windows of time" and "lists" in lists[0]
     assert usual[1:] == lists[1:] and usual[2] > 2
+
+
+def test_windows_see_those_that_touch_and_fly_alike(monkeypatch):
+    """A touching row between walls: its velocities change places, and in the end some differ by a rounding only."""
+    places = np.column_stack([np.arange(0.5, 10.0), np.full((10, 2), 5.0)])
+    velocities = np.column_stack([np.linspace(-1.0, 1.0, 10), np.zeros((10, 2))])
+    scene = hs.Scene(places, velocities, box=(10.5, 10.0, 10.0), boundary="wall")
+    monkeypatch.setattr(tuning, "SPARSE_BELOW", {3: 1.0})
+    windows = hs.Simulation(scene)
+    for _ in range(400):
+        windows.run(collisions=1)
+        windows.check()
+    monkeypatch.setattr(tuning, "SPARSE_BELOW", {3: 0.0})
+    lists = rows_after(scene, 45.0)
+    monkeypatch.setattr(tuning, "SPARSE_BELOW", {3: 1.0})
+    assert rows_after(scene, 45.0)[1:] == lists[1:]
 
 
 @pytest.mark.parametrize("size", [1e2, 1e4, 1e6, 1e8])
