@@ -1,7 +1,7 @@
 """A scene of hard spheres: who is where, how fast, how large and heavy, in which box. Checked once, then trusted."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -278,17 +278,19 @@ class Scene:
         return scene
 
     @classmethod
-    def from_atoms(cls, atoms: Any, radius: ArrayLike | None = None) -> "Scene":
-        """Return the scene in an ASE Atoms object; see `hardspheres.trajectory.from_atoms`."""
-        from hardspheres.trajectory import from_atoms
+    def from_atoms(
+        cls, atoms: Any, radius: ArrayLike | Mapping[str, float] | None = None, **reading: Any
+    ) -> "Scene":
+        """Return the scene in an ASE Atoms object; see `hardspheres.files.from_atoms`."""
+        from hardspheres.files import from_atoms
 
-        return from_atoms(atoms, radius)
+        return from_atoms(atoms, radius, **reading)
 
-    def to_atoms(self) -> Any:
-        """Return the scene as an ASE Atoms object; see `hardspheres.trajectory.to_atoms`."""
-        from hardspheres.trajectory import to_atoms
+    def to_atoms(self, units: str | None = None) -> Any:
+        """Return the scene as an ASE Atoms object; see `hardspheres.files.to_atoms`."""
+        from hardspheres.files import to_atoms
 
-        return to_atoms(self)
+        return to_atoms(self, units)
 
     def __repr__(self) -> str:
         edges = " x ".join(f"{edge:.6g}" for edge in self.box)

@@ -500,11 +500,11 @@ class Simulation:
         """Return the gas as it is now as a Scene, contacts as the engine left them."""
         return self.scene.with_state(self.positions, self.velocities)
 
-    def to_atoms(self) -> Any:
-        """Return the gas as it is now as an ASE Atoms object."""
-        from hardspheres.trajectory import to_atoms
+    def to_atoms(self, units: str | None = None) -> Any:
+        """Return the gas as it is now as an ASE Atoms object; see `hardspheres.files.to_atoms`."""
+        from hardspheres.files import to_atoms
 
-        return to_atoms(self.frame())
+        return to_atoms(self.frame(), units)
 
     # Stopping and going on.
 

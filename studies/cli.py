@@ -37,6 +37,13 @@ class OptionError(HardSpheresError):
     """An option that makes no sense."""
 
 
+class Units(StrEnum):
+    """Words for `--units`."""
+
+    reduced = "reduced"
+    ase = "ase"
+
+
 class Velocities(StrEnum):
     """Words for `--velocities`."""
 
@@ -106,6 +113,16 @@ UntilError = Annotated[
 ]
 
 
+OfLabels = Annotated[
+    str | None,
+    typer.Option(
+        help="Of all particles of --from, or of each label, as in A=0.5,B=0.3.",
+        show_default="that of the file",
+        metavar="NUMBER|LABEL=NUMBER,...",
+    ),
+]
+
+
 @app.command()
 def thermalise(
     n: Annotated[
@@ -148,8 +165,23 @@ def thermalise(
     source: Annotated[
         Path | None, typer.Option("--from", help="Start from a structure in any file that ASE reads.")
     ] = None,
-    radius: Annotated[
-        float | None, typer.Option(help="Radius of all particles of --from, if the file has none.")
+    radius: OfLabels = None,
+    mass: OfLabels = None,
+    units: Annotated[
+        Units | None,
+        typer.Option(
+            "--units",
+            "--velocities-are",
+            help="Numbers of --from as they stand in the file (reduced: needed for a column of velocities), or as ASE converts "
+            "them (ase: Angstrom, u, eV).",
+            show_default="refused where it matters",
+        ),
+    ] = None,
+    box: Annotated[
+        str | None,
+        typer.Option(
+            help="Edges of the box for a file of --from without one, as in 10,10,10.", metavar="LX,LY[,LZ]"
+        ),
     ] = None,
     frames: Annotated[
         int, typer.Option(min=0, max=MOST, help="Frames in trajectory.xyz, of the first replica.")
@@ -172,6 +204,7 @@ def thermalise(
     from studies.report import Screen
     from studies.thermalisation import Recipe, Thermalisation, thermalise
 
+    for_files = {"radius": radius, "mass": mass, "units": units, "box": box}
     made = {"n": n, "dim": dim, "packing_fraction": packing_fraction, "boundary": _boundary(boundary)}
     made |= {"mass_ratio": mass_ratio, "diameter_ratio": diameter_ratio, "fraction": fraction}
     given = {key: value for key, value in made.items() if value is not None}
@@ -187,13 +220,26 @@ def thermalise(
     common |= {"workers": workers, "frames": frames, "animate": animate}
     word = velocities.value if velocities else None
     if source is not None:
-        for name in given:
+        from hardspheres.files import Reading
+
+        for name in given.keys() - {"dim", *(() if box is None else ("boundary",))}:
             raise SceneError(
                 f"--{name.replace('_', '-')} has no effect with --from, which gives the whole structure"
             )
-        study = Thermalisation.from_file(str(source), radius, word, temperature, **common)
+        reading = Reading(
+            _of_labels(radius, "--radius"),
+            _of_labels(mass, "--mass"),
+            None if units is None else units.value,
+            None if box is None else [_number(edge, "--box") for edge in box.split(",")],
+            _boundary(boundary),
+            dim,
+        )
+        study = Thermalisation.from_file(str(source), reading, word, temperature, **common)
     else:
-        _require(radius is None, "--radius goes with --from; the spheres made here have diameter 1")
+        for name, value in for_files.items():
+            _require(
+                value is None, f"--{name} goes with --from; the spheres made here have diameter 1 and mass 1"
+            )
         two = "mass_ratio" in given or "diameter_ratio" in given
         _require(two or fraction is None, "--fraction needs --mass-ratio or --diameter-ratio")
         given |= {} if word is None else {"velocities": word}
@@ -644,6 +690,24 @@ def _boundary(words: str | None) -> str | tuple[str, ...] | None:
     if words is None or "," not in words:
         return words
     return tuple(word.strip() for word in words.split(","))
+
+
+def _of_labels(words: str | None, option: str) -> float | dict[str, float] | None:
+    """Return the number for all particles, or that of each label."""
+    if words is None:
+        return None
+    if "=" not in words:
+        return _number(words, option)
+    pairs = [word.rpartition("=") for word in words.split(",")]
+    _require(all(label and value for label, _, value in pairs), f"{option} {words} is not as in A=0.5,B=0.3")
+    return {label.strip(): _number(value, option) for label, _, value in pairs}
+
+
+def _number(word: str, option: str) -> float:
+    try:
+        return float(word)
+    except ValueError:
+        raise OptionError(f"{option}: {word!r} is no number") from None
 
 
 def _require(condition: bool, sentence: str) -> None:

@@ -18,7 +18,7 @@ from scenes import gas
 
 import hardspheres as hs
 from hardspheres import archive, memory
-from hardspheres.trajectory import read_structure
+from hardspheres.files import read_structure
 from studies import cli
 
 ABSURD = 10**15
@@ -350,11 +350,11 @@ CLI = {
     "nothing to resume": (["hard-cases", "--resume"], "hard-cases-full holds no unfinished run"),
     "nothing to resume, accuracy": (["accuracy", "--resume"], "accuracy-1 holds no unfinished run"),
     "empty file": (["thermalise", "--from", "empty.xyz"], "empty.xyz is empty"),
-    "binary file": (["thermalise", "--from", "binary.xyz"], "binary.xyz cannot be read by ASE"),
+    "binary file": (["thermalise", "--from", "binary.xyz"], "binary.xyz, line 1: the number of particles"),
     "binary traj": (["thermalise", "--from", "binary.traj"], "binary.traj cannot be read by ASE"),
-    "cut file": (["thermalise", "--from", "cut.xyz"], "cut.xyz cannot be read by ASE"),
-    "missing column": (["thermalise", "--from", "column.xyz"], "column.xyz cannot be read by ASE"),
-    "words": (["thermalise", "--from", "words.xyz"], "words.xyz cannot be read by ASE"),
+    "cut file": (["thermalise", "--from", "cut.xyz"], "cut.xyz says in line 1 that 2 particles follow where 1"),
+    "missing column": (["thermalise", "--from", "column.xyz"], "column.xyz, line 4: there are 4 values"),
+    "words": (["thermalise", "--from", "words.xyz"], "words.xyz, line 4: 'five' in the column pos"),
     "nan": (["thermalise", "--from", "nan.xyz"], "the position of particle 1 along y is nan"),
     "negative size": (["thermalise", "--from", "size.xyz"], "the radius of particle 1 is -0.5"),
     "no cell": (["thermalise", "--from", "cell.xyz"], "there is no cell; give the box as an orthogonal cell"),
@@ -365,7 +365,7 @@ CLI = {
     "short axis": (["thermalise", "--from", "short.xyz"], "edge along z is 1.5, but a periodic axis"),
     "velo": (["thermalise", "--from", "velo.xyz"], 'in a column "velo", whose unit differs'),
     "no particles": (["thermalise", "--from", "none.xyz"], "none.xyz"),
-    "many promised": (["thermalise", "--from", "many.xyz"], "many.xyz says that 999999999999 particles follow where"),
+    "many promised": (["thermalise", "--from", "many.xyz"], "many.xyz says in line 1 that 999999999999 particles follow where 2"),
     "huge cell": (["thermalise", "--from", "huge.xyz"], "edge along x is 1e+12, where rounding"),
     "an endless name": (["thermalise", "--from", "a" * 300 + ".xyz"], "cannot be read: File name too long; give another"),
     "a device": (["thermalise", "--from", os.devnull], "is empty"),

@@ -1,0 +1,183 @@
+"""Formats with units of their own, which ASE converts to its own: Angstrom, u, eV, and times of Angstrom sqrt(u/eV), 10.18 fs.
+
+In such a file a velocity of 1 becomes 0.01 or 10, and a mass is guessed from a label. Neither is what a gas in reduced units
+means, and neither can be seen in the result, so the user has to say which numbers he wants.
+"""
+
+import io
+from collections import deque
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hardspheres.errors import TrajectoryError
+from hardspheres.files.atoms import SINGLE, Reading
+
+AS_THEY_STAND = (
+    "extxyz",
+    "traj",
+    "json",
+    "db",
+    "bundletrajectory",
+)  # ASE's own: what is written is what is read
+LAMMPS = ("lammps-dump-text", "lammps-dump-binary", "lammps-data")
+READ_BY_ASE = {
+    *("id", "type", "element", "q", "x", "y", "z", "xs", "ys", "zs", "xu", "yu", "zu", "xsu", "ysu", "zsu"),
+    *("vx", "vy", "vz", "fx", "fy", "fz"),
+}
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """What ASE multiplies lengths and velocities of a format by; whether the file has masses."""
+
+    length: float = 1.0
+    velocity: float = 1.0
+    masses: bool = False
+
+
+def conversions() -> dict[str, Conversion]:
+    """Return the conversions of ASE's formats that may hold velocities or masses, and of some that hold neither.
+
+    As read in the sources of ASE 3.29; a test writes and reads a file of each that ASE can write.
+    """
+    from ase.units import fs, nm
+
+    per_ps = 1.0 / (1000.0 * fs)  # Angstrom
+    return {
+        "lammps-dump-text": Conversion(1.0, per_ps),
+        "lammps-dump-binary": Conversion(1.0, per_ps),
+        "lammps-data": Conversion(1.0, per_ps, masses=True),
+        "vasp": Conversion(1.0, 1.0 / fs),
+        "vasp-xdatcar": Conversion(),
+        "gromacs": Conversion(nm, nm / (1000.0 * fs)),
+        "gromos": Conversion(nm),
+        "dlp4": Conversion(1.0, per_ps),
+        "dlp-history": Conversion(1.0, per_ps, masses=True),
+        "aims": Conversion(1.0, per_ps),
+        "cfg": Conversion(masses=True),
+        "gpumd": Conversion(masses=True),
+        "eon": Conversion(masses=True),
+        "netcdftrajectory": Conversion(),
+        "cif": Conversion(),
+        "proteindatabank": Conversion(),
+        "xsf": Conversion(),
+        "res": Conversion(),
+    }
+
+
+def reader_options(form: str, reading: Reading) -> dict[str, Any]:
+    """Return what ASE's reader of a format is to be told."""
+    return {"units": "ASE"} if form in LAMMPS and reading.units == "reduced" else {}
+
+
+def taken(atoms: Any, form: str, path: Path, reading: Reading, frame: int) -> Any:
+    """Return a structure in the units that the user wants.
+
+    Parameters
+    ----------
+    atoms : ase.Atoms
+        As ASE's reader made it; changed.
+    form : str
+        ASE's name of the format.
+    path : Path
+        The file.
+    reading : Reading
+        With the units, or none.
+    frame : int
+        Which frame of the file it is.
+
+    Raises
+    ------
+    TrajectoryError
+        Where that depends on units, and the user does not say which.
+    """
+    if form in AS_THEY_STAND:
+        return atoms
+    known = conversions()
+    if form.startswith("lammps-dump"):
+        _add_columns(atoms, path, frame)
+    if form in LAMMPS and "type" in atoms.arrays:
+        atoms.arrays["label"] = atoms.arrays.pop("type").astype(str)
+    own_masses = known[form].masses if form in known else atoms.has("masses")
+    own_masses = own_masses or "mass" in atoms.arrays
+    if reading.units is None:
+        _refuse(atoms, form, path, reading, own_masses)
+    elif reading.units == "reduced" and form not in known:
+        raise TrajectoryError(
+            f"{path} is of the format {form}, and how ASE converts it is not known here; say --units ase (Angstrom, u, eV), or "
+            "convert it to extended xyz"
+        )
+    raw = reading.units == "reduced" and form not in LAMMPS  # those were read so
+    length, velocity = (known[form].length, known[form].velocity) if raw else (1.0, 1.0)
+    if atoms.has("momenta"):  # a column, so that masses do not matter
+        atoms.arrays["velocities"] = atoms.get_velocities() / velocity
+        del atoms.arrays["momenta"]
+    atoms.set_positions(atoms.get_positions() / length)
+    atoms.set_cell(atoms.get_cell() / length)
+    atoms.set_celldisp(atoms.get_celldisp() / length)
+    if "mass" in atoms.arrays and atoms.has("masses"):
+        del atoms.arrays["masses"]
+    elif reading.units == "reduced" and not own_masses:
+        atoms.set_masses(np.ones(len(atoms)))
+    atoms.info["units"] = reading.units or "unknown"
+    return atoms
+
+
+def _refuse(atoms: Any, form: str, path: Path, reading: Reading, own_masses: bool) -> None:
+    """Refuse velocities that were converted and masses that were guessed, unless the user gives or draws others."""
+    what = []
+    if reading.velocities and atoms.has("momenta"):
+        what.append("velocities are converted")
+    if reading.mass is None:
+        masses = dict(zip(atoms.get_chemical_symbols(), atoms.get_masses().tolist(), strict=True))
+        if own_masses:
+            what.append("masses are taken to be in u")
+        elif set(masses) != {SINGLE}:
+            first = ", ".join(f"{symbol} {mass:g}" for symbol, mass in list(masses.items())[:3])
+            what.append(f"masses are guessed from labels ({first})")
+    if what:
+        raise TrajectoryError(
+            f"{path} is of the format {form}, which ASE reads in units of its own: {' and '.join(what)}; say --units reduced "
+            "(numbers as they stand in the file, masses 1 where it has none) or --units ase (Angstrom, u, eV)"
+        )
+
+
+def _add_columns(atoms: Any, path: Path, frame: int) -> None:
+    """Add the columns of a LAMMPS dump that ASE leaves out (radius, mass, diameter...), in its order, that of the ids."""
+    names, rows = _dump_table(path, frame)
+    if len(rows) != len(atoms):  # not text
+        return
+    order = (
+        np.argsort([int(row[names.index("id")]) for row in rows]) if "id" in names else np.arange(len(rows))
+    )
+    for column, name in enumerate(names):
+        if name in READ_BY_ASE or name in atoms.arrays:
+            continue
+        try:
+            values = np.array([float(row[column]) for row in rows])
+        except ValueError:
+            continue  # text
+        atoms.set_array(name, values[order], float, ())
+
+
+def _dump_table(path: Path, frame: int) -> tuple[list[str], list[list[str]]]:
+    """Return the names of the columns and the rows of one frame of a LAMMPS dump; nothing of one that is not text."""
+    from ase.io.formats import open_with_compression
+
+    last = deque[tuple[list[str], list[list[str]]]](maxlen=max(1, -frame))
+    inside, count = False, 0
+    with open_with_compression(str(path), "rb") as binary:
+        for line in io.TextIOWrapper(binary, encoding="utf-8", errors="replace"):
+            if line.startswith("ITEM:"):
+                inside = line.startswith("ITEM: ATOMS")
+                if inside and count == frame + 1 > 0:
+                    break
+                if inside:
+                    count += 1
+                    last.append((line.split()[2:], []))
+            elif inside:
+                last[-1][1].append(line.split())
+    return last[0] if last else ([], [])
