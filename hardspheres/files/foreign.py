@@ -39,28 +39,19 @@ class Conversion:
 
 
 def conversions() -> dict[str, Conversion]:
-    """Return the conversions of ASE's formats that may hold velocities or masses, and of some that hold neither.
-
-    As read in the sources of ASE 3.29; a test writes and reads a file of each that ASE can write.
-    """
+    """Return the conversions of formats that were tried (a test reads a file of each)."""
     from ase.units import fs, nm
 
     per_ps = 1.0 / (1000.0 * fs)  # Angstrom
     return {
-        "lammps-dump-text": Conversion(1.0, per_ps),
-        "lammps-dump-binary": Conversion(1.0, per_ps),
-        "lammps-data": Conversion(1.0, per_ps, masses=True),
-        "vasp": Conversion(1.0, 1.0 / fs),
-        "vasp-xdatcar": Conversion(),
-        "gromacs": Conversion(nm, nm / (1000.0 * fs)),
+        "lammps-dump-text": Conversion(velocity=per_ps),
+        "lammps-dump-binary": Conversion(velocity=per_ps),
+        "lammps-data": Conversion(velocity=per_ps, masses=True),
+        "vasp": Conversion(velocity=1.0 / fs),
+        "gromacs": Conversion(nm, nm * per_ps),
         "gromos": Conversion(nm),
-        "dlp4": Conversion(1.0, per_ps),
-        "dlp-history": Conversion(1.0, per_ps, masses=True),
-        "aims": Conversion(1.0, per_ps),
+        "aims": Conversion(velocity=per_ps),
         "cfg": Conversion(masses=True),
-        "gpumd": Conversion(masses=True),
-        "eon": Conversion(masses=True),
-        "netcdftrajectory": Conversion(),
         "cif": Conversion(),
         "proteindatabank": Conversion(),
         "xsf": Conversion(),

@@ -53,7 +53,9 @@ def frame_text(atoms: Any) -> bytes:
     table = np.column_stack([arrays[name] for name in COLUMNS])
     if not np.isfinite(table).all():
         raise TrajectoryError("a number is not finite; a file with it could not be read back")
-    text = bytearray(b"]],")  # so that each row [[...]] comes after five bytes, which become its line break and its symbol
+    text = bytearray(
+        b"]],"
+    )  # so that each row [[...]] comes after five bytes, which become its line break and its symbol
     text += orjson.dumps(table[:, None, :], option=orjson.OPT_SERIALIZE_NUMPY)[1:-3]
     letters = np.frombuffer(text, np.uint8)
     row = np.flatnonzero(letters == ord("]"))[::2]

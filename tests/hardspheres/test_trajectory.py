@@ -145,9 +145,11 @@ def test_units_are_named_only_by_the_user(tmp_path):
 def test_a_number_that_is_not_finite_is_not_written(tmp_path):
     frame = frames_of(gas("discs"))[0]
     frame.velocities = frame.velocities + np.array([0, np.nan])
-    with hs.TrajectoryWriter(tmp_path / "gas.xyz") as trajectory:
-        with pytest.raises(hs.TrajectoryError, match="not finite"):
-            trajectory.write(frame)
+    with (
+        hs.TrajectoryWriter(tmp_path / "gas.xyz") as trajectory,
+        pytest.raises(hs.TrajectoryError, match="not finite"),
+    ):
+        trajectory.write(frame)
     assert (tmp_path / "gas.xyz").read_bytes() == b""
 
 
@@ -226,9 +228,12 @@ def test_files_that_cannot_be_written(name, message, tmp_path):
 
 def test_a_full_disk_is_one_sentence(tmp_path):
     (tmp_path / "full.xyz").symlink_to("/dev/full")
-    with pytest.raises(hs.TrajectoryError, match="full.xyz cannot be written: No space left"):
-        with hs.TrajectoryWriter(tmp_path / "full.xyz") as trajectory:
-            trajectory.write(gas("discs"))
+    writer = hs.TrajectoryWriter(tmp_path / "full.xyz")
+    with (
+        pytest.raises(hs.TrajectoryError, match="full.xyz cannot be written: No space left"),
+        writer as trajectory,
+    ):
+        trajectory.write(gas("discs"))
 
 
 # Printed positions.
