@@ -111,7 +111,7 @@ def taken(atoms: Any, form: str, path: Path, reading: Reading, frame: int) -> An
     atoms.set_celldisp(atoms.get_celldisp() / length)
     if "mass" in atoms.arrays and atoms.has("masses"):
         del atoms.arrays["masses"]
-    elif reading.units == "reduced" and not own_masses:
+    elif reading.units == "reduced" and reading.mass is None and not own_masses:
         atoms.set_masses(np.ones(len(atoms)))
     atoms.info["units"] = reading.units or "unknown"
     return atoms

@@ -126,6 +126,8 @@ def _structure(path: str | os.PathLike[str], index: int, reading: Reading) -> tu
             last.append(frame)
             if count == index + 1:
                 break
+        if not count:
+            raise TrajectoryError(f"{file} holds no frame")
         if not -count <= index < count:
             raise TrajectoryError(f"{file} has {count} frames, so there is none of index {index}")
         return xyz.to_structure(file, last[0])

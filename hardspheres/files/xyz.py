@@ -213,7 +213,10 @@ def _check_rows(path: Path, frame: Frame, columns: list[tuple[str, str, int]], n
                 f"{', '.join(name for name, _, _ in columns)} take {width}"
             )
     if max(widths) > width:
-        return [f"not used: what stands in columns {width + 1} to {max(widths)}, which no Properties name"]
+        beyond = (
+            f"column {width + 1}" if max(widths) == width + 1 else f"columns {width + 1} to {max(widths)}"
+        )
+        return [f"not used: what stands in {beyond}, which no Properties name"]
     return []
 
 

@@ -53,7 +53,7 @@ def test_names_of_masses(name, tmp_path):
 def test_two_columns_of_one_quantity_must_agree(tmp_path):
     text = xyz(":mass:R:1:masses:R:1:radius:R:1", ("2 2 0.5", "3 3 0.5"))
     assert scene_of(tmp_path, text)[0].masses.tolist() == [2, 3]
-    with pytest.raises(hs.TrajectoryError, match='"masses?" and "masses?" differ for particle 1'):
+    with pytest.raises(hs.TrajectoryError, match='"mass" and "masses" differ for particle 1'):
         scene_of(tmp_path, text.replace("3 3", "3 4"))
 
 
@@ -223,7 +223,7 @@ WRONG = {
     "flat velocities": (xyz(":radius:R:1:velo:R:2", ("0.5 1 1", "0.5 1 1")), "it must be three numbers"),
     "text": (xyz(":radius:S:1", ("big", "small")), "radii hold text"),
     "nan": (xyz(":radius:R:1", ("0.5", "nan")), "the radius of particle 1 is nan"),
-    "blank": ("\n \n", "has 0 frames"),
+    "blank": ("\n \n", "holds no frame"),
     "nobody": ("0\n\n", "holds no particles"),
     "cut": (xyz(*RADII)[:-15], "says in line 1 that 2 particles follow where 1 lines do"),
     "endless": (b"9" * 30 + b"\n", "line 1: the number of particles should stand here"),
@@ -433,8 +433,9 @@ def test_columns_of_a_lammps_dump_that_ase_leaves_out(tmp_path):
     assert scene.boundary == ("periodic", "periodic", "wall") and notes == ['not used: column "ix"']
     frames = list(hs.read_trajectory(tmp_path / "full.dump", units="reduced"))
     assert [frame.radii.tolist() for frame in frames] == [[0.1, 0.1], [0.5, 0.25]]
-    scene, _ = scene_of(tmp_path, PLAIN, "plain.dump", units="reduced", radius={"1": 0.5, "2": 0.3})
-    assert scene.radii.tolist() == [0.5, 0.3]
+    by_type = {"units": "reduced", "radius": {"1": 0.5, "2": 0.3}, "mass": {"1": 2, "2": 3}}
+    scene, notes = scene_of(tmp_path, PLAIN, "plain.dump", **by_type)
+    assert scene.radii.tolist() == [0.5, 0.3] and scene.masses.tolist() == [2, 3] and not notes
 
 
 def test_how_an_untried_format_converts_is_not_guessed(tmp_path):
