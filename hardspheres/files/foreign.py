@@ -22,7 +22,7 @@ AS_THEY_STAND = (
     "db",
     "bundletrajectory",
 )  # ASE's own: what is written is what is read
-LAMMPS = ("lammps-dump-text", "lammps-dump-binary", "lammps-data")
+LAMMPS = ("lammps-dump-text", "lammps-data")
 READ_BY_ASE = {
     *("id", "type", "element", "q", "x", "y", "z", "xs", "ys", "zs", "xu", "yu", "zu", "xsu", "ysu", "zsu"),
     *("vx", "vy", "vz", "fx", "fy", "fz"),
@@ -45,7 +45,6 @@ def conversions() -> dict[str, Conversion]:
     per_ps = 1.0 / (1000.0 * fs)  # Angstrom
     return {
         "lammps-dump-text": Conversion(velocity=per_ps),
-        "lammps-dump-binary": Conversion(velocity=per_ps),
         "lammps-data": Conversion(velocity=per_ps, masses=True),
         "vasp": Conversion(velocity=1.0 / fs),
         "gromacs": Conversion(nm, nm * per_ps),
@@ -88,7 +87,7 @@ def taken(atoms: Any, form: str, path: Path, reading: Reading, frame: int) -> An
     if form in AS_THEY_STAND:
         return atoms
     known = conversions()
-    if form.startswith("lammps-dump"):
+    if form == "lammps-dump-text":
         _add_columns(atoms, path, frame)
     if form in LAMMPS and "type" in atoms.arrays:
         atoms.arrays["label"] = atoms.arrays.pop("type").astype(str)
@@ -139,11 +138,15 @@ def _refuse(atoms: Any, form: str, path: Path, reading: Reading, own_masses: boo
 def _add_columns(atoms: Any, path: Path, frame: int) -> None:
     """Add the columns of a LAMMPS dump that ASE leaves out (radius, mass, diameter...), in its order, that of the ids."""
     names, rows = _dump_table(path, frame)
-    if len(rows) != len(atoms):  # not text
-        return
-    order = (
-        np.argsort([int(row[names.index("id")]) for row in rows]) if "id" in names else np.arange(len(rows))
-    )
+    if len(rows) != len(atoms) or any(len(row) != len(names) for row in rows):
+        raise TrajectoryError(
+            f"{path}: the table after ITEM: ATOMS is no text of {len(atoms)} rows with {len(names)} values each; write the dump "
+            "as text (dump custom), or convert it to extended xyz"
+        )
+    ids = [row[names.index("id")] for row in rows] if "id" in names else []
+    if not all(value.isdigit() for value in ids):
+        raise TrajectoryError(f"{path}: an id after ITEM: ATOMS is no integer")
+    order = np.argsort([int(value) for value in ids], kind="stable") if ids else np.arange(len(rows))
     for column, name in enumerate(names):
         if name in READ_BY_ASE or name in atoms.arrays:
             continue

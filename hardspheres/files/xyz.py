@@ -152,14 +152,14 @@ def to_structure(path: Path, frame: Frame) -> tuple[Any, list[str]]:
     notes = _check_rows(path, frame, columns, named)
     names = [name for name, _, _ in columns]
     if "species" in names and not _are_elements(frame, columns):
-        properties = ":".join(f"{name}:{kind}:{width}" for name, kind, width in columns)
-        relabelled = re.sub("(?<![^:])species:", "label:" if "label" not in names else "labels:", properties)
-        kept = re.sub(r"(?<!\S)Properties\s*=\s*(\"[^\"]*\"|\S+)", "", header)
-        header = f"{kept} Properties={relabelled}"
+        names[names.index("species")] = "labels" if "label" in names else "label"
+    info["Properties"] = ":".join(
+        f"{name}:{kind}:{width}" for name, (_, kind, width) in zip(names, columns, strict=True)
+    )
     ends = "" if frame.rows[-1].endswith("\n") else "\n"
     text = io.StringIO("".join([f"{frame.count}\n{header}\n", *frame.rows, ends, *frame.vectors]))
     try:
-        (atoms,) = read_extxyz(text, index=slice(None))
+        (atoms,) = read_extxyz(text, index=slice(None), properties_parser=lambda _: info)
     except Exception as error:  # it fails in many ways
         fault = _fault(path, frame, columns) or f"{where}: ASE cannot read this frame ({said(error)})"
         raise TrajectoryError(fault) from error
