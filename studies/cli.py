@@ -44,6 +44,12 @@ class Units(StrEnum):
     ase = "ase"
 
 
+class VelocitiesAre(StrEnum):
+    """The word for `--velocities-are`."""
+
+    reduced = "reduced"
+
+
 class Velocities(StrEnum):
     """Words for `--velocities`."""
 
@@ -128,7 +134,15 @@ def thermalise(
     n: Annotated[
         int | None, typer.Option(min=1, help="Particles in each replica.", show_default="4000")
     ] = None,
-    dim: Annotated[int | None, typer.Option(min=2, max=3, help="Dimension.", show_default="3")] = None,
+    dim: Annotated[
+        int | None,
+        typer.Option(
+            min=2,
+            max=3,
+            help="Dimension; 2 with --from: it is of discs, whose z differ by at most 1e-6 diameters.",
+            show_default="3",
+        ),
+    ] = None,
     packing_fraction: Annotated[
         float | None, typer.Option(help="Share of the box that the spheres fill.", show_default="0.005")
     ] = None,
@@ -170,11 +184,15 @@ def thermalise(
     units: Annotated[
         Units | None,
         typer.Option(
-            "--units",
-            "--velocities-are",
-            help="Numbers of --from as they stand in the file (reduced: needed for a column of velocities), or as ASE converts "
-            "them (ase: Angstrom, u, eV).",
+            help="Of --from, where ASE converts them: numbers as they stand in the file (reduced), or Angstrom, u and eV (ase).",
             show_default="refused where it matters",
+        ),
+    ] = None,
+    velocities_are: Annotated[
+        VelocitiesAre | None,
+        typer.Option(
+            help="A column of velocities in --from is in units of its lengths.",
+            show_default="refused where there is one",
         ),
     ] = None,
     box: Annotated[
@@ -204,7 +222,7 @@ def thermalise(
     from studies.report import Screen
     from studies.thermalisation import Recipe, Thermalisation, thermalise
 
-    for_files = {"radius": radius, "mass": mass, "units": units, "box": box}
+    for_files = {"radius": radius, "mass": mass, "units": units, "velocities-are": velocities_are, "box": box}
     made = {"n": n, "dim": dim, "packing_fraction": packing_fraction, "boundary": _boundary(boundary)}
     made |= {"mass_ratio": mass_ratio, "diameter_ratio": diameter_ratio, "fraction": fraction}
     given = {key: value for key, value in made.items() if value is not None}
@@ -222,14 +240,15 @@ def thermalise(
     if source is not None:
         from hardspheres.files import Reading
 
-        for name in given.keys() - {"dim", *(() if box is None else ("boundary",))}:
+        kept = ("dim",) if box is None else ("dim", "boundary")
+        for name in (name for name in given if name not in kept):
             raise SceneError(
                 f"--{name.replace('_', '-')} has no effect with --from, which gives the whole structure"
             )
         reading = Reading(
             _of_labels(radius, "--radius"),
             _of_labels(mass, "--mass"),
-            None if units is None else units.value,
+            next((word.value for word in (units, velocities_are) if word is not None), None),
             None if box is None else [_number(edge, "--box") for edge in box.split(",")],
             _boundary(boundary),
             dim,

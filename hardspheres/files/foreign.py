@@ -5,7 +5,7 @@ means, and neither can be seen in the result, so the user has to say which numbe
 """
 
 import io
-from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,18 +15,15 @@ import numpy as np
 from hardspheres.errors import TrajectoryError
 from hardspheres.files.atoms import SINGLE, Reading
 
-AS_THEY_STAND = (
-    "extxyz",
-    "traj",
-    "json",
-    "db",
-    "bundletrajectory",
-)  # ASE's own: what is written is what is read
+AS_THEY_STAND = ("extxyz", "traj", "json", "db")  # ASE's own: what is written is what is read
 LAMMPS = ("lammps-dump-text", "lammps-data")
 READ_BY_ASE = {
     *("id", "type", "element", "q", "x", "y", "z", "xs", "ys", "zs", "xu", "yu", "zu", "xsu", "ysu", "zsu"),
     *("vx", "vy", "vz", "fx", "fy", "fz"),
 }
+
+
+Table = tuple[list[str], list[list[str]]]
 
 
 @dataclass(frozen=True)
@@ -63,7 +60,28 @@ def reader_options(form: str, reading: Reading) -> dict[str, Any]:
     return {"units": "ASE"} if form in LAMMPS and reading.units == "reduced" else {}
 
 
-def taken(atoms: Any, form: str, path: Path, reading: Reading, frame: int) -> Any:
+def tables(form: str, path: Path) -> Iterator[Table]:
+    """Yield the names of the columns and the rows of each frame of a LAMMPS dump; nothing of other formats."""
+    from ase.io.formats import open_with_compression
+
+    if form != "lammps-dump-text":
+        return
+    table: Table | None = None
+    inside = False
+    with open_with_compression(str(path), "rb") as binary:
+        for line in io.TextIOWrapper(binary, encoding="utf-8", errors="replace"):
+            if line.startswith("ITEM:"):
+                if inside and table is not None:
+                    yield table
+                inside = line.startswith("ITEM: ATOMS")
+                table = (line.split()[2:], [])
+            elif inside and table is not None and line.strip():
+                table[1].append(line.split())
+    if inside and table is not None:
+        yield table
+
+
+def taken(atoms: Any, form: str, path: Path, reading: Reading, table: Table | None) -> Any:
     """Return a structure in the units that the user wants.
 
     Parameters
@@ -76,8 +94,8 @@ def taken(atoms: Any, form: str, path: Path, reading: Reading, frame: int) -> An
         The file.
     reading : Reading
         With the units, or none.
-    frame : int
-        Which frame of the file it is.
+    table : tuple, optional
+        Of this frame, from `tables`.
 
     Raises
     ------
@@ -87,8 +105,10 @@ def taken(atoms: Any, form: str, path: Path, reading: Reading, frame: int) -> An
     if form in AS_THEY_STAND:
         return atoms
     known = conversions()
+    if form == "gromacs":
+        _require_all(atoms, path)
     if form == "lammps-dump-text":
-        _add_columns(atoms, path, frame)
+        _add_columns(atoms, path, table or ([], []))
     if form in LAMMPS and "type" in atoms.arrays:
         atoms.arrays["label"] = atoms.arrays.pop("type").astype(str)
     own_masses = known[form].masses if form in known else atoms.has("masses")
@@ -105,15 +125,28 @@ def taken(atoms: Any, form: str, path: Path, reading: Reading, frame: int) -> An
     if atoms.has("momenta"):  # a column, so that masses do not matter
         atoms.arrays["velocities"] = atoms.get_velocities() / velocity
         del atoms.arrays["momenta"]
-    atoms.set_positions(atoms.get_positions() / length)
+    atoms.set_positions(atoms.get_positions() / length, apply_constraint=False)
     atoms.set_cell(atoms.get_cell() / length)
     atoms.set_celldisp(atoms.get_celldisp() / length)
     if "mass" in atoms.arrays and atoms.has("masses"):
         del atoms.arrays["masses"]
     elif reading.units == "reduced" and reading.mass is None and not own_masses:
         atoms.set_masses(np.ones(len(atoms)))
-    atoms.info["units"] = reading.units or "unknown"
+    if reading.units is not None:
+        atoms.info["units"] = reading.units
     return atoms
+
+
+def _require_all(atoms: Any, path: Path) -> None:
+    """Refuse a gromacs file that is cut short: ASE reads what is there."""
+    from ase.io.formats import open_with_compression
+
+    with open_with_compression(str(path), "rb") as lines:
+        count = [next(lines, b""), next(lines, b"")][1].decode(errors="replace").strip()
+    if count != str(len(atoms)):
+        raise TrajectoryError(
+            f"{path} says in line 2 that {count} particles follow, but there are {len(atoms)}; it is damaged or cut short"
+        )
 
 
 def _refuse(atoms: Any, form: str, path: Path, reading: Reading, own_masses: bool) -> None:
@@ -135,9 +168,9 @@ def _refuse(atoms: Any, form: str, path: Path, reading: Reading, own_masses: boo
         )
 
 
-def _add_columns(atoms: Any, path: Path, frame: int) -> None:
+def _add_columns(atoms: Any, path: Path, table: Table) -> None:
     """Add the columns of a LAMMPS dump that ASE leaves out (radius, mass, diameter...), in its order, that of the ids."""
-    names, rows = _dump_table(path, frame)
+    names, rows = table
     if len(rows) != len(atoms) or any(len(row) != len(names) for row in rows):
         raise TrajectoryError(
             f"{path}: the table after ITEM: ATOMS is no text of {len(atoms)} rows with {len(names)} values each; write the dump "
@@ -155,23 +188,3 @@ def _add_columns(atoms: Any, path: Path, frame: int) -> None:
         except ValueError:
             continue  # text
         atoms.set_array(name, values[order], float, ())
-
-
-def _dump_table(path: Path, frame: int) -> tuple[list[str], list[list[str]]]:
-    """Return the names of the columns and the rows of one frame of a LAMMPS dump; nothing of one that is not text."""
-    from ase.io.formats import open_with_compression
-
-    last = deque[tuple[list[str], list[list[str]]]](maxlen=max(1, -frame))
-    inside, count = False, 0
-    with open_with_compression(str(path), "rb") as binary:
-        for line in io.TextIOWrapper(binary, encoding="utf-8", errors="replace"):
-            if line.startswith("ITEM:"):
-                inside = line.startswith("ITEM: ATOMS")
-                if inside and count == frame + 1 > 0:
-                    break
-                if inside:
-                    count += 1
-                    last.append((line.split()[2:], []))
-            elif inside:
-                last[-1][1].append(line.split())
-    return last[0] if last else ([], [])

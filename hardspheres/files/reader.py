@@ -5,8 +5,9 @@ import warnings
 from collections import deque
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from numpy.typing import ArrayLike
 
@@ -14,6 +15,8 @@ from hardspheres.errors import HardSpheresError, SceneError, TrajectoryError
 from hardspheres.files import foreign, xyz
 from hardspheres.files.atoms import Reading, logger, scene_and_notes
 from hardspheres.scene import Scene
+
+Item = TypeVar("Item")
 
 
 def read_structure(path: str | os.PathLike[str], index: int = -1, **reading: Any) -> Any:
@@ -120,17 +123,10 @@ def _structure(path: str | os.PathLike[str], index: int, reading: Reading) -> tu
 
     file, form = existing(path), _format(path)
     if form == "extxyz":
-        count, last = 0, deque[xyz.Frame](maxlen=max(1, -index))
-        for frame in xyz.frames(file):
-            count += 1
-            last.append(frame)
-            if count == index + 1:
-                break
-        if not count:
-            raise TrajectoryError(f"{file} holds no frame")
-        if not -count <= index < count:
-            raise TrajectoryError(f"{file} has {count} frames, so there is none of index {index}")
-        return xyz.to_structure(file, last[0])
+        frame = _one_of(xyz.frames(file), index)
+        if frame is None:
+            raise TrajectoryError(f"{file} holds no frame{'' if index == -1 else f' of index {index}'}")
+        return xyz.to_structure(file, frame)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # readers that guess, warn
@@ -140,7 +136,15 @@ def _structure(path: str | os.PathLike[str], index: int, reading: Reading) -> tu
         raise unreadable(file, error, form) from error
     if not isinstance(atoms, Atoms) or not len(atoms):
         raise TrajectoryError(f"{file} holds no particles")
-    return foreign.taken(atoms, form, file, reading, index), []
+    return foreign.taken(atoms, form, file, reading, _one_of(foreign.tables(form, file), index)), []
+
+
+def _one_of(items: Iterator[Item], index: int) -> Item | None:
+    """Return the item of an index, as of a list, or None if there is none."""
+    if index >= 0:
+        return next(islice(items, index, None), None)
+    last = deque(items, maxlen=-index)
+    return last[0] if len(last) == -index else None
 
 
 def _structures(path: str | os.PathLike[str], reading: Reading) -> Iterator[tuple[Any, list[str]]]:
@@ -153,7 +157,7 @@ def _structures(path: str | os.PathLike[str], reading: Reading) -> Iterator[tupl
         return
     options = foreign.reader_options(form, reading)
     frames = iread(file, index=":", format=form, do_not_split_by_at_sign=True, **options)
-    number = 0
+    tables = foreign.tables(form, file)
     while True:
         try:
             atoms = next(frames)
@@ -161,8 +165,7 @@ def _structures(path: str | os.PathLike[str], reading: Reading) -> Iterator[tupl
             return
         except Exception as error:  # every reader fails in its own way
             raise unreadable(file, error, form) from error
-        yield foreign.taken(atoms, form, file, reading, number), []
-        number += 1
+        yield foreign.taken(atoms, form, file, reading, next(tables, None)), []
 
 
 def _format(path: str | os.PathLike[str]) -> str:

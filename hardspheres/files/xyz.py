@@ -110,7 +110,7 @@ def frames(path: Path) -> Iterator[Frame]:
             if len(rows) < count or not header:
                 raise TrajectoryError(
                     f"{path} says in line {number} that {count} particles follow where {len(rows)} lines do; it is damaged or "
-                    "cut short"
+                    f"cut short{f'; whole frames before: {frame}' if frame else ''}"
                 )
             number += 1 + count
             vectors: list[str] = []

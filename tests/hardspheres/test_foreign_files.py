@@ -438,6 +438,26 @@ def test_columns_of_a_lammps_dump_that_ase_leaves_out(tmp_path):
     assert scene.radii.tolist() == [0.5, 0.3] and scene.masses.tolist() == [2, 3] and not notes
 
 
+def test_cut_files_of_others_are_refused(tmp_path):
+    with pytest.raises(
+        hs.TrajectoryError, match="says in line 2 that 2 particles follow, but there are 1; .* cut short"
+    ):
+        scene_of(tmp_path, GRO[: GRO.index("   9.0")], "cut.gro", units="reduced", radius=0.1, box=(9, 9, 9))
+    for cut in (FULL[:-12], POSCAR[:40], AIMS[:-20], XSF[:-6]):
+        with pytest.raises(hs.TrajectoryError, match="cannot be read by ASE as|after ITEM: ATOMS"):
+            name = next(name for name, row in FORMATS.items() if row[0].startswith(cut[:30]))
+            scene_of(tmp_path, cut, name, units="reduced", radius=0.1)
+    with pytest.raises(hs.TrajectoryError, match="damaged or cut short; whole frames before: 1"):
+        scene_of(tmp_path, (2 * xyz(*RADII))[:-20])
+
+
+def test_blank_lines_in_a_dump(tmp_path):
+    scene, _ = scene_of(
+        tmp_path, FULL.replace("ITEM: TIMESTEP", "\nITEM: TIMESTEP"), "full.dump", units="reduced"
+    )
+    assert scene.radii.tolist() == [0.5, 0.25]
+
+
 def test_how_an_untried_format_converts_is_not_guessed(tmp_path):
     structure = ase.Atoms("Ar2", [[1, 1, 1], [5, 5, 5]], cell=[9, 9, 9], pbc=True)
     ase.io.write(tmp_path / "two.xtl.struct", structure, format="struct")

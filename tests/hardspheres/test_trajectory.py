@@ -424,7 +424,7 @@ def test_a_folder_is_no_structure_and_the_last_frame_is_read(tmp_path):
             trajectory.write(frame)
     assert read_structure(tmp_path / "gas.xyz").info["time"] == 0.5
     assert read_structure(tmp_path / "gas.xyz", index=0).info["time"] == 0.0
-    with pytest.raises(hs.TrajectoryError, match="has 3 frames, so there is none of index 3"):
+    with pytest.raises(hs.TrajectoryError, match="gas.xyz holds no frame of index 3"):
         read_structure(tmp_path / "gas.xyz", index=3)
     assert read_structure(tmp_path / "gas.xyz", index=-3).info["time"] == 0.0
 

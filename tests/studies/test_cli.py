@@ -46,6 +46,7 @@ def test_help_and_version_load_nothing_heavy():
         (["--radius", "1"], "--radius goes with --from"),
         (["--box", "9,9,9"], "--box goes with --from"),
         (["--units", "ase"], "--units goes with --from"),
+        (["--velocities-are", "reduced"], "--velocities-are goes with --from"),
         (
             ["--from", "argon.xyz", "--radius", "A=0.5"],
             "the label Ar has no radius; labels are Ar, radius: A",
