@@ -1,7 +1,7 @@
 """What other programs read and write.
 
-Files in reading order: `atoms` (scenes as ASE's Atoms and back), `columns` (names of quantities), `xyz` (extended xyz, exact),
-`foreign` (formats with units of their own), `reader`, `writer`.
+Files in reading order: `atoms` (scenes as ASE's Atoms and back), `columns` (names of quantities), `xyz`
+(extended xyz, exact), `foreign` (formats with units of their own), `reader`, `writer`.
 """
 
 from hardspheres.files.atoms import Reading, from_atoms, has_velocities, to_atoms

@@ -1,15 +1,17 @@
 """Scenes and frames as ASE's Atoms, and back.
 
-An Atoms object holds positions, momenta (mass times velocity; ASE has a unit of its own for velocities, and none for momenta),
-masses, radii, box and boundaries, and in ``info`` `time`, `collisions` and `dimension`. A momentum over a mass may be off by a
-rounding from the velocity that was multiplied, so the column `Velo` has the velocities themselves: they are taken from there
-wherever they times the masses are the momenta, bit for bit. A 2D gas lies in the plane z = 0 and has a zero third cell vector.
+An Atoms object holds positions, momenta (mass times velocity; ASE has a unit of its own for velocities, and
+none for momenta), masses, radii, box and boundaries, and in ``info`` `time`, `collisions` and `dimension`. A
+momentum over a mass may be off by a rounding from the velocity that was multiplied, so the column `Velo` has
+the velocities themselves: they are taken from there wherever they times the masses are the momenta, bit for
+bit. A 2D gas lies in the plane z = 0 and has a zero third cell vector.
 
-**Positions with few digits can overlap.** Two touching spheres whose coordinates were rounded to 8 decimals (by other programs,
-and by this one before it wrote all digits) may end up 2.8e-8 too close (each of the 3 separations off by 1e-8, each radius by
-5e-9). So `from_atoms` takes overlaps up to 3e-8 for rounding: it makes all radii smaller, by half of the worst overlap, says so,
-and moves nothing. Larger ones are refused like in any scene. Without any overlap, or with no more than the engine itself leaves
-at a contact (1e-11 diameters), every bit is as given.
+**Positions with few digits can overlap.** Two touching spheres whose coordinates were rounded to 8 decimals
+(by other programs, and by this one before it wrote all digits) may end up 2.8e-8 too close (each of the 3
+separations off by 1e-8, each radius by 5e-9). So `from_atoms` takes overlaps up to 3e-8 for rounding: it
+makes all radii smaller, by half of the worst overlap, says so, and moves nothing. Larger ones are refused
+like in any scene. Without any overlap, or with no more than the engine itself leaves at a contact (1e-11
+diameters), every bit is as given.
 """
 
 import logging
@@ -52,7 +54,7 @@ VELOCITY = (
 PRINTED = 1.5e-8  # most by which a radius is reduced: half of the overlap that 8 decimals can make
 SMALL = 1e-4  # and never by more than this fraction of the smallest radius
 LEFT = 1e-11  # diameters by which contacts may overlap that the engine made (`Simulation.check`)
-FLAT = 1e-6  # of the smallest diameter (of the fastest speed): how far a 2D gas may leave its plane, if --dim 2 says it is one
+FLAT = 1e-6  # of the smallest diameter, of the fastest speed: how far discs may leave their plane (--dim 2)
 UNITS = ("reduced", "ase")
 KEYS = {
     "lattice": "Lattice",
@@ -96,15 +98,15 @@ class Reading:
     radius, mass : float, (N,) array_like or mapping, optional
         Of all particles, of each, or of each label (``{"A": 0.5, "B": 0.3}``), whatever the file has.
     units : {"reduced", "ase"}, optional
-        "reduced": numbers as they stand in the file, which is also needed for a column of velocities; "ase": as ASE converts
-        those of formats with units (Angstrom, u, eV).
+        "reduced": numbers as they stand in the file, which is also needed for a column of velocities; "ase":
+        as ASE converts those of formats with units (Angstrom, u, eV).
     box : (d,) array_like, optional
         Edges, for a file without a cell.
     boundary : str or sequence of str, optional
         Of `box`: as in `Scene`, periodic by default.
     dim : int, optional
-        2: the file is of discs, whatever its third edge; positions may leave the plane by 1e-6 of the smallest
-        diameter, velocities by 1e-6 of the fastest.
+        2: the file is of discs, whatever its third edge; positions may leave the plane by 1e-6 of the
+        smallest diameter, velocities by 1e-6 of the fastest.
     velocities : bool
         False where those of the file are of no interest.
     """
@@ -141,10 +143,11 @@ def to_atoms(state: Scene | FrameLike, units: str | None = None) -> Any:
     Returns
     -------
     ase.Atoms
-        Positions, momenta, masses, cell and pbc; radii in ``arrays["radius"]`` and, since ASE's ``.traj`` drops that array,
-        in ``info["radius"]`` once it is written there; velocities in ``arrays["Velo"]``; `time`, `collisions`, `dimension` in
-        ``info``. All particles are ``X`` where there is one species; up to ten species are called O, N, S, Cl, I, C, P, F, B,
-        H in the order of `Scene.species` (colours only, the masses are the scene's); of more than ten all are ``X``.
+        Positions, momenta, masses, cell and pbc; radii in ``arrays["radius"]`` and, since ASE's ``.traj``
+        drops that array, in ``info["radius"]`` once it is written there; velocities in ``arrays["Velo"]``;
+        `time`, `collisions`, `dimension` in ``info``. All particles are ``X`` where there is one species; up
+        to ten species are called O, N, S, Cl, I, C, P, F, B, H in the order of `Scene.species` (colours only,
+        the masses are the scene's); of more than ten all are ``X``.
     """
     from ase import Atoms
     from ase.data import atomic_numbers
@@ -184,23 +187,26 @@ def from_atoms(atoms: Any, radius: ArrayLike | Mapping[str, float] | None = None
     Parameters
     ----------
     atoms : ase.Atoms
-        Positions; an orthogonal cell, whose first corner is the origin (or ``celldisp``, or `Origin` in ``info``); pbc, where
-        False means a wall; radii or diameters, masses, momenta and velocities in ``arrays`` or ``info``, by the names in
-        `hardspheres.files.columns`. Particles are at rest without momenta and velocities (see `has_velocities`); masses are
-        ASE's own for the element where none are given. Two-dimensional where ``info["dimension"]`` says so, or the third
-        cell vector is zero. An ``id`` for each particle gives their order.
+        Positions; an orthogonal cell, whose first corner is the origin (or ``celldisp``, or `Origin` in
+        ``info``); pbc, where False means a wall; radii or diameters, masses, momenta and velocities in
+        ``arrays`` or ``info``, by the names in `hardspheres.files.columns`. Particles are at rest without
+        momenta and velocities (see `has_velocities`); masses are ASE's own for the element where none are
+        given. Two-dimensional where ``info["dimension"]`` says so, or the third cell vector is zero. An
+        ``id`` for each particle gives their order.
     radius : float, (N,) array_like or mapping of labels to floats, optional
         Radii, whatever `atoms` has.
     **reading
-        Other fields of `hardspheres.files.atoms.Reading`: `mass`, `units`, `box`, `boundary`, `dim`, `velocities`.
+        Other fields of `hardspheres.files.atoms.Reading`: `mass`, `units`, `box`, `boundary`, `dim`,
+        `velocities`.
 
     Returns
     -------
     Scene
-        The scene. Where spheres overlap each other or a wall by no more than 8 printed decimals explain (3e-8 between two
-        spheres, in the unit of length of the file, and a ten-thousandth of the smallest diameter), all radii are reduced by
-        half of the worst overlap; positions and velocities are as given. Without such an overlap every bit is as given.
-        That, and every column of numbers that is not used, is logged as a warning.
+        The scene. Where spheres overlap each other or a wall by no more than 8 printed decimals explain (3e-8
+        between two spheres, in the unit of length of the file, and a ten-thousandth of the smallest
+        diameter), all radii are reduced by half of the worst overlap; positions and velocities are as given.
+        Without such an overlap every bit is as given. That, and every column of numbers that is not used, is
+        logged as a warning.
 
     Raises
     ------
@@ -286,14 +292,15 @@ def _box(atoms: Any, reading: Reading) -> tuple[Floats, tuple[str, ...]]:
     edges: Floats = np.diagonal(cell).copy()
     if not cell.any():
         raise TrajectoryError(
-            "there is no cell; give the box as an orthogonal cell (in extended xyz: Lattice=...), or as box=... "
-            "(--box 10,10,10)"
+            "there is no cell; give the box as an orthogonal cell (in extended xyz: Lattice=...), or as "
+            "box=... (--box 10,10,10)"
         )
     if not np.isfinite(cell).all():
         raise TrajectoryError("the cell has an entry that is not finite; give an orthogonal cell")
     if np.any(np.abs(cell - np.diag(edges)) > 1e-12 * np.abs(edges).max()):
         raise TrajectoryError(
-            f"the cell is not orthogonal along x, y, z (its vectors are {cell.tolist()}); only boxes with right angles work"
+            f"the cell is not orthogonal along x, y, z (its vectors are {cell.tolist()}); only boxes with "
+            "right angles work"
         )
     dim = dimension or (2 if edges[2] == 0 else 3)
     if np.any(edges[:dim] <= 0):
@@ -390,9 +397,9 @@ def _velocities(
     if reading.units is None and named not in UNITS:
         said = f"; the header says units={atoms.info['units']}" if named else ""
         raise TrajectoryError(
-            f'velocities are in a column "{velocities.names[0]}", whose unit differs between programs{said}; say that they are '
-            'in the units of the lengths by --velocities-are reduced (units="reduced"), or give momenta, mass times '
-            "velocity, in a column momenta"
+            f'velocities are in a column "{velocities.names[0]}", whose unit differs between programs{said}; '
+            "say that they are in the units of the lengths by --velocities-are reduced "
+            '(units="reduced"), or give momenta, mass times velocity, in a column momenta'
         )
     used.update(velocities.names)
     return velocities.values  # type: ignore[no-any-return]
@@ -416,7 +423,8 @@ def _radii(atoms: Any, found: dict[str, Found], reading: Reading, used: set[str]
         used.update(diameters.names)
         return 0.5 * one_per_particle(_number(diameters, n), "diameters", n)
     raise TrajectoryError(
-        "there are no radii; give them in a column radius, or as radius=... (--radius 0.5, or of each label --radius A=0.5,B=0.3)"
+        "there are no radii; give them in a column radius, or as radius=... (--radius 0.5, or of each "
+        "label --radius A=0.5,B=0.3)"
     )
 
 
@@ -437,13 +445,14 @@ def _by_label(atoms: Any, found: dict[str, Found], values: Any, name: str) -> An
     for label in [*(label for label in kinds if label not in values), *(k for k in values if k not in kinds)]:
         what = "has no particle" if label in values else f"has no {name}"
         raise TrajectoryError(
-            f"the label {label} {what}; labels are {', '.join(list(kinds)[:10])}, {name}: {', '.join(map(str, values))}"
+            f"the label {label} {what}; labels are {', '.join(list(kinds)[:10])}, {name}: "
+            f"{', '.join(map(str, values))}"
         )
     return np.array([values[label] for label in labels], dtype=np.float64)
 
 
 def _leaving(positions: Floats, velocities: Floats, share: float, radii: Floats) -> str | None:
-    """Say which particle is not in the plane of the first, or leaves it, by more than a share; None if all are."""
+    """Say which particle is not in the plane of the first, or leaves it; None if none does."""
     height = np.abs(positions[:, 2] - positions[0, 2])
     out = int(np.argmax(height))
     if not height[out] <= share * 2.0 * radii.min():
@@ -462,11 +471,13 @@ def _require_flat(positions: Floats, velocities: Floats, share: float, radii: Fl
         return
     if share:
         raise TrajectoryError(
-            f"--dim 2 (dim=2) says two dimensions, but {leaving}; up to {share:g} of the smallest diameter, and of the fastest "
+            f"--dim 2 (dim=2) says two dimensions, but {leaving}; up to {share:g} of the smallest "
+            "diameter, and of the fastest "
             "speed, count as rounding"
         )
     raise TrajectoryError(
-        f"the header or a third cell vector of zero says two dimensions, but {leaving}; give three cell vectors, or, if that is "
+        f"the header or a third cell vector of zero says two dimensions, but {leaving}; give three cell "
+        "vectors, or, if that is "
         "rounding, say --dim 2 (dim=2)"
     )
 

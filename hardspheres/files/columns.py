@@ -1,7 +1,7 @@
 """Which column of a file is which quantity, whatever the program that wrote it calls it.
 
-A name is compared in lower case. A quantity that two columns give must be the same in both. Whatever holds numbers and is not
-used is named, so that nothing is lost without a word.
+A name is compared in lower case. A quantity that two columns give must be the same in both. Whatever holds
+numbers and is not used is named, so that nothing is lost without a word.
 """
 
 from dataclasses import dataclass
@@ -98,8 +98,8 @@ def _vectors(name: str, values: Any) -> Floats:
     array = np.asarray(values)
     if array.dtype.kind not in "iuf" or array.ndim != 2 or array.shape[1] != 3:
         raise TrajectoryError(
-            f'the column "{name}" has shape {array.shape[1:] or (1,)} for each particle; it must be three numbers '
-            "(in 2D the third is 0)"
+            f'the column "{name}" has shape {array.shape[1:] or (1,)} for each particle; it must be three '
+            "numbers (in 2D the third is 0)"
         )
     return array.astype(np.float64)
 

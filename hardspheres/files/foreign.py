@@ -1,7 +1,7 @@
-"""Formats with units of their own, which ASE converts to its own: Angstrom, u, eV, and times of Angstrom sqrt(u/eV), 10.18 fs.
+"""Formats with units, which ASE converts to its own: Angstrom, u, eV, times of Angstrom sqrt(u/eV), 10.18 fs.
 
-In such a file a velocity of 1 becomes 0.01 or 10, and a mass is guessed from a label. Neither is what a gas in reduced units
-means, and neither can be seen in the result, so the user has to say which numbers he wants.
+In such a file a velocity of 1 becomes 0.01 or 10, and a mass is guessed from a label. Neither is what a gas
+in reduced units means, and neither can be seen in the result, so the user has to say which numbers he wants.
 """
 
 import io
@@ -61,7 +61,7 @@ def reader_options(form: str, reading: Reading) -> dict[str, Any]:
 
 
 def tables(form: str, path: Path) -> Iterator[Table]:
-    """Yield the names of the columns and the rows of each frame of a LAMMPS dump; nothing of other formats."""
+    """Yield names of columns and rows of each frame of a LAMMPS dump; nothing of other formats."""
     from ase.io.formats import open_with_compression
 
     if form != "lammps-dump-text":
@@ -117,7 +117,8 @@ def taken(atoms: Any, form: str, path: Path, reading: Reading, table: Table | No
         _refuse(atoms, form, path, reading, own_masses)
     elif reading.units == "reduced" and form not in known:
         raise TrajectoryError(
-            f"{path} is of the format {form}, and how ASE converts it is not known here; say --units ase (Angstrom, u, eV), or "
+            f"{path} is of the format {form}, and how ASE converts it is not known here; say --units ase "
+            "(Angstrom, u, eV), or "
             "convert it to extended xyz"
         )
     raw = reading.units == "reduced" and form not in LAMMPS  # those were read so
@@ -145,12 +146,13 @@ def _require_all(atoms: Any, path: Path) -> None:
         count = [next(lines, b""), next(lines, b"")][1].decode(errors="replace").strip()
     if count != str(len(atoms)):
         raise TrajectoryError(
-            f"{path} says in line 2 that {count} particles follow, but there are {len(atoms)}; it is damaged or cut short"
+            f"{path} says in line 2 that {count} particles follow, but there are {len(atoms)}; it is "
+            "damaged or cut short"
         )
 
 
 def _refuse(atoms: Any, form: str, path: Path, reading: Reading, own_masses: bool) -> None:
-    """Refuse velocities that were converted and masses that were guessed, unless the user gives or draws others."""
+    """Refuse converted velocities and guessed masses, unless the user gives or draws others."""
     what = []
     if reading.velocities and atoms.has("momenta"):
         what.append("velocities are converted")
@@ -163,17 +165,19 @@ def _refuse(atoms: Any, form: str, path: Path, reading: Reading, own_masses: boo
             what.append(f"masses are guessed from labels ({first})")
     if what:
         raise TrajectoryError(
-            f"{path} is of the format {form}, which ASE reads in units of its own: {' and '.join(what)}; say --units reduced "
+            f"{path} is of the format {form}, which ASE reads in units of its own: {' and '.join(what)}; "
+            "say --units reduced "
             "(numbers as they stand in the file, masses 1 where it has none) or --units ase (Angstrom, u, eV)"
         )
 
 
 def _add_columns(atoms: Any, path: Path, table: Table) -> None:
-    """Add the columns of a LAMMPS dump that ASE leaves out (radius, mass, diameter...), in its order, that of the ids."""
+    """Add the columns of a LAMMPS dump that ASE leaves out (radius, mass...), in the order of the ids."""
     names, rows = table
     if len(rows) != len(atoms) or any(len(row) != len(names) for row in rows):
         raise TrajectoryError(
-            f"{path}: the table after ITEM: ATOMS is no text of {len(atoms)} rows with {len(names)} values each; write the dump "
+            f"{path}: the table after ITEM: ATOMS is no text of {len(atoms)} rows with {len(names)} "
+            "values each; write the dump "
             "as text (dump custom), or convert it to extended xyz"
         )
     ids = [row[names.index("id")] for row in rows] if "id" in names else []

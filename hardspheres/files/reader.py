@@ -29,7 +29,8 @@ def read_structure(path: str | os.PathLike[str], index: int = -1, **reading: Any
     index : int
         Which of its frames; the last by default.
     **reading
-        Fields of `hardspheres.files.atoms.Reading`; of them `units` matters here, for formats that have units of their own.
+        Fields of `hardspheres.files.atoms.Reading`; of them `units` matters here, for formats that have units
+        of their own.
 
     Returns
     -------
@@ -182,7 +183,8 @@ def _format(path: str | os.PathLike[str]) -> str:
         known = False
     if not known:
         raise TrajectoryError(
-            f"{file} cannot be read by ASE: it is of no format that it knows; convert it to extended xyz (.xyz)"
+            f"{file} cannot be read by ASE: it is of no format that it knows; convert it to extended xyz "
+            "(.xyz)"
         )
     return "extxyz" if form == "xyz" else str(form)
 

@@ -17,25 +17,27 @@ class TrajectoryWriter:
 
     Use it in a ``with`` block, or call `close`. Each frame is complete in the file when `write` returns.
 
-    Extended xyz (``.xyz``, ``.extxyz``) has every number with the fewest digits that read back to the same float64: the scene
-    that is read is the one that was written, bit for bit. Columns are species, pos, momenta, masses, radius, and Velo and mass,
-    which OVITO reads; the header has `time`, `collisions` and `dimension`. ``.traj`` is ASE's own; it holds momenta and masses,
-    whose ratio may be a rounding off the velocity where a mass is no power of two.
+    Extended xyz (``.xyz``, ``.extxyz``) has every number with the fewest digits that read back to the same
+    float64: the scene that is read is the one that was written, bit for bit. Columns are species, pos,
+    momenta, masses, radius, and Velo and mass, which OVITO reads; the header has `time`, `collisions` and
+    `dimension`. ``.traj`` is ASE's own; it holds momenta and masses, whose ratio may be a rounding off the
+    velocity where a mass is no power of two.
 
     Parameters
     ----------
     path : str or path-like
         ``.xyz`` or ``.extxyz`` for extended xyz, ``.traj`` for ASE's binary format; replaced if it exists.
     keep : int, default 0
-        Keep so many frames of the file that exists and write on after them; what follows them, such as a frame that was
-        half written when a run was killed, is cut off.
+        Keep so many frames of the file that exists and write on after them; what follows them, such as a
+        frame that was half written when a run was killed, is cut off.
     units : str, optional
         Name of the units for the header, ``units=...``: a word for people, nothing is converted.
 
     Raises
     ------
     TrajectoryError
-        When the extension is another one, the file cannot be written, or it has fewer frames than are to be kept.
+        When the extension is another one, the file cannot be written, or it has fewer frames than are to be
+        kept.
 
     Examples
     --------
@@ -49,7 +51,8 @@ class TrajectoryWriter:
         self.units = units
         if self.path.suffix not in (*SUFFIXES, ".traj"):
             raise TrajectoryError(
-                f"{self.path} has the extension {self.path.suffix!r}; a trajectory ends in .xyz, .extxyz or .traj"
+                f"{self.path} has the extension {self.path.suffix!r}; a trajectory ends in .xyz, .extxyz "
+                "or .traj"
             )
         try:
             self._open(keep)

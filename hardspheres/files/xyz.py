@@ -1,8 +1,8 @@
 """Extended xyz: text that most programs read, one block of lines for each frame.
 
-ASE defines the format: its functions write the header and read the columns. The digits are written here, the fewest that read
-back to the same float64, so a scene comes back bit for bit; and here a file is divided into frames, so that nothing between
-them is lost, and what is wrong in one is said in a sentence with its line.
+ASE defines the format: its functions write the header and read the columns. The digits are written here, the
+fewest that read back to the same float64, so a scene comes back bit for bit; and here a file is divided into
+frames, so that nothing between them is lost, and what is wrong in one is said in a sentence with its line.
 """
 
 import io
@@ -68,7 +68,7 @@ def frame_text(atoms: Any) -> bytes:
 
 @dataclass(frozen=True)
 class Frame:
-    """The lines of one frame, as they stand in the file; `line` is the number of the first, counted from 1."""
+    """The lines of one frame as they stand in the file, the first of them the `line`-th from 1."""
 
     line: int
     count: int
@@ -102,14 +102,16 @@ def frames(path: Path) -> Iterator[Frame]:
             if not re.fullmatch("[0-9]{1,18}", first.strip()):
                 before = f"{frame} frame{'s' * (frame != 1)} before it" if frame else "a frame begins with it"
                 raise TrajectoryError(
-                    f"{path}, line {number}: the number of particles should stand here ({before}), but it is {_shown(first)}"
+                    f"{path}, line {number}: the number of particles should stand here ({before}), but it "
+                    f"is {_shown(first)}"
                 )
             count = int(first)
             header = lines.readline()
             rows = list(islice(lines, count))
             if len(rows) < count or not header:
                 raise TrajectoryError(
-                    f"{path} says in line {number} that {count} particles follow where {len(rows)} lines do; it is damaged or "
+                    f"{path} says in line {number} that {count} particles follow where {len(rows)} lines "
+                    "do; it is damaged or "
                     f"cut short{f'; whole frames before: {frame}' if frame else ''}"
                 )
             number += 1 + count
@@ -176,7 +178,8 @@ def _columns(where: str, properties: str) -> list[tuple[str, str, int]]:
         name, kind, width = (*fields[k : k + 3], "", "")[:3]
         if not name or kind not in KINDS or not re.fullmatch("[1-9][0-9]{0,3}", width):
             raise TrajectoryError(
-                f"{where}: Properties are not name:kind:number with S, R, I or L for the kind, and so on, but have "
+                f"{where}: Properties are not name:kind:number with S, R, I or L for the kind, and so on, "
+                "but have "
                 f"{_shown(':'.join(fields[k : k + 3]))}"
             )
         columns.append((name, kind, int(width)))
@@ -188,7 +191,8 @@ def _columns(where: str, properties: str) -> list[tuple[str, str, int]]:
     if place is None or place[1:] != ("R", 3):
         stands = "no pos" if place is None else ":".join(map(str, place))
         raise TrajectoryError(
-            f"{where}: positions must be a column pos:R:3 of Properties, but there is {stands}; a 2D gas has z = 0 and "
+            f"{where}: positions must be a column pos:R:3 of Properties, but there is {stands}; a 2D gas "
+            "has z = 0 and "
             "dimension=2"
         )
     return columns
@@ -198,7 +202,8 @@ def _check_header(where: str, info: dict[str, Any]) -> None:
     pbc = np.asarray(info.get("pbc", True))
     if pbc.dtype.kind not in "biu" or pbc.shape not in ((), (3,)):
         raise TrajectoryError(
-            f'{where}: pbc is {_shown(str(info["pbc"]))}; it must be T or F for each of three axes, as in pbc="T T F"'
+            f"{where}: pbc is {_shown(str(info['pbc']))}; it must be T or F for each of three axes, as in "
+            'pbc="T T F"'
         )
 
 
@@ -229,7 +234,8 @@ def _fault(path: Path, frame: Frame, columns: list[tuple[str, str, int]]) -> str
             try:
                 KINDS[kind](value)
             except (KeyError, ValueError):
-                return f"{path}, line {frame.line + 2 + k}: {_shown(value)} in the column {name} is not {wanted[kind]}"
+                line = frame.line + 2 + k
+                return f"{path}, line {line}: {_shown(value)} in the column {name} is not {wanted[kind]}"
     return None
 
 

@@ -1,4 +1,5 @@
-"""Files that other programs wrote: nothing lost, nothing misread, and what cannot be known is asked for in one sentence."""
+"""Files that other programs wrote: nothing lost, nothing misread, and what cannot be known is asked for "
+"in one sentence."""
 
 import gzip
 
@@ -303,7 +304,7 @@ def test_a_box_for_a_file_without_one(tmp_path):
         scene_of(tmp_path, xyz(*RADII, "dimension=3"), dim=2)
 
 
-# Formats with units of their own: each file has velocities (1, 2, 3) and its opposite, places 1 and 5, edges 9.
+# Formats with units of their own. Each file has velocities (1, 2, 3) and (-1, -2, -3), places 1 and 5, edges 9.
 
 DUMP = """ITEM: TIMESTEP
 {step}
@@ -383,7 +384,8 @@ RES = (
     "TITL two 0 729 0 0 0 2 (P1) n - 1\nCELL 1.0 9 9 9 90 90 90\nLATT -1\nSFAC Ar\n"
     f"Ar 1 {1 / 9:.12f} {1 / 9:.12f} {1 / 9:.12f} 1.0\nAr 1 {5 / 9:.12f} {5 / 9:.12f} {5 / 9:.12f} 1.0\nEND\n"
 )
-FORMATS = {  # name of the file: content, whether it has velocities, its masses, time unit in Angstrom sqrt(u/eV), length unit in A
+# Name of the file: content, whether it has velocities, its masses, units of time and length in ASE's.
+FORMATS = {
     "plain.lammpstrj": (PLAIN, True, None, 98.22694788, 1),
     "full.dump": (FULL, True, [2.5, 4.5], 98.22694788, 1),
     "two.lammps-data": (DATA, True, [2.5, 2.5], 98.22694788, 1),
@@ -472,7 +474,8 @@ def test_how_an_untried_format_converts_is_not_guessed(tmp_path):
 
 
 def test_the_reader_in_c_finds_the_same_numbers(tmp_path):
-    """It takes a column "velo" for Angstrom/fs and makes other momenta of it: ours is called Velo (control below)."""
+    """It takes a column "velo" for Angstrom/fs and makes other momenta of it: ours is called Velo "
+    "(control below)."""
     scene = hs.random_gas(50, 0.1, seed=3, masses=np.linspace(0.3, 3, 50), velocities="maxwell")
     path = tmp_path / "gas.xyz"
     with hs.TrajectoryWriter(path) as trajectory:
