@@ -418,9 +418,9 @@ class Pressure(Estimator):
         """What the theories say of Z for this gas, the best one first, by name.
 
         One diameter in a periodic box: all with the finite-size correction of `theory.
-        finite_size_compressibility`, a shift that is the same for each. A mixture: BMCSL or Jenkins-Mancini,
-        with the shift of one species at the same packing fraction, all of it counted as uncertainty. Between
-        walls: the bulk, with an uncertainty of what it would change to take the volume that centres can reach
+        finite_size_shift`, the same for each. A mixture: BMCSL or Jenkins-Mancini, its pairs counted one by one
+        (`theory.pairs_of_few`), with the shift of one species at the same packing fraction, all of it counted as
+        uncertainty. Between walls: the bulk, with an uncertainty of what it would change to take the volume that centres can reach
         for V.
         """
         scene = self.scene
@@ -428,9 +428,10 @@ class Pressure(Estimator):
         bulk = theory.compressibility_factor(eta, dim)
         shift, doubt = 0.0, 0.0
         if scene.periodic.all() and n > 1:
-            finite = theory.finite_size_compressibility(eta, dim, n)
-            shift = float(finite.value - bulk.value)
-            doubt = 0.1 * abs(shift)
+            finite = theory.finite_size_shift(
+                eta, dim, n, edge=float(scene.box.min() / 2.0 / scene.radii.mean())
+            )
+            shift, doubt = float(finite.value), float(finite.uncertainty)
         else:
             reach = scene.box - np.where(scene.periodic, 0.0, 2.0 * float(scene.radii.mean()))
             denser = min(eta * scene.volume / math.prod(reach.tolist()), 0.54 if dim == 3 else 0.66)
@@ -439,9 +440,14 @@ class Pressure(Estimator):
             densities = np.bincount(scene.species)[self._species] / scene.volume
             mixed = theory.mixture_compressibility(densities, self._diameters, dim)
             name = "Boublik-Mansoori-Carnahan-Starling-Leland" if dim == 3 else "Jenkins-Mancini"
-            return {
-                name: Prediction(mixed.value + shift, math.hypot(mixed.uncertainty, max(abs(shift), doubt)))
-            }
+            counts = np.bincount(scene.species)[self._species]
+            few = (
+                theory.pairs_of_few(counts, self._diameters, scene.volume, dim)
+                if scene.periodic.all()
+                else 1.0
+            )
+            value = 1.0 + few * (mixed.value - 1.0) + shift
+            return {name: Prediction(value, math.hypot(mixed.uncertainty, shift, doubt))}
         classic = theory.carnahan_starling(eta) if dim == 3 else theory.henderson(eta)
         classic_error = 0.003 * float(classic) if dim == 3 else abs(float(classic - bulk.value))
         named: dict[str, Prediction] = {

@@ -418,8 +418,13 @@ def diffusion(
     n: Annotated[int, typer.Option(min=2, help="Particles in each replica.")] = 1000,
     dim: Annotated[int, typer.Option(min=2, max=3, help="Dimension.")] = 3,
     collisions_per_particle: Annotated[
-        float, typer.Option(help="How long to measure in each replica, s = 2 collisions / n.")
-    ] = 200.0,
+        float | None,
+        typer.Option(
+            help="How long to measure in each replica, s = 2 collisions / n.  [default: three times the window of the "
+            "slope, 200 to 2000]",
+            show_default=False,
+        ),
+    ] = None,
     replicas: Annotated[
         int, typer.Option(min=1, max=MOST, help="Independent gases at each packing fraction.")
     ] = 12,

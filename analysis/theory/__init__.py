@@ -19,6 +19,7 @@ from analysis.theory.collisions import (
     compressibility_from_rate,
     finite_size_collision_rate,
     finite_size_mean_free_path,
+    finite_size_mixture_rates,
     free_path_density,
     free_path_moment,
     free_path_survival,
@@ -63,6 +64,7 @@ from analysis.theory.mixtures import (
     mixture_compressibility,
     mixture_contact_values,
     mixture_mean_free_paths,
+    pairs_of_few,
 )
 from analysis.theory.prediction import Prediction, TheoryRangeWarning, packing_fraction
 from analysis.theory.relaxation import (
@@ -80,6 +82,7 @@ from analysis.theory.state import (
     compressibility_slope,
     contact_value,
     finite_size_compressibility,
+    finite_size_shift,
     henderson,
     kolafa_labik_malijevsky,
     virial_coefficients,
@@ -91,6 +94,7 @@ from analysis.theory.transport import (
     enskog_diffusion,
     heat_conductivity,
     periodic_diffusion_correction,
+    periodic_diffusion_window,
     shear_viscosity,
     velocity_correlation_rate,
 )
@@ -131,7 +135,9 @@ __all__ = [
     "finite_size_collision_rate",
     "finite_size_compressibility",
     "finite_size_mean_free_path",
+    "finite_size_mixture_rates",
     "finite_size_relaxation",
+    "finite_size_shift",
     "free_path_density",
     "free_path_moment",
     "free_path_survival",
@@ -151,7 +157,9 @@ __all__ = [
     "momentum_correlation",
     "near_equilibrium_rate",
     "packing_fraction",
+    "pairs_of_few",
     "periodic_diffusion_correction",
+    "periodic_diffusion_window",
     "shear_viscosity",
     "sonine_rate",
     "sound_damping",
