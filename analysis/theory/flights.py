@@ -94,7 +94,7 @@ class FreeFlights:
                 1.0 - (np.arange(len(rho)) == self.species) / np.asarray(self.counts, dtype=np.float64)
             )
             drifting = share / (1.0 - share) / mass[self.species]  # 1/(M - m)
-            others = np.maximum(others - drifting, 1e-12 * others)  # of two particles nothing is left
+            others = np.maximum(others - drifting, 1e-6 * others)  # of two particles nothing is left
         thermal = np.sqrt(2 * self.temperature * others)
         c = np.asarray(speed, dtype=np.float64)[..., None] / (1.0 - share) / thermal
         # <|v - w|> is relative_rate times its own mean over v, sqrt(2) <w> = thermal mean_speed(kT = m)
