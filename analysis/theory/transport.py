@@ -223,8 +223,8 @@ def periodic_diffusion_correction(
     -------
     Prediction
         u: 5 % of the second term up to eta = 0.2, growing to 20 % at freezing, for the viscosity, which is Enskog's
-        times 1 up to eta = 0.2, 1.3 at 0.37 and 1.6 at 0.47, interpolated; half of the last; and a third of what
-        the window leaves out.
+        times 1 up to eta = 0.2, 1.3 at 0.37 and 1.6 at 0.47, interpolated; half of the last; and of what the
+        window leaves out a third, and more where it begins after few mean free times s, 5/s.
     """
     density = _mass_density(eta, diameter, mass)
     enskog = float(enskog_diffusion(eta, 3, diameter, mass, temperature).value)
@@ -236,8 +236,9 @@ def periodic_diffusion_correction(
     tau = box_length**2 / (4 * math.pi**2 * spread)
     begin, end = window or periodic_diffusion_window(eta, box_length, diameter, mass, temperature)
     tail = box * _left_out(begin / tau, end / tau) / (math.pi * _YEH_HUMMER)
+    early = 1 / 3 + 5 / (begin * float(collision_rate(eta, 3, diameter, mass, temperature)))
     relative = float(np.interp(eta, (0.2, 0.494), (0.05, 0.2)))
-    return Prediction(box + few + tail, math.hypot(relative * box, few / 2, tail / 3))
+    return Prediction(box + few + tail, math.hypot(relative * box, few / 2, tail * early))
 
 
 def _mass_density(eta: float, diameter: float, mass: float) -> float:
