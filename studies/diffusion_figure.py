@@ -128,6 +128,7 @@ def _draw_diffusion(axes: Axes, states: Sequence[DiffusionState]) -> None:
     if dim == 3:
         infinite = [state.infinite for state in states]
         value = np.array([estimate.value for estimate in infinite if estimate is not None])
+        error = np.array([estimate.standard_error for estimate in infinite if estimate is not None])
         axes.errorbar(
             eta,
             value / enskog,
