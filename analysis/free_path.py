@@ -282,6 +282,7 @@ class FreePath(Estimator):
             def part(means: FloatArray) -> FloatArray:
                 flat = means.reshape(-1, means.shape[-1])
                 longer = np.cumsum(flat[:, :1:-1], axis=1)[:, ::-1]  # beyond each edge
+                longer = np.maximum(longer, 0.0)  # means without a block may round below
                 with np.errstate(divide="ignore"):
                     logs = np.log(longer / flat[:, 1:2])
                 wanted = at * flat[:, 0] / flat[:, 1]

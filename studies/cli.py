@@ -373,7 +373,7 @@ def pressure(
 @app.command()
 def free_path(
     packing_fractions: Densities = "0.001,0.01,0.1,0.3",
-    n: Annotated[int, typer.Option(min=3, help="Particles in each replica.")] = 4000,
+    n: Annotated[int, typer.Option(min=2, help="Particles in each replica.")] = 4000,
     dim: Annotated[int, typer.Option(min=2, max=3, help="Dimension.")] = 3,
     diameter_ratio: Ratio = 1.0,
     mass_ratio: Ratio = 1.0,

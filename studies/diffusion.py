@@ -39,7 +39,8 @@ FloatArray = NDArray[np.float64]
 
 SPACING = 0.25  # of the moments that are compared, in mean free times
 POINTS = 16  # snapshots per level of `Diffusion`
-DENSE = 100.0  # collisions per particle in which moments are so close; then for the slope alone
+# collisions per particle in which moments are so close, then for the slope alone; fewer of more particles than
+DENSE, FEWEST_DENSE, DENSE_PARTICLES = 100.0, 30.0, 4000
 SLOPE_POINTS = 12  # snapshots for the slope: its window ends at the last
 DISCS = (20.0, 40.0)  # lags between which the slope is taken in 2D, in mean free times
 SHORTEST = 80.0  # collisions per particle
@@ -99,10 +100,13 @@ class Slope:
         The window that D of the box takes: `theory.periodic_diffusion_window`, 20 to 40 in 2D.
     length : float
         Of the measurement.
+    dense : float
+        In which moments are SPACING apart, for the curves.
     """
 
     needed: tuple[float, float]
     length: float
+    dense: float = DENSE
 
     @classmethod
     def of(cls, fluid: Fluid, length: float | None) -> Slope:
@@ -114,7 +118,8 @@ class Slope:
             )
             begin, end = theory.periodic_diffusion_window(fluid.packing_fraction, edge)
             needed = (begin / _mean_free_time(fluid), end / _mean_free_time(fluid))
-        return cls(needed, length or min(max(USUAL, 3.0 * needed[1]), LONGEST_BY_DEFAULT))
+        dense = max(DENSE * min(1.0, DENSE_PARTICLES / fluid.n), FEWEST_DENSE)
+        return cls(needed, length or min(max(USUAL, 3.0 * needed[1]), LONGEST_BY_DEFAULT), dense)
 
     @property
     def short(self) -> bool:
@@ -138,7 +143,7 @@ class Slope:
     def moments(self) -> list[int]:
         """When to look, in units of SPACING."""
         last = math.ceil(self.length / SPACING)
-        dense = range(min(last, round(DENSE / SPACING)) + 1)
+        dense = range(min(last, round(self.dense / SPACING)) + 1)
         return sorted({*dense, *range(0, last + 1, self.stride)})
 
     @property
@@ -209,7 +214,7 @@ class Walks(Resumable[tuple[Fluid, np.random.SeedSequence], _Walking, _Walk]):
         for k in range(state.done, len(moments)):
             if k > 0:
                 simulation.run(time=(moments[k] - moments[k - 1]) * SPACING * _mean_free_time(fluid))
-            if moments[k] <= DENSE / SPACING:
+            if moments[k] <= slope.dense / SPACING:
                 state.near.add(simulation)
             if moments[k] % slope.stride == 0:
                 state.far.add(simulation)
