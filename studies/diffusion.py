@@ -39,7 +39,7 @@ FloatArray = NDArray[np.float64]
 
 SPACING = 0.25  # of the moments that are compared, in mean free times
 POINTS = 16  # snapshots per level of `Diffusion`
-# collisions per particle in which moments are so close, then for the slope alone; fewer of more particles than
+# collisions per particle in which moments are so close, then for the slope alone; fewer where there are more particles
 DENSE, FEWEST_DENSE, DENSE_PARTICLES = 100.0, 30.0, 4000
 SLOPE_POINTS = 12  # snapshots for the slope: its window ends at the last
 DISCS = (20.0, 40.0)  # lags between which the slope is taken in 2D, in mean free times
