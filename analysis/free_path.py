@@ -33,7 +33,6 @@ ROWS = 256  # of the series of blocks: each holds whole histograms
 SURVIVAL_AT = (0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 5.0)
 SPEED_BINS = 20  # a quarter of a thermal speed each
 FINE = 4  # bins of the engine in one of these
-CONTACT_DOUBT = {2: 0.005, 3: 0.003}  # relative uncertainty of g_ij - 1 in mixtures
 
 
 class FirstFlightsWarning(UserWarning):
@@ -356,7 +355,11 @@ class FreePath(Estimator):
         if self._mixed:
             densities = self._particles / scene.volume
             g = float(theory.mixture_contact_values(densities, self._diameters, dim).max())
-            return math.hypot(doubt, CONTACT_DOUBT[dim] * (1.0 - 1.0 / g), 1.0 / scene.n)
+            return math.hypot(
+                doubt,
+                theory.mixture_contact_uncertainty(self._diameters, dim) * (1.0 - 1.0 / g),
+                1.0 / scene.n,
+            )
         return math.hypot(doubt, 1.0 / scene.n if doubt or len(self._masses) > 1 else 0.0)
 
     @property

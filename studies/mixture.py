@@ -38,7 +38,6 @@ __all__ = ["Equilibrations", "Mixture", "Result", "mixture"]
 FloatArray = NDArray[np.float64]
 
 SAMPLES = 4  # in each relaxation time
-CONTACT_DOUBT = {3: 0.003, 2: 0.005}  # relative uncertainty of g - 1, see `theory.mixture_contact_values`
 
 
 @dataclass(frozen=True)
@@ -256,7 +255,10 @@ class Result:
         by_temperature = abs(float(trapezoid(shifted - expected, span) / (span[-1] - span[0])))
         densities, diameters, _ = _species(self.scene)
         g = float(theory.mixture_contact_values(densities, diameters, self.scene.dim).max())
-        doubt = mean * math.hypot(CONTACT_DOUBT[self.scene.dim] * (1.0 - 1.0 / g), 1.0 / self.scene.n)
+        doubt = mean * math.hypot(
+            theory.mixture_contact_uncertainty(diameters, self.scene.dim) * (1.0 - 1.0 / g),
+            1.0 / self.scene.n,
+        )
         return TheoryCheck(
             "collisions per particle and time",
             "Enskog",

@@ -5,7 +5,7 @@ number of particles, sigma a diameter, rho = N/V, eta the packing fraction, s = 
 per particle. All functions of packing fraction, speed or s take arrays and return arrays of the same shape.
 
 A theory that is not exact comes as a `Prediction`, a value with a standard uncertainty. Asking for one
-outside the range in which it was established gives a `TheoryRangeWarning`.
+outside the range in which it was established gives NaN and a `TheoryRangeWarning`.
 
 One idea per file: `maxwell` velocities at equilibrium, `equilibrium` cumulants and H of N particles, `state`
 equations of state, `mixtures`, `collisions` rates and free flights, `flights` the same in mixtures, `relaxation`
@@ -61,6 +61,7 @@ from analysis.theory.maxwell import (
 from analysis.theory.mixtures import (
     mixture_collision_rates,
     mixture_compressibility,
+    mixture_contact_uncertainty,
     mixture_contact_values,
     mixture_mean_free_paths,
 )
@@ -79,6 +80,7 @@ from analysis.theory.state import (
     compressibility_factor,
     compressibility_slope,
     contact_value,
+    fcc_crystal,
     finite_size_compressibility,
     henderson,
     kolafa_labik_malijevsky,
@@ -126,6 +128,7 @@ __all__ = [
     "equilibrium_a2",
     "equilibrium_a3",
     "equilibrium_h",
+    "fcc_crystal",
     "finite_energy_law",
     "finite_mean_speed",
     "finite_size_collision_rate",
@@ -146,6 +149,7 @@ __all__ = [
     "mean_speed",
     "mixture_collision_rates",
     "mixture_compressibility",
+    "mixture_contact_uncertainty",
     "mixture_contact_values",
     "mixture_mean_free_paths",
     "momentum_correlation",
