@@ -44,7 +44,7 @@ class _Replica:
     s: list[float]
     time: list[float]
     sizes: NDArray[np.int64]  # (k,) particles of each species
-    squares: list[FloatArray]  # S x (k, d) mean of c_x^2, c_y^2, ...
+    tensors: list[FloatArray]  # S x (k, d, d) mean of c_a c_b
     powers: list[FloatArray]  # S x (k, 3) mean of c^2, c^4, c^6
     counts: list[NDArray[np.uint32]]  # S x (k, B) speed histogram
     labels: list[str]
@@ -148,8 +148,7 @@ class RelaxationCurve(Estimator):
                 _Replica([], [], sizes, [], [], [], labels, thermal, scene.degrees_of_freedom)
             )
         replica = self._replicas[-1]
-        components = reduced**2
-        square = components.sum(axis=1)
+        square = (reduced**2).sum(axis=1)
         powers = np.stack([square, square**2, square**3], axis=1)
         bins = np.minimum(
             np.sqrt(square) * (theory.KS_BINS / theory.SPEED_LIMIT[scene.dim]), theory.KS_BINS - 1
@@ -158,7 +157,9 @@ class RelaxationCurve(Estimator):
         members = [scene.species == kind for kind in kinds]
         replica.s.append(s)
         replica.time.append(frame.time)
-        replica.squares.append(np.stack([components[own].mean(axis=0) for own in members]))
+        replica.tensors.append(
+            np.stack([np.einsum("ia,ib->ab", reduced[own], reduced[own]) / own.sum() for own in members])
+        )
         replica.powers.append(np.stack([powers[own].mean(axis=0) for own in members]))
         replica.counts.append(
             np.stack([np.bincount(bins[own], minlength=theory.KS_BINS) for own in members]).astype(np.uint32)
@@ -318,10 +319,56 @@ class RelaxationCurve(Estimator):
         return np.asarray(powers.mean(axis=0) / self.dim)
 
     @property
+    def temperature_by_species_error(self) -> FloatArray:
+        """Standard errors of `temperature_by_species`, (S, k).
+
+        Of a single replica: the noise of independent Maxwellian particles, sqrt(2/(d N_i)), too large early.
+        """
+        powers = np.array([replica.powers for replica in self._ready()])[..., 0] / self.dim
+        if len(powers) > 1:
+            return replica_mean(powers)[1]
+        return np.broadcast_to(np.sqrt(2.0 / (self.dim * self._replicas[0].sizes)), powers.shape[1:])
+
+    def _tensors(self) -> FloatArray:
+        """m <v_a v_b> / kT of all species together, (R, S, d, d)."""
+        tensors = np.array([replica.tensors for replica in self._ready()])
+        return np.asarray(np.einsum("rskab,k->rsab", tensors, self._replicas[0].sizes / self.n_per_replica))
+
+    @property
     def temperature_by_axis(self) -> FloatArray:
-        """Mean m <v_k^2> / kT along each axis k, (S, d); 1 + O(1/N) at equilibrium, far from it for beams."""
-        squares = np.mean([replica.squares for replica in self._ready()], axis=0)
-        return np.asarray(np.einsum("ska,k->sa", squares, self._replicas[0].sizes / self.n_per_replica))
+        """Mean m <v_k^2> / kT along each axis k, (S, d); 1 + O(1/N) at equilibrium."""
+        return np.asarray(np.einsum("rsaa->sa", self._tensors()) / self.n_replicas)
+
+    def temperature_along(self, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the temperature along a direction over the mean of all directions, T_par/T, with its standard error.
+
+        Parameters
+        ----------
+        direction : (d,) array
+            Need not be of unit length; that of beams is `hardspheres.velocities.BEAM_DIRECTION`.
+
+        Returns
+        -------
+        value, error : (S,) arrays
+            1 on average at equilibrium. Of a single replica: the noise of independent Maxwellian particles.
+        """
+        unit = np.asarray(direction, dtype=np.float64)
+        unit = unit / np.linalg.norm(unit)
+        tensors = self._tensors()
+        along = np.einsum("rsab,a,b->rs", tensors, unit, unit) / np.einsum("rsaa->rs", tensors) * self.dim
+        if len(along) > 1:
+            return replica_mean(along)
+        noise = math.sqrt(2.0 * (self.dim - 1) / (self.dim * self.n_per_replica))
+        return along[0], np.full(along.shape[1], noise)
+
+    @property
+    def preferred_direction(self) -> FloatArray | None:
+        """The direction along which the first sample is warmest, (d,), None where that is less than 1.3 times the mean."""
+        first = self._tensors()[:, 0].mean(axis=0)
+        values, vectors = np.linalg.eigh(first)
+        if values[-1] < 1.3 * values.mean():
+            return None
+        return np.asarray(vectors[:, -1] * np.sign(vectors[np.argmax(np.abs(vectors[:, -1])), -1]))
 
     # The distribution as a whole ----------------------------------------------------------------------------
 
@@ -428,8 +475,9 @@ class RelaxationCurve(Estimator):
             return False
         equal = np.abs(self.a2_samples[:, 0] + 2.0 / (self.dim + 2)).max() < 1e-6
         spread = math.sqrt(2.0 * (self.dim - 1) / (self.dim + 2) / (self.n_per_replica * self.n_replicas))
-        along = self.temperature_by_axis[0]
-        return bool(equal and np.abs(along - along.mean()).max() < 6.0 * spread)
+        tensor = self._tensors()[:, 0].mean(axis=0)
+        even = np.trace(tensor) / self.dim * np.eye(self.dim)
+        return bool(equal and np.abs(tensor - even).max() < 6.0 * spread)
 
     def fit_rate(self, window: tuple[float, float] = (2.0, 5.0)) -> Estimate:
         """Return the mean rate at which a2 decays over a window of s.

@@ -1,14 +1,20 @@
 """The relaxation curve: bookkeeping of replicas, and the physics of a Boltzmann gas of known fate."""
 
+import math
 import pickle
 
 import numpy as np
 import pytest
+from scenes import gas as random_gas
 
+import hardspheres as hs
 from analysis import theory
 from analysis.estimator import NoDataError
 from analysis.relaxation import RelaxationCurve
+from analysis.statistics import Estimate
+from analysis.temperatures import AnisotropyDecay
 from analysis.velocities import FourthCumulant, ks_distance, reduced_velocities
+from hardspheres.velocities import BEAM_DIRECTION
 
 S = [0.0, 1.0, 2.0, 5.0]
 
@@ -138,12 +144,53 @@ def test_equilibrium_has_no_rate(gas):
     assert np.abs(curve.h / curve.h_error).max() < 5
 
 
-def test_beams_are_not_taken_for_random_directions(gas):
-    v = np.zeros((1000, 3))
-    v[:, 0] = np.repeat([1.0, -1.0], 500)
+@pytest.mark.parametrize("direction", [[1.0, 0.0, 0.0], [0.7, 0.6, 0.4]])
+def test_beams_are_not_taken_for_random_directions(gas, direction):
+    unit = np.array(direction) / np.linalg.norm(direction)
+    v = np.outer(np.repeat([1.0, -1.0], 500), unit)
     curve = RelaxationCurve().add(gas.frame(v))
     assert not curve.starts_from_equal_speeds
-    assert curve.temperature_by_axis[0, 0] == pytest.approx(3, rel=2e-3)
+    assert curve.preferred_direction == pytest.approx(unit)
+    value, error = curve.temperature_along(unit)
+    assert value[0] == pytest.approx(3) and 0 < error[0] < 0.1
+    assert curve.temperature_by_axis[0] == pytest.approx(3 * unit**2, rel=2e-3)
+    calm = RelaxationCurve().add(gas.frame(gas.maxwell(np.random.default_rng(8), 1000, 3)))
+    assert calm.preferred_direction is None
+
+
+@pytest.mark.parametrize(("dim", "eta"), [(3, 0.001), (2, 2e-5)])
+def test_beams_relax_as_the_boltzmann_equation_says(dim, eta, boltzmann):
+    """T_par/T - 1 and a2 of two beams at s = 1, against direct simulation; 3D: .875(1) and -.3279(2) elsewhere.
+
+    Sibling: along x of the periodic box, where those who met nobody fly through the same cylinder again.
+    """
+    direction, n = BEAM_DIRECTION[dim], 4000
+
+    def measured(frames_of, replicas, along):
+        decay, curve = AnisotropyDecay(along), RelaxationCurve()
+        for seed in range(replicas):
+            for frame in frames_of(seed):
+                decay.add(frame)
+                curve.add(frame)
+        return [(decay.anisotropy[-1], decay.anisotropy_error[-1]), (curve.a2[-1], curve.a2_error[-1])]
+
+    def simulated(along):
+        def frames_of(seed):
+            scene = random_gas(f"{dim}d", n, eta, seed=seed, velocities="beams")
+            scene = scene.replace(velocities=np.outer(scene.velocities @ direction, along))
+            return hs.Simulation(scene).frames(collisions_per_particle=[0, 1])
+
+        return measured(frames_of, 6, along)
+
+    start = math.sqrt(dim) * np.outer(np.repeat([1.0, -1.0], 20_000), np.eye(dim)[0])
+    known = measured(lambda seed: boltzmann(start, [0.0, 1.0], seed), 8, 0)
+    if dim == 3:
+        assert abs(known[0][0] - 0.875) < 3 * math.hypot(known[0][1], 0.001)
+        assert abs(known[1][0] + 0.3279) < 3 * math.hypot(known[1][1], 0.0002)
+    generic, along_x = simulated(direction), simulated(np.eye(dim)[0])
+    for (value, error), (other, its_error) in zip(generic, known, strict=True):
+        assert abs(Estimate(value, error, 6, 5).z(other, its_error)) < 3.5  # false alarm 5e-4
+    assert abs(along_x[0][0] - known[0][0]) > 8 * math.hypot(generic[0][1], known[0][1])
 
 
 def test_misuse_is_named(curve, gas):
