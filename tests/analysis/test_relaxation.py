@@ -174,23 +174,23 @@ def test_beams_relax_as_the_boltzmann_equation_says(dim, eta, boltzmann):
                 curve.add(frame)
         return [(decay.anisotropy[-1], decay.anisotropy_error[-1]), (curve.a2[-1], curve.a2_error[-1])]
 
-    def simulated(along):
+    def simulated(replicas, along):
         def frames_of(seed):
             scene = random_gas(f"{dim}d", n, eta, seed=seed, velocities="beams")
             scene = scene.replace(velocities=np.outer(scene.velocities @ direction, along))
             return hs.Simulation(scene).frames(collisions_per_particle=[0, 1])
 
-        return measured(frames_of, 6, along)
+        return measured(frames_of, replicas, along)
 
     start = math.sqrt(dim) * np.outer(np.repeat([1.0, -1.0], 20_000), np.eye(dim)[0])
     known = measured(lambda seed: boltzmann(start, [0.0, 1.0], seed), 8, 0)
     if dim == 3:
         assert abs(known[0][0] - 0.875) < 3 * math.hypot(known[0][1], 0.001)
         assert abs(known[1][0] + 0.3279) < 3 * math.hypot(known[1][1], 0.0002)
-    generic, along_x = simulated(direction), simulated(np.eye(dim)[0])
+    generic, along_x = simulated(4, direction), simulated(1, np.eye(dim)[0])
     for (value, error), (other, its_error) in zip(generic, known, strict=True):
-        assert abs(Estimate(value, error, 6, 5).z(other, its_error)) < 3.5  # false alarm 5e-4
-    assert abs(along_x[0][0] - known[0][0]) > 8 * math.hypot(generic[0][1], known[0][1])
+        assert abs(Estimate(value, error, 4, 3).z(other, its_error)) < 3.5  # false alarm 5e-4
+    assert abs(along_x[0][0] - known[0][0]) > 4 * max(math.hypot(generic[0][1], known[0][1]), 0.01)
 
 
 def test_misuse_is_named(curve, gas):
