@@ -330,7 +330,7 @@ class RelaxationCurve(Estimator):
         return np.broadcast_to(np.sqrt(2.0 / (self.dim * self._replicas[0].sizes)), powers.shape[1:])
 
     def _tensors(self) -> FloatArray:
-        """m <v_a v_b> / kT of all species together, (R, S, d, d)."""
+        """Return m <v_a v_b> / kT of all species together, (R, S, d, d)."""
         tensors = np.array([replica.tensors for replica in self._ready()])
         return np.asarray(np.einsum("rskab,k->rsab", tensors, self._replicas[0].sizes / self.n_per_replica))
 
