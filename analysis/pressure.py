@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from analysis import theory
 from analysis.estimator import Estimator, axes_or_new
-from analysis.memory import remembered
+from analysis.memory import FORGOTTEN, remembered, velocity_memory, warn_if_frozen
 from analysis.order import CRYSTAL
 from analysis.series import BlockSeries, equilibration, estimate_from_series
 from analysis.statistics import Estimate, TheoryCheck
@@ -182,9 +182,18 @@ class Pressure(Estimator):
     def _from_blocks(self, statistic: Callable[[FloatArray], FloatArray]) -> Estimate:
         """Return a function of the mean row, with blocks as long as the fluid remembers (`analysis.memory`)."""
         rows = self._rows()
-        per_row = 2.0 * float(rows[:, -1].mean()) / self.scene.n  # collisions per particle
-        shortest = math.ceil(self._remembered / per_row) if per_row > 0.0 else 1
-        return estimate_from_series(rows, statistic, shortest)
+        per_row = (
+            2.0 * float(rows[:, -1].mean()) * self._blocks.samples_per_row / self.scene.n
+        )  # collisions per particle
+        longest = self._remembered
+        if len(self._species) > 1:
+            slowest = float(velocity_memory(self.scene).max())
+            if per_row * len(rows) < FORGOTTEN * slowest:
+                warn_if_frozen(self.scene, per_row * len(rows))
+            else:
+                longest = max(longest, slowest)
+        shortest = math.ceil(longest / per_row) if per_row > 0.0 else 1
+        return estimate_from_series(rows, statistic, max(shortest, 1))
 
     # Where things are in a row: time, virial, kinetic, wall impulses, wall radius impulses, pairs, collisions.
 

@@ -21,6 +21,7 @@ from analysis.statistics import (
     ChiSquare,
     Estimate,
     compare_with_theory,
+    deviates,
     estimate_from_jackknife,
     jackknife,
     replica_mean,
@@ -63,8 +64,8 @@ class Comparison:
     a2_uncertainty, ks_uncertainty, h_uncertainty : (S,) arrays
         Its standard uncertainty u.
     a2_z, ks_z, h_z : (S,) arrays
-        Deviations (measured - theory)/sqrt(standard error^2 + u^2); NaN where either is unknown or nothing
-        fluctuates.
+        Deviations (measured - theory)/sqrt(standard error^2 + u^2) as normal deviates, see `Estimate.z`; NaN where
+        either is unknown or nothing fluctuates.
     chi_square : ChiSquare or None
         All points of a2 together, with their covariance; None with too few replicas.
     """
@@ -578,9 +579,13 @@ class RelaxationCurve(Estimator):
         def against(
             measured: tuple[FloatArray, FloatArray], expected: FloatArray, uncertainty: FloatArray
         ) -> tuple[FloatArray, FloatArray, FloatArray]:
-            scale = np.hypot(measured[1], uncertainty)
-            z = (measured[0] - expected) / np.where(fluctuates & (scale > 0.0), scale, np.nan)
-            return np.where(known, expected, np.nan), uncertainty, z
+            apart = np.where(fluctuates, measured[0] - expected, np.nan)
+            freedom = self.n_replicas - 1.0 if self.n_replicas > 1 else math.inf
+            return (
+                np.where(known, expected, np.nan),
+                uncertainty,
+                deviates(apart, measured[1], uncertainty, freedom),
+            )
 
         points = np.flatnonzero(fluctuates)
         chi_square = None

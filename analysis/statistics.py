@@ -22,6 +22,7 @@ __all__ = [
     "TheoryCheck",
     "combine_replicas",
     "compare_with_theory",
+    "deviates",
     "estimate_from_blocks",
     "estimate_from_jackknife",
     "estimate_from_replicas",
@@ -187,6 +188,31 @@ def normal_deviate(t: ArrayLike, degrees_of_freedom: ArrayLike) -> FloatArray:
     return np.asarray(np.where(known | (freedom > 0.0), np.sign(np.asarray(t, float)) * deviate, np.nan))
 
 
+def deviates(
+    difference: ArrayLike, standard_error: ArrayLike, uncertainty: ArrayLike, degrees_of_freedom: float
+) -> FloatArray:
+    """Return `Estimate.z` of whole curves.
+
+    Parameters
+    ----------
+    difference : array_like
+        Measured less theory.
+    standard_error, uncertainty : array_like
+        Of either.
+    degrees_of_freedom : float
+        Of the standard errors.
+
+    Returns
+    -------
+    array
+        NaN where nothing fluctuates, or an error is unknown.
+    """
+    own, other = np.square(np.asarray(standard_error, float)), np.square(np.asarray(uncertainty, float))
+    both = np.where(own + other > 0.0, own + other, np.nan)
+    share = np.maximum(own / both, 1e-100)  # Welch and Satterthwaite, as in `Estimate.z`
+    return normal_deviate(np.asarray(difference) / np.sqrt(both), degrees_of_freedom / share**2)
+
+
 def _last_place(error: float) -> int:
     """Return the power of ten of the last digit to print: one digit of the error, two after a leading 1."""
     power = math.floor(math.log10(error))
@@ -271,7 +297,7 @@ def combine_replicas(estimates: Sequence[Estimate]) -> Estimate:
                 ReplicaWarning(
                     f"{len(own)} replicas spread {math.sqrt(ratio):.2g} times as far as their own errors "
                     "say: "
-                    "equilibrate longer, or use longer blocks",
+                    "equilibrate longer, or use longer blocks; the error quoted is that of the spread",
                     combined,
                 ),
                 stacklevel=2,
@@ -283,8 +309,9 @@ def pool_replicas(estimates: Sequence[Estimate]) -> Estimate:
     """Return the mean of independent replicas of equal length with the error that their own errors give.
 
     For few replicas with good errors of their own, such as blocks of a time series: sqrt(sum of s_r^2) / R has the
-    degrees of freedom of all their blocks, where the spread of R values has only R - 1. It does not see what
-    blocks within a replica cannot see, a start that has not been forgotten; `combine_replicas` does, and warns.
+    degrees of freedom of all their blocks, where the spread of R values has only R - 1. Blocks within a replica do not
+    see a start that has not been forgotten; where the replicas spread so much further than their own errors say that
+    `combine_replicas` warns of it, its result is returned, whose error is that of the spread.
 
     Parameters
     ----------
@@ -303,6 +330,12 @@ def pool_replicas(estimates: Sequence[Estimate]) -> Estimate:
     """
     if not estimates:
         raise ValueError("there are no replicas to pool")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", ReplicaWarning)
+        try:
+            combine_replicas(estimates)
+        except ReplicaWarning as warning:
+            return warning.args[1]  # type: ignore[no-any-return]
     own = np.array([e.standard_error for e in estimates])
     freedom = np.array([e.degrees_of_freedom for e in estimates])
     total = float((own**2).sum())

@@ -22,7 +22,7 @@ from analysis.velocities import reduced_velocities
 from hardspheres.trajectory import has_velocities, read_structure
 from studies.ensemble import available_cores, replica_seeds, run_replicas
 from studies.fluid import broken, is_dense, two_species
-from studies.report import OutputFolder, Screen, engine_of, say_checks, seconds_taken
+from studies.report import Z_MEANS, OutputFolder, Screen, engine_of, say_checks, seconds_taken
 from studies.resuming import Resumable, until
 
 __all__ = ["Recipe", "ReplicaResult", "Replicas", "Thermalisation", "sampling_points", "thermalise"]
@@ -453,7 +453,7 @@ def _summary(
         expected = theory.equal_speeds_decay_rate(curve.dim, RATE_WINDOW)
         measured |= {"boltzmann": expected.value, "boltzmann_error": expected.uncertainty}
         if isinstance(rate, Estimate):
-            measured["z"] = rate.deviation(expected.value, expected.uncertainty)
+            measured["z"] = rate.z(expected.value, expected.uncertainty)
     chi_square = reference.chi_square if reference is not None else None
     failures = [
         f"replica {index}: {result.failure}" for index, result in enumerate(results) if result.failure
@@ -534,7 +534,7 @@ def _print(
     screen.table("", header, rows)
     screen.say()
     screen.say(f"theory: {summary['theory']}")
-    screen.say("a2: mean over replicas; KS, H - Heq: all replicas together; z: deviation in standard errors")
+    screen.say(f"a2: mean over replicas; KS, H - Heq: all replicas together; {Z_MEANS}")
     screen.say(
         f"H on {curve.h_bins} bins of {summary['h_bin_width']:.4g} thermal speeds; noise at equilibrium: "
         f"a2 {theory.cumulant_noise(summary['particles_in_all'], curve.dim):.1e}, KS "
