@@ -82,7 +82,9 @@ def velocity_memory(scene: Scene) -> NDArray[np.float64]:
 
     1/rate of the initial decay of <v(0).v(t)>, rate_i = (4/d) sum over j of m_j/(m_i + m_j) nu_ij: exact as
     `theory.velocity_correlation_rate`, which it is for one species, 3/2 in 3D and 1 in 2D; for a heavy particle among light ones
-    the friction of kinetic theory over its mass. nu_ij of the dilute gas: only their ratios matter here.
+    the friction of kinetic theory over its mass. Collisions between the heavy ones leave their energy among themselves:
+    species of no more than half of the particles remember, if longer, until temperatures would have become equal, 1/sum over
+    j of (8/d) m_i m_j/(m_i + m_j)^2 (nu_ij + nu_ji), j another species. nu_ij of the dilute gas: only ratios matter here.
 
     Parameters
     ----------
@@ -96,7 +98,12 @@ def velocity_memory(scene: Scene) -> NDArray[np.float64]:
     dilute = share * 1e-9 / float(scene.radii.max()) ** scene.dim
     nu = theory.mixture_collision_rates(dilute, 2.0 * scene.radii[first], mass, scene.dim)
     loses = 4.0 / scene.dim * (nu * (mass / np.add.outer(mass, mass))).sum(axis=1)
-    return np.asarray(float(share @ nu.sum(axis=1)) / loses)
+    exchanged = theory.temperature_equilibration_rate(
+        np.ones(len(kinds)), dilute, 2.0 * scene.radii[first], mass, scene.dim
+    )
+    minor = (share <= 0.5) & (len(kinds) > 1)
+    forgets = np.where(minor, np.minimum(loses, (exchanged + exchanged.T).sum(axis=1)), loses)
+    return np.asarray(float(share @ nu.sum(axis=1)) / forgets)
 
 
 class FrameWeights:

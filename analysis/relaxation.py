@@ -20,6 +20,7 @@ from analysis.estimator import Estimator, axes_or_new
 from analysis.statistics import (
     ChiSquare,
     Estimate,
+    TheoryCheck,
     compare_with_theory,
     deviates,
     estimate_from_jackknife,
@@ -51,6 +52,7 @@ class _Replica:
     labels: list[str]
     thermal: FloatArray  # (k,) sqrt(kT/m)
     free_momenta: int
+    momentum_shares: FloatArray  # (k,) share of one particle's energy that a conserved momentum takes
 
 
 @dataclass(frozen=True)
@@ -145,8 +147,10 @@ class RelaxationCurve(Estimator):
         if not self._replicas or s <= self._replicas[-1].s[-1]:
             thermal = np.sqrt(temperature / scene.masses[first])
             labels = species_labels(frame)
+            conserved = float(np.mean(scene.periodic)) if scene.n > 1 else 0.0
+            shares = conserved * scene.masses[first] / scene.masses.sum()
             self._replicas.append(
-                _Replica([], [], sizes, [], [], [], labels, thermal, scene.degrees_of_freedom)
+                _Replica([], [], sizes, [], [], [], labels, thermal, scene.degrees_of_freedom, shares)
             )
         replica = self._replicas[-1]
         square = (reduced**2).sum(axis=1)
@@ -467,6 +471,39 @@ class RelaxationCurve(Estimator):
         return edges, share / np.diff(edges), np.sqrt(share * (1 - share) / total) / np.diff(edges)
 
     # Statements ---------------------------------------------------------------------------------------------
+
+    @property
+    def equilibrium_checks(self) -> list[TheoryCheck]:
+        """The last sample beside equilibrium: a2, the temperature of each species, and along the warmest direction at first.
+
+        A mixture is thermal when its species are: a2 and H of all particles together, in units of their own kT/m, hardly see
+        species of two temperatures. Expected are the exact values of N particles of fixed energy.
+        """
+        freedom = self.n_replicas - 1.0 if self.n_replicas > 1 else math.inf
+
+        def check(name: str, value: float, error: float, expected: float, doubt: float = 0.0) -> TheoryCheck:
+            measured = Estimate(float(value), float(error), self.n_replicas, freedom)
+            return TheoryCheck(name, "equilibrium", measured, expected, doubt)
+
+        sizes, kept = self._replicas[0].sizes, 1.0 - self._replicas[0].momentum_shares
+        whole, free = self.dim * self.n_per_replica, self.free_momenta
+        # the mean of `theory.finite_energy_law`; `theory.equilibrium_a2` where masses are equal
+        a2 = float(sizes @ kept**2) / self.n_per_replica * whole**2 / (free * (free + 2.0)) - 1.0
+        checks = [check("a2", self.a2[-1], self.a2_error[-1], a2)]
+        if len(sizes) > 1:
+            values, errors = self.temperature_by_species[-1], self.temperature_by_species_error[-1]
+            for kind, share in enumerate(kept):
+                checks.append(check(f"T{kind + 1}/T", values[kind], errors[kind], float(share)))
+        if self.preferred_direction is not None:
+            along = self.temperature_along(self.preferred_direction)
+            checks.append(check("T_par/T", along[0][-1], along[1][-1], 1.0, 1.0 / self.n_per_replica))
+        return checks
+
+    @property
+    def not_thermal(self) -> list[TheoryCheck]:
+        """Those of `equilibrium_checks` that a gas at equilibrium would fail once in 100 times, all together."""
+        checks = self.equilibrium_checks
+        return [check for check in checks if check.p_value < 0.01 / len(checks)]
 
     @property
     def starts_from_equal_speeds(self) -> bool:

@@ -335,7 +335,7 @@ def pool_replicas(estimates: Sequence[Estimate]) -> Estimate:
         try:
             combine_replicas(estimates)
         except ReplicaWarning as warning:
-            return warning.args[1]  # type: ignore[no-any-return]
+            return warning.estimate
     own = np.array([e.standard_error for e in estimates])
     freedom = np.array([e.degrees_of_freedom for e in estimates])
     total = float((own**2).sum())

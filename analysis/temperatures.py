@@ -8,10 +8,11 @@ frame that does not advance in time begins a new replica. All replicas must be s
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from analysis import theory
 from analysis.estimator import Estimator, axes_or_new
@@ -301,18 +302,18 @@ class AnisotropyDecay(_Replicas):
         Which axis, or a direction, such as `hardspheres.velocities.BEAM_DIRECTION` of beams.
     """
 
-    def __init__(self, axis: int | ArrayLike = 0) -> None:
+    def __init__(self, axis: int | Sequence[float] | FloatArray = 0) -> None:
         super().__init__()
         self.axis = axis
 
     def _direction(self, dim: int) -> FloatArray:
-        if np.ndim(self.axis) == 0:
-            if not 0 <= self.axis < dim:  # type: ignore[operator]
+        if isinstance(self.axis, int):
+            if not 0 <= self.axis < dim:
                 raise ValueError(f"axis = {self.axis} in a gas of {dim} dimensions")
-            return np.asarray(np.eye(dim)[self.axis])  # type: ignore[call-overload]
+            return np.asarray(np.eye(dim)[self.axis])
         direction = np.asarray(self.axis, dtype=np.float64)
-        if direction.shape != (dim,) or not 0.0 < np.linalg.norm(direction) < math.inf:
-            raise ValueError(f"axis = {self.axis} is no direction in a gas of {dim} dimensions")
+        if direction.shape != (dim,) or not 0.0 < float(np.linalg.norm(direction)) < math.inf:
+            raise ValueError(f"axis = {direction.tolist()} is no direction in a gas of {dim} dimensions")
         return np.asarray(direction / np.linalg.norm(direction))
 
     def _measure(self, frame: Frame) -> FloatArray:

@@ -270,7 +270,7 @@ class Diffusion(Estimator):
         count = sums.shape[1]
         if count < 2:
             return math.nan
-        return float(centred @ centred) * count / (count - 1) / scale**2
+        return float((centred @ centred) * count / (count - 1) / scale**2)
 
     def _block_variance(self, level: int, k: int, place: int, over: int | None) -> float:
         """Variance from blocks of origins, each of four lags or more; NaN where the run has too few of them."""
@@ -288,7 +288,7 @@ class Diffusion(Estimator):
                     estimate = estimate_from_series(both, lambda mean: mean[..., 0] / mean[..., 1], shortest)
             except SeriesWarning:
                 return math.nan
-        return estimate.standard_error**2
+        return float(estimate.standard_error**2)
 
     # Diffusion ----------------------------------------------------------------------------------------------
 

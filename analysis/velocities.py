@@ -5,7 +5,9 @@ The distributions themselves are in `analysis.distributions`. All estimators wor
 particle's own mass and kT = 2 K_th / D the temperature of the whole gas, D its free momenta. At equilibrium
 every component of c is a standard normal number whatever the species. Since the energy of a simulated gas is
 fixed, <c^2> = D/N in every frame: kT is not a parameter that fluctuates, and each statement below says what
-that does to it.
+that does to it. A mixture is thermal when each species is and all have one temperature: look at
+`FourthCumulant.by_species` and `temperatures.TemperatureEquilibration` too, since all species together can look Maxwellian
+while their temperatures differ by several per cent.
 """
 
 from __future__ import annotations
@@ -172,13 +174,14 @@ def h_excess(histogram: NDArray[np.generic], probabilities: FloatArray) -> Float
 def _mean_of_frames(values: FloatArray, effective: float) -> Estimate:
     """Return the mean over frames in the order of time: error from blocks, below 16 frames from the spread.
 
-    The spread of few frames counts for as many independent ones as there are by the collisions between them.
+    Of few frames the spread tells the variance of as many independent ones as there are by the collisions between them, less
+    one: s^2 (n - 1)/n over `effective` - 1, which is s^2/n where all are independent.
     """
     if len(values) >= 16:
         return estimate_from_series(values)
-    estimate = estimate_from_replicas(values)
-    error = estimate.standard_error * math.sqrt(len(values) / effective)
-    return Estimate(estimate.value, error, effective, estimate.degrees_of_freedom)
+    estimate, more = estimate_from_replicas(values), effective - 1.0
+    error = estimate.standard_error * math.sqrt((len(values) - 1) / more) if more > 0.0 else math.nan
+    return Estimate(estimate.value, error, effective, more)
 
 
 class _PerFrame(Estimator):

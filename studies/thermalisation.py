@@ -411,12 +411,15 @@ def _columns(curve: RelaxationCurve, reference: Comparison | None) -> dict[str, 
         columns[f"{name}_z"] = theory_of(f"{name}_z")
     columns["a3"], columns["a3_error"] = curve.a3, curve.a3_error
     if len(curve.labels) > 1:
-        for index, (kT, a2) in enumerate(
-            zip(curve.temperature_by_species.T, curve.a2_by_species.T, strict=True), 1
-        ):
-            columns[f"temperature_{index}"], columns[f"a2_{index}"] = kT, a2
+        errors = curve.temperature_by_species_error.T
+        for index, kT in enumerate(curve.temperature_by_species.T):
+            columns[f"temperature_{index + 1}"], columns[f"temperature_{index + 1}_error"] = kT, errors[index]
+            columns[f"a2_{index + 1}"] = curve.a2_by_species[:, index]
     for axis, share in zip("xyz", curve.temperature_by_axis.T, strict=False):
         columns[f"temperature_{axis}"] = share
+    if curve.preferred_direction is not None:
+        along = curve.temperature_along(curve.preferred_direction)
+        columns["temperature_parallel"], columns["temperature_parallel_error"] = along
     return columns
 
 
@@ -481,6 +484,7 @@ def _summary(
         "relaxation": _columns(curve, reference),
         "a2_chi_square": None if chi_square is None else asdict(chi_square),
         "decay_rate": measured,
+        "thermal": _thermal(curve),
         "equilibrium_a2": float(theory.equilibrium_a2(curve.free_momenta)),
         "ks_floor": theory.ks_floor(curve.n_replicas * curve.n_per_replica, curve.dim),
         "h_bins": curve.h_bins,
@@ -496,6 +500,40 @@ def _summary(
         "files": sorted({*out.files, "summary.json"}),
         "seconds": {},
     }
+
+
+def _thermal(curve: RelaxationCurve) -> dict[str, Any]:
+    """Return whether the gas is thermal at the end, and what tells."""
+    late = [check.quantity for check in curve.not_thermal]
+    return {
+        "s": float(curve.s[-1]),
+        "passed": not late,
+        "checks": [
+            {
+                "quantity": check.quantity,
+                "value": check.measured.value,
+                "standard_error": check.measured.standard_error,
+                "equilibrium": check.expected,
+                "z": check.z,
+                "thermal": check.quantity not in late,
+            }
+            for check in curve.equilibrium_checks
+        ],
+    }
+
+
+def _say_thermal(screen: Screen, curve: RelaxationCurve) -> None:
+    checks, late = curve.equilibrium_checks, curve.not_thermal
+    end = f"at s = {curve.s[-1]:.4g}"
+    if late:
+        told = "; ".join(
+            f"{check.quantity} = {check.measured}, at equilibrium {check.expected:.4f} (z = {check.z:+.1f})"
+            for check in late
+        )
+        screen.say(f"not thermal yet {end}: {told}")
+    else:
+        told = ", ".join(f"{check.quantity} = {check.measured}" for check in checks)
+        screen.say(f"thermal {end}, as far as this can tell: {told}")
 
 
 def _theory_name(study: Thermalisation, curve: RelaxationCurve, reference: Comparison | None) -> str:
@@ -554,6 +592,7 @@ def _print(
         screen.say(text)
     elif recipe.velocities != "maxwell":
         screen.say(f"no decay rate: {rate['reason']}")
+    _say_thermal(screen, curve)
     say_checks(screen, summary, out)
 
 
@@ -569,12 +608,14 @@ def _table(curve: RelaxationCurve, reference: Comparison | None) -> tuple[list[s
             columns.append([_number(value) for value in getattr(reference, name)])
             columns.append([f"{z:+.1f}" if math.isfinite(z) else "" for z in getattr(reference, f"{name}_z")])
     if len(curve.labels) > 1:
-        for index, kT in enumerate(curve.temperature_by_species.T, 1):
+        both = zip(curve.temperature_by_species.T, curve.temperature_by_species_error.T, strict=True)
+        for index, (kT, errors) in enumerate(both, 1):
             header.append(f"T{index}/T")
-            columns.append([f"{value:.4f}" for value in kT])
-    if np.abs(curve.temperature_by_axis[0] - 1.0).max() > 0.3:
-        header.append("Tx/T")
-        columns.append([f"{value:.4f}" for value in curve.temperature_by_axis[:, 0]])
+            columns.append([_estimate(value, error) for value, error in zip(kT, errors, strict=True)])
+    if curve.preferred_direction is not None:
+        header.append("T_par/T")
+        along = curve.temperature_along(curve.preferred_direction)
+        columns.append([_estimate(value, error) for value, error in zip(*along, strict=True)])
     return header, [list(row) for row in itertools.zip_longest(*columns)]
 
 

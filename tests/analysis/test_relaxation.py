@@ -193,6 +193,42 @@ def test_beams_relax_as_the_boltzmann_equation_says(dim, eta, boltzmann):
     assert abs(along_x[0][0] - known[0][0]) > 4 * max(math.hypot(generic[0][1], known[0][1]), 0.01)
 
 
+def test_a_mixture_is_thermal_when_its_species_are(gas):
+    """T1/T = 1.05: a2 of all together is noise, and the gas is not thermal; at one temperature (sibling) it is."""
+    rng, masses = np.random.default_rng(9), np.repeat([1.0, 10.0], 1000)
+    for ratio, late in ((1.1, ["T1/T", "T2/T"]), (1.0, [])):
+        curve = RelaxationCurve()
+        for _ in range(10):
+            v = gas.maxwell(rng, 2000, 3, masses)
+            v[:1000] *= math.sqrt(ratio)
+            curve.add(gas.frame(v, masses))
+        checks = {check.quantity: check for check in curve.equilibrium_checks}
+        assert list(checks) == ["a2", "T1/T", "T2/T"]
+        assert abs(checks["a2"].z) < 4
+        assert [check.quantity for check in curve.not_thermal] == late
+        assert checks["T1/T"].measured.value == pytest.approx(2 * ratio / (1 + ratio), abs=0.02)
+    # few particles of unequal mass and no momentum: not T itself, but what theory says
+    few, masses = RelaxationCurve(), np.array([1.0, 1.0, 9.0, 9.0])
+    for _ in range(2000):
+        few.add(gas.frame(gas.maxwell(rng, 4, 3, masses), masses))
+    assert few.not_thermal == []
+    assert abs(few.equilibrium_checks[2].measured.z(1.0)) > 10
+
+
+def test_two_replicas_make_no_discovery(boltzmann, gas):
+    """z of two replicas is a normal deviate: within 4.5 at every point of 30 curves; in standard errors (sibling) it is not."""
+    rng, worst, naive = np.random.default_rng(10), [], []
+    for seed in range(0, 60, 2):
+        curve = RelaxationCurve()
+        for replica in (seed, seed + 1):
+            for frame in boltzmann(gas.equal_speeds(rng, 400, 3), [0.0, 0.5, 1.0, 2.0], seed=replica):
+                curve.add(frame)
+        comparison = curve.compare()
+        worst.append(np.abs(comparison.a2_z[1:]).max())
+        naive.append(np.abs((curve.a2 - comparison.a2)[1:] / curve.a2_error[1:]).max())
+    assert max(worst) < 4.5 and max(naive) > 9
+
+
 def test_misuse_is_named(curve, gas):
     empty = RelaxationCurve()
     with pytest.raises(NoDataError, match=r"no replicas yet; call add\(frame\) first"):
