@@ -473,6 +473,15 @@ class RelaxationCurve(Estimator):
     # Statements ---------------------------------------------------------------------------------------------
 
     @property
+    def starts_from_beams(self) -> bool:
+        """Whether the gas is of one species and starts as two opposite beams of one speed."""
+        replicas, direction = self._ready(), self.preferred_direction
+        if direction is None or len(replicas[0].sizes) > 1 or replicas[0].s[0] > 0.0:
+            return False
+        equal = np.abs(self.a2_samples[:, 0] + 2.0 / (self.dim + 2)).max() < 1e-6
+        return bool(equal and abs(self.temperature_along(direction)[0][0] - self.dim) < 1e-6)
+
+    @property
     def equilibrium_checks(self) -> list[TheoryCheck]:
         """The last sample beside equilibrium: a2, the temperature of each species, and along the warmest direction at first.
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 import hardspheres as hs
 from analysis import theory
 from analysis.relaxation import Comparison, RelaxationCurve
-from analysis.statistics import Estimate
+from analysis.statistics import Estimate, deviates
 from analysis.velocities import reduced_velocities
 from hardspheres.trajectory import has_velocities, read_structure
 from studies.ensemble import available_cores, replica_seeds, run_replicas
@@ -420,7 +420,23 @@ def _columns(curve: RelaxationCurve, reference: Comparison | None) -> dict[str, 
     if curve.preferred_direction is not None:
         along = curve.temperature_along(curve.preferred_direction)
         columns["temperature_parallel"], columns["temperature_parallel_error"] = along
+        for name, column in zip(("boltzmann", "boltzmann_error", "z"), _beams(curve) or (), strict=False):
+            columns[f"temperature_parallel_{name}"] = column
     return columns
+
+
+def _beams(curve: RelaxationCurve) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Return T_par/T of two beams in theory, its uncertainty, and z; None after another start."""
+    direction = curve.preferred_direction
+    if direction is None or not curve.starts_from_beams:
+        return None
+    known = curve.s <= 7.0
+    table = theory.boltzmann_beams(np.where(known, curve.s, 0.0), curve.dim)
+    expected = np.where(known, 1.0 + table.anisotropy, np.nan)
+    value, error = curve.temperature_along(direction)
+    apart = np.where(curve.s > 0.0, value - expected, np.nan)
+    freedom = curve.n_replicas - 1.0 if curve.n_replicas > 1 else math.inf
+    return expected, table.anisotropy_error, deviates(apart, error, table.anisotropy_error, freedom)
 
 
 def _rate(curve: RelaxationCurve) -> Estimate | str:
@@ -537,6 +553,8 @@ def _say_thermal(screen: Screen, curve: RelaxationCurve) -> None:
 
 
 def _theory_name(study: Thermalisation, curve: RelaxationCurve, reference: Comparison | None) -> str:
+    if reference is None and curve.starts_from_beams:
+        return "T_par/T: Boltzmann equation, two beams, dilute gas; at equilibrium a2 and H - Heq vanish and KS is noise"
     if reference is None:
         return "none for this start; at equilibrium a2 and H - Heq vanish and KS is noise"
     if study.recipe.velocities == "maxwell":
@@ -616,6 +634,11 @@ def _table(curve: RelaxationCurve, reference: Comparison | None) -> tuple[list[s
         header.append("T_par/T")
         along = curve.temperature_along(curve.preferred_direction)
         columns.append([_estimate(value, error) for value, error in zip(*along, strict=True)])
+        beams = _beams(curve)
+        if beams is not None:
+            header += ["theory", "z"]
+            columns.append([_number(value) for value in beams[0]])
+            columns.append([f"{z:+.1f}" if math.isfinite(z) else "" for z in beams[2]])
     return header, [list(row) for row in itertools.zip_longest(*columns)]
 
 

@@ -168,6 +168,12 @@ def _draw_a2(axes: Axes, curve: RelaxationCurve, reference: Comparison | None) -
             ls=(0, (4, 2)),
             label=f"exp(\u2212{rate}), first Sonine approximation",
         )
+    elif curve.starts_from_beams:
+        s = _fine(curve)
+        s = s[s <= 7.0]
+        axes.plot(
+            s, theory.boltzmann_beams(s, curve.dim).a2, color=COLOURS["theory"], label="Boltzmann equation"
+        )
     else:
         axes.axhline(0.0, color=COLOURS["theory"], lw=1.2, label="equilibrium")
     name = "simulation" if len(curve.labels) == 1 else "all species"
@@ -181,7 +187,17 @@ def _draw_a2(axes: Axes, curve: RelaxationCurve, reference: Comparison | None) -
 
 
 def _draw_parallel(axes: Axes, curve: RelaxationCurve, direction: FloatArray) -> None:
-    axes.axhline(1.0, color=COLOURS["theory"], lw=1.2, label="equilibrium")
+    if curve.starts_from_beams:
+        s = _fine(curve)
+        s = s[s <= 7.0]
+        axes.plot(
+            s,
+            1.0 + theory.boltzmann_beams(s, curve.dim).anisotropy,
+            color=COLOURS["theory"],
+            label="Boltzmann equation",
+        )
+    else:
+        axes.axhline(1.0, color=COLOURS["theory"], lw=1.2, label="equilibrium")
     value, error = curve.temperature_along(direction)
     _points(axes, curve.s, value, error, COLOURS["simulation"], "simulation")
     axes.set_ylabel(r"$T_\parallel / T$")

@@ -8,11 +8,12 @@ A theory that is not exact comes as a `Prediction`, a value with a standard unce
 outside the range in which it was established gives NaN and a `TheoryRangeWarning`.
 
 One idea per file: `maxwell` velocities at equilibrium, `equilibrium` cumulants and H of N particles, `state`
-equations of state, `mixtures`, `collisions` rates and free flights, `flights` the same in mixtures, `relaxation`
-and `equal_speeds` the way to equilibrium, `transport` Enskog's coefficients, `sound` its speed and damping,
+equations of state, `mixtures`, `collisions` rates and free flights, `flights` the same in mixtures, `relaxation`,
+`equal_speeds` and `beams` the way to equilibrium, `transport` Enskog's coefficients, `sound` its speed and damping,
 `two_spheres` exact rates of the smallest gas.
 """
 
+from analysis.theory.beams import BeamsRelaxation, boltzmann_beams
 from analysis.theory.collisions import (
     collision_rate,
     collision_speed_factor,
@@ -102,12 +103,14 @@ __all__ = [
     "H_BINS",
     "KS_BINS",
     "SPEED_LIMIT",
+    "BeamsRelaxation",
     "EqualSpeedsRelaxation",
     "FreeFlights",
     "Prediction",
     "TheoryRangeWarning",
     "anisotropy_decay",
     "anisotropy_rate",
+    "boltzmann_beams",
     "boltzmann_equal_speeds",
     "bulk_viscosity",
     "carnahan_starling",

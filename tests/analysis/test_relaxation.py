@@ -187,6 +187,12 @@ def test_beams_relax_as_the_boltzmann_equation_says(dim, eta, boltzmann):
     if dim == 3:
         assert abs(known[0][0] - 0.875) < 3 * math.hypot(known[0][1], 0.001)
         assert abs(known[1][0] + 0.3279) < 3 * math.hypot(known[1][1], 0.0002)
+    table = theory.boltzmann_beams([0.0, 1.0], dim)
+    for (value, error), column, own in zip(
+        known, (table.anisotropy, table.a2), (table.anisotropy_error, table.a2_error), strict=True
+    ):
+        assert abs(Estimate(value, error, 8, 7).z(column[1], own[1])) < 3.5
+    assert (table.anisotropy[0], table.a2[0]) == pytest.approx((dim - 1, -2 / (dim + 2)))
     generic, along_x = simulated(4, direction), simulated(1, np.eye(dim)[0])
     for (value, error), (other, its_error) in zip(generic, known, strict=True):
         assert abs(Estimate(value, error, 4, 3).z(other, its_error)) < 3.5  # false alarm 5e-4
