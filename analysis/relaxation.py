@@ -488,6 +488,7 @@ class RelaxationCurve(Estimator):
         A mixture is thermal when its species are: a2 and H of all particles together, in units of their own kT/m, hardly see
         species of two temperatures. Expected are the exact values of N particles of fixed energy.
         """
+        self._ready()
         freedom = self.n_replicas - 1.0 if self.n_replicas > 1 else math.inf
 
         def check(name: str, value: float, error: float, expected: float, doubt: float = 0.0) -> TheoryCheck:
