@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from analysis import theory
 from analysis.estimator import Estimator, axes_or_new
+from analysis.memory import FORGOTTEN, velocity_memory, warn_if_frozen
 from analysis.pressure import Pressure
 from analysis.reduced import species_labels
 from analysis.series import BlockSeries, estimate_from_series
@@ -30,6 +31,7 @@ FloatArray = NDArray[np.float64]
 Kind = Literal["path", "time"]
 
 ROWS = 256  # of the series of blocks: each holds whole histograms
+FEW = 10  # collisions, of which blocks cannot tell the error
 SURVIVAL_AT = (0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 5.0)
 SPEED_BINS = 20  # a quarter of a thermal speed each
 FINE = 4  # bins of the engine in one of these
@@ -77,6 +79,7 @@ class FreePath(Estimator):
         first = np.unique(scene.species, return_index=True)[1]
         self._particles = np.bincount(scene.species)
         self._diameters, self._masses = 2.0 * scene.radii[first], scene.masses[first]
+        self._memory = velocity_memory(scene)
         self._blocks = BlockSeries(ROWS)
         self._edges: dict[str, FloatArray] = {}
         self._columns: dict[str, tuple[int, tuple[int, ...]]] = {}
@@ -169,9 +172,20 @@ class FreePath(Estimator):
             chosen.append(rows[:, start : start + math.prod(shape)])
         return np.concatenate(chosen, axis=1)
 
+    def _estimate(self, rows: FloatArray, statistic: Callable[[FloatArray], FloatArray]) -> Estimate:
+        """Return a function of the mean row; warn where a species has not forgotten its velocities (`analysis.memory`)."""
+        per_row = float(self._rows("ends").sum(axis=1).mean()) * self._blocks.samples_per_row / self.scene.n
+        memory = float(self._memory.max())
+        if per_row * len(rows) < FORGOTTEN * memory:
+            warn_if_frozen(self.scene, per_row * len(rows))
+            memory = 0.0
+        return estimate_from_series(
+            rows, statistic, max(math.ceil(memory / per_row), 1) if len(self._memory) > 1 else 1
+        )
+
     def _ratio(self, above: FloatArray, below: FloatArray, factor: float = 1.0) -> Estimate:
         """Ratio of the sums of two columns."""
-        return estimate_from_series(
+        return self._estimate(
             np.stack([above, below], axis=1), lambda mean: factor * mean[..., 0] / mean[..., 1]
         )
 
@@ -201,14 +215,22 @@ class FreePath(Estimator):
     def collision_rates(self) -> list[list[Estimate]]:
         """nu_ij, how often a particle of species i meets one of species j, [1/time]; k lists of k.
 
-        Collisions of unlike particles are the same in nu_ij and nu_ji: rho_i nu_ij = rho_j nu_ji.
+        Collisions of unlike particles are the same in nu_ij and nu_ji: rho_i nu_ij = rho_j nu_ji. Of fewer than 10 collisions
+        the error is Poisson's at least, that of one where none was seen.
         """
         time, pairs = self._rows("time")[:, 0], self._rows("pairs")
         kinds = range(len(self._particles))
-        return [
-            [self._ratio(pairs[:, i * len(kinds) + j], time, (1 + (i == j)) / n) for j in kinds]
-            for i, n in enumerate(self._particles)
-        ]
+
+        def rate(i: int, j: int) -> Estimate:
+            count, factor = pairs[:, i * len(kinds) + j], (1.0 + (i == j)) / float(self._particles[i])
+            estimate = self._ratio(count, time, factor)
+            seen = float(count.mean()) * self.n_blocks
+            floor = factor * math.sqrt(max(seen, 1.0)) / (float(time.mean()) * self.n_blocks)
+            if seen >= FEW or estimate.standard_error >= floor:
+                return estimate
+            return Estimate(estimate.value, floor, max(seen, 1.0))
+
+        return [[rate(i, j) for j in kinds] for i in kinds]
 
     @property
     def compressibility_factor(self) -> Estimate:
@@ -222,7 +244,7 @@ class FreePath(Estimator):
                 rates, self._diameters, self._masses, temperature, freedom
             )
 
-        return estimate_from_series(rows, compressibility)
+        return self._estimate(rows, compressibility)
 
     # Distributions ------------------------------------------------------------------------------------------
 
@@ -247,9 +269,7 @@ class FreePath(Estimator):
             raise ValueError(f"order = {order}; the engine adds up squares and cubes, ask for 2 or 3")
         sums = self._rows(f"{of}_sums")[:, 3 * self._species(species) :]
         columns = np.stack([self._rows("flights")[:, species], sums[:, 0], sums[:, order - 1]], axis=1)
-        return estimate_from_series(
-            columns, lambda m: (m[..., 2] / m[..., 0]) / (m[..., 1] / m[..., 0]) ** order
-        )
+        return self._estimate(columns, lambda m: (m[..., 2] / m[..., 0]) / (m[..., 1] / m[..., 0]) ** order)
 
     def survival(self, x: ArrayLike = SURVIVAL_AT, of: Kind = "path", species: int = 0) -> list[Estimate]:
         """Return how large a part of the flights is longer than x means of their own.
@@ -291,7 +311,7 @@ class FreePath(Estimator):
 
             return part
 
-        return [estimate_from_series(columns, beyond(float(at))) for at in np.atleast_1d(np.asarray(x))]
+        return [self._estimate(columns, beyond(float(at))) for at in np.atleast_1d(np.asarray(x))]
 
     def path_at_speed(self, species: int = 0) -> tuple[FloatArray, list[Estimate]]:
         """Return lambda(v), the mean free path of the flights at a speed.
@@ -404,6 +424,13 @@ class FreePath(Estimator):
         The moments are those of the dilute gas, whose uncertainty eta (and 1/N) is what a denser one may differ by.
         Between two walls and periodic along another axis momentum is conserved in part: m/M of the particle is uncertain.
         """
+        with warnings.catch_warnings():
+            warnings.simplefilter(
+                "ignore", theory.TheoryRangeWarning
+            )  # a check without theory says so itself
+            return self._checks()
+
+    def _checks(self) -> list[TheoryCheck]:
         partly = bool(self.scene.periodic.any()) and not self.scene.periodic.all()
         expected, name = self.predictions, "Enskog"
         species = (

@@ -22,6 +22,7 @@ from studies.ensemble import available_cores
 from studies.fluid import Fluid, broken, check_length, load_kernels, ordered, run_fluids
 from studies.report import (
     ALARM,
+    Z_MEANS,
     OutputFolder,
     Screen,
     alarming,
@@ -538,9 +539,7 @@ def _print(
     else:
         screen.say("in 2D diffusion has no infinite limit: D grows as the logarithm of the box")
     screen.say(
-        "Enskog's theory leaves out correlated collisions: its uncertainty is what it is known to miss; z: "
-        "deviation "
-        "in standard errors, uncertainties of theory included"
+        f"Enskog's theory leaves out correlated collisions: its uncertainty is what it is known to miss; {Z_MEANS}"
     )
     for state in states:
         if state.slope.note:

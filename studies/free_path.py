@@ -20,6 +20,7 @@ from studies.ensemble import available_cores
 from studies.fluid import Fluid, broken, check_length, load_kernels, run_fluids
 from studies.report import (
     ALARM,
+    Z_MEANS,
     OutputFolder,
     Screen,
     alarming,
@@ -452,7 +453,7 @@ def _print(
                     check.quantity,
                     str(check.measured),
                     str(Estimate(check.expected, check.uncertainty)),
-                    f"{check.z:+.1f}",
+                    f"{check.z:+.1f}" if math.isfinite(check.z) else "",
                     "u" if check.better_than_theory else "",
                 ]
             )
@@ -468,7 +469,7 @@ def _print(
             "<l^k>, <t^k> of all flights, counted exactly: Boltzmann, whose uncertainty, k - 1 times the packing fraction, is "
             "what meeting the same neighbours again may change in a denser gas"
         )
-    screen.say("z: deviation from theory in standard errors, the theory's own uncertainty in it")
+    screen.say(Z_MEANS)
     if any(check.better_than_theory for state in states for check in state.checks):
         screen.say(
             "u: the measurement is better than the theory, whose uncertainty exceeds two standard errors"

@@ -10,7 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from analysis.theory.maxwell import finite_mean_speed, mean_speed, speed_pdf
-from analysis.theory.mixtures import mixture_collision_rates, mixture_contact_values
+from analysis.theory.mixtures import (
+    mixture_collision_rates,
+    mixture_contact_uncertainty,
+    mixture_contact_values,
+)
 from analysis.theory.prediction import Prediction, check_dim, packing_fraction
 from analysis.theory.state import (
     compressibility_factor,
@@ -40,7 +44,6 @@ __all__ = [
 
 FloatArray = NDArray[np.float64]
 
-CONTACT_UNCERTAINTY = {2: 0.005, 3: 0.003}  # relative, of g_ij - 1 in mixtures
 NODES, PANELS = 16, 24  # of the quadrature over speeds: in each panel, and how many panels
 
 
@@ -249,7 +252,7 @@ def finite_size_mixture_rates(
         rates = rates / g * float(contact_value(eta, dim))
         relative = np.full_like(rates, math.hypot(doubt, _excess_uncertainty(eta, dim)))
     else:
-        relative = np.hypot(CONTACT_UNCERTAINTY[dim] * (1.0 - 1.0 / g), math.hypot(few, doubt))
+        relative = np.hypot(mixture_contact_uncertainty(sigma, dim) * (1.0 - 1.0 / g), math.hypot(few, doubt))
     return Prediction(rates * (1.0 + few), rates * relative)
 
 

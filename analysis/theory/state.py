@@ -9,13 +9,14 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike, NDArray
 
-from analysis.theory.prediction import Prediction, check_dim, warn_outside
+from analysis.theory.prediction import Prediction, check_dim, inside_range, only_inside
 
 __all__ = [
     "carnahan_starling",
     "compressibility_factor",
     "compressibility_slope",
     "contact_value",
+    "fcc_crystal",
     "finite_size_compressibility",
     "finite_size_shift",
     "henderson",
@@ -58,6 +59,16 @@ _IMAGES_DECAY = {
 }
 _KLM_RANGE = (0.0, 0.54)
 _DISCS_RANGE = (0.0, 0.66)
+_SERIES_RANGE = {3: (0.0, 0.5), 2: (0.0, 0.6)}
+# Relative uncertainty of KLM: up to eta = 0.471 pooled simulations of 4e5 to 2e6 spheres agree to 0.4e-6 to 2.4e-6
+# (DynamO, github.com/macioosch/dynamo-hard-spheres-sim); beyond, what its authors state.
+_KLM_VERIFIED_TO, _KLM_VERIFIED, _KLM_STATED = 0.471, 5e-6, 4e-5
+# fcc crystal: Schultz and Kofke's fit, Z = 3/y + sum of c_i y^i with y = 1 - rho sigma^3/sqrt(2).
+_FCC = Polynomial(
+    [-0.4338711486444215, 0.390812049911003, 0.595451683236023, 18.59059648880398, -288.1675745716088]
+    + [3206.943027086472, -21037.60905875148, 83177.92071175583, -180636.7967218044, 170205.791013758]
+)
+_FCC_RANGE = (0.5432, 0.7404)  # melting to just below close packing
 
 
 def carnahan_starling(eta: ArrayLike) -> FloatArray:
@@ -67,8 +78,9 @@ def carnahan_starling(eta: ArrayLike) -> FloatArray:
     `kolafa_labik_malijevsky`; kept because everyone knows it.
     """
     e = np.asarray(eta, dtype=np.float64)
-    warn_outside("Carnahan and Starling's equation of state", e, *_KLM_RANGE)
-    return np.asarray((1 + e + e**2 - e**3) / (1 - e) ** 3)
+    inside = inside_range("Carnahan and Starling's equation of state", e, *_KLM_RANGE)
+    with np.errstate(divide="ignore"):
+        return only_inside((1 + e + e**2 - e**3) / (1 - e) ** 3, inside)
 
 
 def henderson(eta: ArrayLike) -> FloatArray:
@@ -78,8 +90,9 @@ def henderson(eta: ArrayLike) -> FloatArray:
     0.4, 0.45 % at 0.5, 1.2 % at 0.6; kept because everyone knows it.
     """
     e = np.asarray(eta, dtype=np.float64)
-    warn_outside("Henderson's equation of state", e, *_DISCS_RANGE)
-    return np.asarray((1 + e**2 / 8) / (1 - e) ** 2)
+    inside = inside_range("Henderson's equation of state", e, *_DISCS_RANGE)
+    with np.errstate(divide="ignore"):
+        return only_inside((1 + e**2 / 8) / (1 - e) ** 2, inside)
 
 
 def virial_coefficients(dim: int) -> Prediction:
@@ -111,7 +124,8 @@ def virial_series(eta: ArrayLike, dim: int, order: int = 10) -> Prediction:
     Parameters
     ----------
     eta : array_like
-        Packing fraction; beyond 0.5 (3D) or 0.6 (2D) the terms left out are no longer a correction.
+        Packing fraction; beyond 0.5 (3D) or 0.6 (2D) the terms left out are no longer a correction, and the
+        result is NaN.
     dim : {2, 3}
         Dimension d.
     order : int, default 10
@@ -133,13 +147,13 @@ def virial_series(eta: ArrayLike, dim: int, order: int = 10) -> Prediction:
         raise ValueError(f"order = {order}; virial coefficients are known here from 3 to 10")
     b = virial_coefficients(dim)
     e = np.asarray(eta, dtype=np.float64)
-    warn_outside("the virial series", e, 0.0, 0.5 if dim == 3 else 0.6)
+    inside = inside_range("the virial series", e, *_SERIES_RANGE[dim])
     terms = e[..., None] ** np.arange(1, order)
     value = 1.0 + terms @ b.value[: order - 1]
     noise = np.sqrt(terms**2 @ b.uncertainty[: order - 1] ** 2)
     ratio = np.minimum(b.value[order - 2] / b.value[order - 3] * e, 0.99)
     left_out = b.value[order - 2] * terms[..., -1] * ratio / (1.0 - ratio)
-    return Prediction(value, np.hypot(noise, left_out))
+    return Prediction(only_inside(value, inside), only_inside(np.hypot(noise, left_out), inside))
 
 
 def kolafa_labik_malijevsky(eta: ArrayLike) -> FloatArray:
@@ -147,23 +161,24 @@ def kolafa_labik_malijevsky(eta: ArrayLike) -> FloatArray:
 
     Phys. Chem. Chem. Phys. 6, 2335 (2004), doi 10.1039/B402792B. A polynomial in x = eta/(1 - eta) with the
     virial coefficients up to B6 imposed; stated inaccuracy 4e-5 relative up to rho sigma^3 = 1.03 (eta =
-    0.54), the metastable branch above freezing (0.492) included.
+    0.54), the metastable branch above freezing (0.492) included; NaN beyond.
     """
     e = np.asarray(eta, dtype=np.float64)
-    warn_outside("the hard-sphere equation of state", e, *_KLM_RANGE)
-    return np.asarray(_KLM(e / (1 - e)))
+    inside = inside_range("the hard-sphere equation of state", e, *_KLM_RANGE)
+    return only_inside(_KLM(np.where(inside, e, 0.0) / (1 - np.where(inside, e, 0.0))), inside)
 
 
 def virial_discs(eta: ArrayLike) -> FloatArray:
     """Return Z = p(eta)/(1 - eta)^2 of the hard-disc fluid, p fixed by the virial coefficients up to B10.
 
     Coefficients: Clisby and McCoy, J. Stat. Phys. 122, 15 (2006), doi 10.1007/s10955-005-8080-0, resummed
-    about the pole at eta = 1. Its uncertainty is in `compressibility_factor`; not to be used above eta =
-    0.66, where the fluid ends.
+    about the pole at eta = 1. Its uncertainty is in `compressibility_factor`; NaN above eta = 0.66, where the
+    fluid ends.
     """
     e = np.asarray(eta, dtype=np.float64)
-    warn_outside("the hard-disc equation of state", e, *_DISCS_RANGE)
-    return np.asarray(_DISCS(e) / (1 - e) ** 2)
+    inside = inside_range("the hard-disc equation of state", e, *_DISCS_RANGE)
+    with np.errstate(divide="ignore"):
+        return only_inside(_DISCS(e) / (1 - e) ** 2, inside)
 
 
 def compressibility_factor(eta: ArrayLike, dim: int) -> Prediction:
@@ -179,19 +194,48 @@ def compressibility_factor(eta: ArrayLike, dim: int) -> Prediction:
     Returns
     -------
     Prediction
-        3D: `kolafa_labik_malijevsky`, u = 4e-5 Z. 2D: `virial_discs`, u the largest distance to the formulas
-        of Luding (2001, doi 10.1103/PhysRevE.63.042201) and of Liu (2020), both fitted to simulations: 2e-4
-        relative at 0.3, 5e-3 at 0.65.
+        NaN outside that range. 3D: `kolafa_labik_malijevsky`, u = 5e-6 Z up to eta = 0.471, 4e-5 Z beyond. 2D:
+        `virial_discs`, u the largest distance to the formulas of Luding (2001, doi 10.1103/PhysRevE.63.042201) and of
+        Liu (2020), both fitted to simulations: 6e-4 relative at 0.45, 5e-3 at 0.65. In dilute gases u is what
+        `virial_series` leaves open, where that is less: it vanishes with the density faster than Z - 1.
     """
     check_dim(dim)
     e = np.asarray(eta, dtype=np.float64)
     if dim == 3:
         value = kolafa_labik_malijevsky(e)
-        return Prediction(value, 4e-5 * value)
-    value = virial_discs(e)
-    luding = 1 + 2 * e * ((1 - 7 * e / 16) / (1 - e) ** 2 - (e**3 / 16) / (8 * (1 - e) ** 4))
-    liu = (1 + e**2 / 8 + e**3 / 18 - 4 * e**4 / 21) / (1 - e) ** 2
-    return Prediction(value, np.maximum(np.abs(luding - value), np.abs(liu - value)))
+        uncertainty = np.where(e <= _KLM_VERIFIED_TO, _KLM_VERIFIED, _KLM_STATED) * value
+    else:
+        value = virial_discs(e)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            luding = 1 + 2 * e * ((1 - 7 * e / 16) / (1 - e) ** 2 - (e**3 / 16) / (8 * (1 - e) ** 4))
+            liu = (1 + e**2 / 8 + e**3 / 18 - 4 * e**4 / 21) / (1 - e) ** 2
+            uncertainty = np.maximum(np.abs(luding - value), np.abs(liu - value))
+    dilute = np.where((e >= 0.0) & (e <= _SERIES_RANGE[dim][1]), e, np.nan)
+    series = virial_series(dilute, dim)  # NaN beyond its range
+    return Prediction(value, np.fmin(uncertainty, np.abs(series.value - value) + series.uncertainty))
+
+
+def fcc_crystal(eta: ArrayLike) -> Prediction:
+    """Return Z of the face-centred cubic crystal of hard spheres, without vacancies.
+
+    Fit of Schultz and Kofke to simulations, from the source of etomica (HardSphereSolid). Z (1 - eta/eta_cp) tends to
+    3 at close packing.
+
+    Parameters
+    ----------
+    eta : array_like
+        Packing fraction, 0.543 (melting) to 0.7404; NaN outside.
+
+    Returns
+    -------
+    Prediction
+        u = 2e-4 Z: Speedy's formula (1998) is within 1.7e-4 of it.
+    """
+    e = np.asarray(eta, dtype=np.float64)
+    inside = inside_range("the equation of state of the fcc crystal", e, *_FCC_RANGE)
+    y = 1.0 - np.where(inside, e, 0.6) * 6.0 / (math.pi * math.sqrt(2.0))
+    value = only_inside(3.0 / y + _FCC(y), inside)
+    return Prediction(value, 2e-4 * value)
 
 
 def contact_value(eta: ArrayLike, dim: int) -> FloatArray:
@@ -202,16 +246,18 @@ def contact_value(eta: ArrayLike, dim: int) -> FloatArray:
     e = np.asarray(eta, dtype=np.float64)
     excess = compressibility_factor(e, dim).value - 1.0
     volume = 2.0 ** (dim - 1) * e
-    return np.asarray(np.where(e > 0, excess / np.where(e > 0, volume, 1.0), 1.0))
+    return np.asarray(np.where(e == 0, 1.0, excess / np.where(e == 0, 1.0, volume)))
 
 
 def compressibility_slope(eta: ArrayLike, dim: int) -> FloatArray:
-    """Return dZ/deta of `compressibility_factor`."""
+    """Return dZ/deta of `compressibility_factor`, NaN outside its range."""
     check_dim(dim)
     return _slope_and_curvature(np.asarray(eta, dtype=np.float64), dim)[0]
 
 
-def _slope_and_curvature(e: FloatArray, dim: int) -> tuple[FloatArray, FloatArray]:
+def _slope_and_curvature(eta: FloatArray, dim: int) -> tuple[FloatArray, FloatArray]:
+    low, high = _KLM_RANGE if dim == 3 else _DISCS_RANGE
+    e = np.where((eta >= low) & (eta <= high), eta, np.nan)
     if dim == 3:
         x = e / (1 - e)
         slope = _KLM.deriv()(x) * (1 + x) ** 2
@@ -298,7 +344,7 @@ def finite_size_shift(
     inverse_compressibility = infinite.value + e * slope
     canonical = infinite.value - e / (2 * n) * (2 * slope + e * curvature) / inverse_compressibility
     shift = _in_ensemble(canonical, n, ensemble) - infinite.value
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
         edges = np.asarray((math.pi / (2 * dim) * n / e) ** (1 / dim) if edge is None else edge)
     missed = np.hypot(
         math.hypot(0.1, 0.6 / n) * shift,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from analysis.theory.collisions import collision_rate, quadrature
-from analysis.theory.prediction import Prediction, check_dim, packing_fraction, warn_outside
+from analysis.theory.prediction import Prediction, check_dim, inside_range, only_inside, packing_fraction
 from analysis.theory.state import contact_value
 
 __all__ = [
@@ -27,6 +27,8 @@ FloatArray = NDArray[np.float64]
 _DIFFUSION = {3: 1.018954, 2: 1.02709}
 _VISCOSITY = {3: 1.016034, 2: 1.02197}
 _CONDUCTIVITY = {3: 1.02522, 2: 1.02972}
+ENSKOG_RANGE = {3: (0.0, 0.494), 2: (0.0, 0.66)}
+"""Packing fractions of the fluid, for which Enskog's coefficients are given; NaN outside."""
 _YEH_HUMMER = 2.837297  # cubic lattice sum
 # Of the infinite fluid of spheres, over Enskog's, as simulations found it at these packing fractions. D: this package, 64
 # to 16 384 spheres; public molecular dynamics (macioosch/dynamo-hard-spheres-sim) at 0.157 and 0.367. Viscosity: from how
@@ -55,7 +57,7 @@ def enskog_diffusion(
     Parameters
     ----------
     eta : array_like
-        Packing fraction; established up to 0.494 (3D), 0.66 (2D).
+        Packing fraction; established up to 0.494 (3D), 0.66 (2D), NaN beyond.
     dim : {2, 3}
         Dimension d.
     diameter, mass, temperature : float
@@ -70,7 +72,7 @@ def enskog_diffusion(
     """
     check_dim(dim)
     e = np.asarray(eta, dtype=np.float64)
-    warn_outside("Enskog's theory", e, 0.0, 0.494 if dim == 3 else 0.66)
+    e = only_inside(e, inside_range("Enskog's theory", e, *ENSKOG_RANGE[dim]))
     rho = _density(e, dim, diameter)
     prefactor = 3 / 8 if dim == 3 else 1 / 2
     with np.errstate(divide="ignore"):
@@ -128,7 +130,7 @@ def _dense(eta: ArrayLike, dim: int, dilute: float, linear: float, square: float
     """Enskog's increase with density: dilute x (1/chi + linear b + square b^2 chi)."""
     check_dim(dim)
     e = np.asarray(eta, dtype=np.float64)
-    warn_outside("Enskog's theory", e, 0.0, 0.494 if dim == 3 else 0.66)
+    e = only_inside(e, inside_range("Enskog's theory", e, *ENSKOG_RANGE[dim]))
     chi, b = contact_value(e, dim), 2.0 ** (dim - 1) * e
     value = dilute * (1 / chi + linear * b + square * b**2 * chi)
     relative = np.where(e > 0.4, 0.5, np.minimum(e, 0.1))

@@ -209,11 +209,11 @@ def feed(sim, paths, blocks, collisions, quiet=True):
 
 def test_broken_gases_are_seen():
     """Beams that have not met, a gas that relaxes, masses that the theory was not told of, and another gas's blocks."""
-    sim = hs.Simulation(random_gas("3d", 4000, 0.02, velocities="beams"), free_paths=True)
+    sim = hs.Simulation(random_gas("3d", 12_000, 0.02, velocities="beams"), free_paths=True)
     paths = FreePath(sim.scene)
-    feed(sim, paths, 19, 40)
+    feed(sim, paths, 19, 120)
     with pytest.warns(FirstFlightsWarning, match="let every particle collide"):
-        feed(sim, paths, 1, 40, quiet=False)
+        feed(sim, paths, 1, 120, quiet=False)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SeriesWarning)
         expected = paths.predictions["mean free time"][0]
