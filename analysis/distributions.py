@@ -16,6 +16,7 @@ from scipy import stats
 
 from analysis import theory
 from analysis.estimator import Estimator, axes_or_new
+from analysis.memory import FrameWeights
 from analysis.reduced import reduced_velocities, species_labels
 from analysis.statistics import ChiSquare
 
@@ -42,6 +43,12 @@ class _Histogram(Estimator):
         self.edges: FloatArray = np.linspace(low, high, bins + 1)
         self._counts: NDArray[np.int64] | None = None
         self._sizes: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
+        self._weights = FrameWeights()
+        self._frames = 0
+        self._tested: NDArray[np.int64] = np.zeros(
+            0, dtype=np.int64
+        )  # counts and sizes of independent frames
+        self._tested_sizes: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
         self._thermal: FloatArray = np.zeros(0)
         self._dim = 3
         self._freedom = 0
@@ -79,6 +86,7 @@ class _Histogram(Estimator):
         sizes = np.array([np.count_nonzero(species == kind) for kind in kinds])
         if self._counts is None:
             self._counts, self._sizes = np.zeros_like(counts), np.zeros_like(sizes)
+            self._tested, self._tested_sizes = self._counts, self._sizes
             self._thermal = np.sqrt(temperature / frame.scene.masses[first])
             self._dim = frame.scene.dim
             self._freedom = frame.scene.degrees_of_freedom
@@ -91,6 +99,9 @@ class _Histogram(Estimator):
             )
         self._counts = self._counts + counts
         self._sizes = self._sizes + sizes
+        self._frames += 1
+        if self._weights.add(frame):
+            self._tested, self._tested_sizes = self._tested + counts, self._tested_sizes + sizes
         return self
 
     def _counted(self) -> NDArray[np.int64]:
@@ -123,9 +134,13 @@ class _Histogram(Estimator):
 
     @property
     def density_error(self) -> FloatArray:
-        """Standard errors of `density`, (k, bins): multinomial, as if the frames added were independent."""
+        """Standard errors of `density`, (k, bins): multinomial, of as many frames as are as good as independent.
+
+        That is known from the collisions between them, see `memory.FrameWeights`.
+        """
         share = self._counted() / self._sizes[:, None]
-        return np.asarray(np.sqrt(share * (1 - share) / self._sizes[:, None]) / np.diff(self.edges))
+        independent = self._sizes * self._weights.effective / self._frames
+        return np.asarray(np.sqrt(share * (1 - share) / independent[:, None]) / np.diff(self.edges))
 
     @property
     def theory(self) -> FloatArray:
@@ -154,12 +169,16 @@ class _Histogram(Estimator):
 
         Bins that expect fewer than 10 counts are joined into the tail. Each species has B - 1 degrees of
         freedom, and one less for all together because the energy is fixed (slightly conservative: the
-        constraint acts on <c^2> exactly). Assumes independent frames, at least one collision per particle
-        apart.
+        constraint acts on <c^2> exactly). Of frames closer together than four times the longest memory of velocities
+        (`memory.velocity_memory`: 6 collisions per particle in a gas of one species in 3D, thousands where masses are
+        1:1e4) only those that are so far apart are tested; they count as independent.
         """
-        counts = self._counted()
+        self._counted()
+        counts = self._tested
         statistic, freedom = 0.0, -1
-        for row, size, law in zip(counts, self._sizes, np.diff(self._finite_laws(), axis=1), strict=True):
+        for row, size, law in zip(
+            counts, self._tested_sizes, np.diff(self._finite_laws(), axis=1), strict=True
+        ):
             kept = law * size >= 10
             expected = np.append(law[kept] * size, size * (1.0 - law[kept].sum()))
             observed = np.append(row[kept], size - row[kept].sum())
@@ -227,8 +246,8 @@ class SpeedDistribution(_Histogram):
 
     Notes
     -----
-    Each particle counts as one independent sample, n = particles times frames; at fixed energy
-    that is right to order 1/N. Unbiased: bins are compared with their exact averages.
+    The particles of a frame count as independent samples; at fixed energy that is right to order 1/N. Frames count by what
+    happened between them (`density_error`, `chi_square`). Unbiased: bins are compared with their exact averages.
     """
 
     _quantity = "speed"

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from analysis import theory
 from analysis.estimator import Estimator, axes_or_new
+from analysis.memory import FORGOTTEN, velocity_memory, warn_if_frozen
 from analysis.pressure import Pressure
 from analysis.reduced import species_labels
 from analysis.series import BlockSeries, estimate_from_series
@@ -30,10 +31,10 @@ FloatArray = NDArray[np.float64]
 Kind = Literal["path", "time"]
 
 ROWS = 256  # of the series of blocks: each holds whole histograms
+FEW = 10  # collisions, of which blocks cannot tell the error
 SURVIVAL_AT = (0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 5.0)
 SPEED_BINS = 20  # a quarter of a thermal speed each
 FINE = 4  # bins of the engine in one of these
-CONTACT_DOUBT = {2: 0.005, 3: 0.003}  # relative uncertainty of g_ij - 1 in mixtures
 
 
 class FirstFlightsWarning(UserWarning):
@@ -78,6 +79,7 @@ class FreePath(Estimator):
         first = np.unique(scene.species, return_index=True)[1]
         self._particles = np.bincount(scene.species)
         self._diameters, self._masses = 2.0 * scene.radii[first], scene.masses[first]
+        self._memory = velocity_memory(scene)
         self._blocks = BlockSeries(ROWS)
         self._edges: dict[str, FloatArray] = {}
         self._columns: dict[str, tuple[int, tuple[int, ...]]] = {}
@@ -170,9 +172,20 @@ class FreePath(Estimator):
             chosen.append(rows[:, start : start + math.prod(shape)])
         return np.concatenate(chosen, axis=1)
 
+    def _estimate(self, rows: FloatArray, statistic: Callable[[FloatArray], FloatArray]) -> Estimate:
+        """Return a function of the mean row; warn where a species has not forgotten its velocities (`analysis.memory`)."""
+        per_row = float(self._rows("ends").sum(axis=1).mean()) * self._blocks.samples_per_row / self.scene.n
+        memory = float(self._memory.max())
+        if per_row * len(rows) < FORGOTTEN * memory:
+            warn_if_frozen(self.scene, per_row * len(rows))
+            memory = 0.0
+        return estimate_from_series(
+            rows, statistic, max(math.ceil(memory / per_row), 1) if len(self._memory) > 1 else 1
+        )
+
     def _ratio(self, above: FloatArray, below: FloatArray, factor: float = 1.0) -> Estimate:
         """Ratio of the sums of two columns."""
-        return estimate_from_series(
+        return self._estimate(
             np.stack([above, below], axis=1), lambda mean: factor * mean[..., 0] / mean[..., 1]
         )
 
@@ -202,14 +215,22 @@ class FreePath(Estimator):
     def collision_rates(self) -> list[list[Estimate]]:
         """nu_ij, how often a particle of species i meets one of species j, [1/time]; k lists of k.
 
-        Collisions of unlike particles are the same in nu_ij and nu_ji: rho_i nu_ij = rho_j nu_ji.
+        Collisions of unlike particles are the same in nu_ij and nu_ji: rho_i nu_ij = rho_j nu_ji. Of fewer than 10 collisions
+        the error is Poisson's at least, that of one where none was seen.
         """
         time, pairs = self._rows("time")[:, 0], self._rows("pairs")
         kinds = range(len(self._particles))
-        return [
-            [self._ratio(pairs[:, i * len(kinds) + j], time, (1 + (i == j)) / n) for j in kinds]
-            for i, n in enumerate(self._particles)
-        ]
+
+        def rate(i: int, j: int) -> Estimate:
+            count, factor = pairs[:, i * len(kinds) + j], (1.0 + (i == j)) / float(self._particles[i])
+            estimate = self._ratio(count, time, factor)
+            seen = float(count.mean()) * self.n_blocks
+            floor = factor * math.sqrt(max(seen, 1.0)) / (float(time.mean()) * self.n_blocks)
+            if seen >= FEW or estimate.standard_error >= floor:
+                return estimate
+            return Estimate(estimate.value, floor, max(seen, 1.0))
+
+        return [[rate(i, j) for j in kinds] for i in kinds]
 
     @property
     def compressibility_factor(self) -> Estimate:
@@ -223,7 +244,7 @@ class FreePath(Estimator):
                 rates, self._diameters, self._masses, temperature, freedom
             )
 
-        return estimate_from_series(rows, compressibility)
+        return self._estimate(rows, compressibility)
 
     # Distributions ------------------------------------------------------------------------------------------
 
@@ -248,9 +269,7 @@ class FreePath(Estimator):
             raise ValueError(f"order = {order}; the engine adds up squares and cubes, ask for 2 or 3")
         sums = self._rows(f"{of}_sums")[:, 3 * self._species(species) :]
         columns = np.stack([self._rows("flights")[:, species], sums[:, 0], sums[:, order - 1]], axis=1)
-        return estimate_from_series(
-            columns, lambda m: (m[..., 2] / m[..., 0]) / (m[..., 1] / m[..., 0]) ** order
-        )
+        return self._estimate(columns, lambda m: (m[..., 2] / m[..., 0]) / (m[..., 1] / m[..., 0]) ** order)
 
     def survival(self, x: ArrayLike = SURVIVAL_AT, of: Kind = "path", species: int = 0) -> list[Estimate]:
         """Return how large a part of the flights is longer than x means of their own.
@@ -283,6 +302,7 @@ class FreePath(Estimator):
             def part(means: FloatArray) -> FloatArray:
                 flat = means.reshape(-1, means.shape[-1])
                 longer = np.cumsum(flat[:, :1:-1], axis=1)[:, ::-1]  # beyond each edge
+                longer = np.maximum(longer, 0.0)  # means without a block may round below
                 with np.errstate(divide="ignore"):
                     logs = np.log(longer / flat[:, 1:2])
                 wanted = at * flat[:, 0] / flat[:, 1]
@@ -291,7 +311,7 @@ class FreePath(Estimator):
 
             return part
 
-        return [estimate_from_series(columns, beyond(float(at))) for at in np.atleast_1d(np.asarray(x))]
+        return [self._estimate(columns, beyond(float(at))) for at in np.atleast_1d(np.asarray(x))]
 
     def path_at_speed(self, species: int = 0) -> tuple[FloatArray, list[Estimate]]:
         """Return lambda(v), the mean free path of the flights at a speed.
@@ -338,65 +358,63 @@ class FreePath(Estimator):
             self.scene.dim,
             self._species(species),
             self.scene.temperature,
+            self._particles if self.scene.periodic.all() else None,
         )
 
-    @property
-    def _mixed(self) -> bool:
-        return bool(np.ptp(self._diameters) > 0.0)
-
-    def _doubt(self) -> float:
-        """Relative uncertainty of rates from the contact values, the finite size, and walls."""
+    def _wall_doubt(self) -> float:
+        """Relative uncertainty of rates for the volume that walls exclude, and their layer."""
         scene = self.scene
+        if scene.periodic.all():
+            return 0.0
         eta, dim = scene.packing_fraction, scene.dim
-        doubt = 0.0
-        if not scene.periodic.all():
-            reach = scene.box - np.where(scene.periodic, 0.0, 2.0 * float(scene.radii.mean()))
-            denser = min(eta * scene.volume / math.prod(reach.tolist()), 0.54 if dim == 3 else 0.66)
-            doubt = float(theory.collision_rate(denser, dim) / theory.collision_rate(eta, dim)) - 1.0
-        if self._mixed:
-            densities = self._particles / scene.volume
-            g = float(theory.mixture_contact_values(densities, self._diameters, dim).max())
-            return math.hypot(doubt, CONTACT_DOUBT[dim] * (1.0 - 1.0 / g), 1.0 / scene.n)
-        return math.hypot(doubt, 1.0 / scene.n if doubt or len(self._masses) > 1 else 0.0)
+        reach = scene.box - np.where(scene.periodic, 0.0, 2.0 * float(scene.radii.mean()))
+        denser = min(eta * scene.volume / math.prod(reach.tolist()), 0.54 if dim == 3 else 0.66)
+        doubt = float(theory.collision_rate(denser, dim) / theory.collision_rate(eta, dim)) - 1.0
+        return math.hypot(doubt, 1.0 / scene.n)
+
+    def _momentum_share(self, species: int) -> float:
+        """Part of a particle's motion that the conserved total momentum takes, m/M in a periodic box."""
+        return float(self.scene.periodic.mean() * self._masses[species] / (self._masses @ self._particles))
 
     @property
     def predictions(self) -> dict[str, list[Prediction]]:
         """Theory of "mean free path" and "mean free time" of each species, and of "nu i-j" as a list of one.
 
-        One species in a periodic box: Enskog with the best contact value and the exact factors of N particles at fixed
-        energy. Otherwise Enskog with the contact values of mixtures or of the bulk, whose uncertainty, 1/N, and the change
-        that the volume excluded by walls would make are the uncertainty.
+        `theory.finite_size_mixture_rates`, exact in the velocities of N particles at fixed energy and momentum; the path is
+        `theory.finite_mean_speed` over the rate. Between walls the change that the volume excluded by walls would make, and
+        1/N, are uncertain.
         """
         scene, kinds = self.scene, range(len(self._particles))
-        eta, dim, n = scene.packing_fraction, scene.dim, scene.n
-        doubt = self._doubt()
-        if len(kinds) == 1 and scene.periodic.all() and n > 2:
-            sigma, mass = float(self._diameters[0]), float(self._masses[0])
-            path = theory.finite_size_mean_free_path(eta, dim, n, sigma)
-            rate = theory.finite_size_collision_rate(eta, dim, n, sigma, mass, scene.temperature)
-            relative = _rate_uncertainty(eta, dim, n)
-            paths, rates, relatives = [float(path.value)], np.array([[float(rate.value)]]), [relative]
-        else:
-            densities = self._particles / scene.volume
-            rates = theory.mixture_collision_rates(
-                densities, self._diameters, self._masses, dim, scene.temperature
+        dim, freedom = scene.dim, scene.degrees_of_freedom
+        law = theory.finite_size_mixture_rates(
+            self._particles,
+            scene.volume,
+            self._diameters,
+            self._masses,
+            dim,
+            scene.temperature,
+            None if scene.periodic.all() else freedom,
+            float(scene.box.min() / (self._diameters @ self._particles) * scene.n),
+        )
+        rates = law.value
+        doubts = np.hypot(law.uncertainty, self._wall_doubt() * rates)
+        totals = rates.sum(axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):  # one particle alone
+            times, relatives = 1.0 / totals, doubts.sum(axis=1) / totals
+        speeds = [
+            theory.finite_mean_speed(
+                freedom, dim, self._momentum_share(k), float(self._masses[k]), scene.temperature
             )
-            if not self._mixed:  # masses alone: the better contact value of one diameter
-                g = theory.mixture_contact_values(densities, self._diameters, dim)
-                rates = rates / g * float(theory.contact_value(eta, dim))
-            speeds = [theory.mean_speed(dim, float(m), scene.temperature) for m in self._masses]
-            totals = rates.sum(axis=1)
-            paths, relatives = [speeds[k] / float(totals[k]) for k in kinds], [doubt for _ in kinds]
+            for k in kinds
+        ]
+        paths = speeds * times
         named = {
-            "mean free path": [Prediction(paths[k], relatives[k] * paths[k]) for k in kinds],
-            "mean free time": [
-                Prediction(1.0 / float(rates[k].sum()), relatives[k] / float(rates[k].sum())) for k in kinds
-            ],
+            "mean free path": [Prediction(float(paths[k]), float(relatives[k] * paths[k])) for k in kinds],
+            "mean free time": [Prediction(float(times[k]), float(relatives[k] * times[k])) for k in kinds],
         }
         for i in kinds:
             for j in kinds:
-                rate_ij = float(rates[i, j])
-                named[f"nu {i + 1}-{j + 1}"] = [Prediction(rate_ij, relatives[i] * rate_ij)]
+                named[f"nu {i + 1}-{j + 1}"] = [Prediction(float(rates[i, j]), float(doubts[i, j]))]
         return named
 
     @property
@@ -404,7 +422,16 @@ class FreePath(Estimator):
         """Means, rates between species and moments of each species beside theory, then Z from the rate.
 
         The moments are those of the dilute gas, whose uncertainty eta (and 1/N) is what a denser one may differ by.
+        Between two walls and periodic along another axis momentum is conserved in part: m/M of the particle is uncertain.
         """
+        with warnings.catch_warnings():
+            warnings.simplefilter(
+                "ignore", theory.TheoryRangeWarning
+            )  # a check without theory says so itself
+            return self._checks()
+
+    def _checks(self) -> list[TheoryCheck]:
+        partly = bool(self.scene.periodic.any()) and not self.scene.periodic.all()
         expected, name = self.predictions, "Enskog"
         species = (
             [""]
@@ -420,17 +447,18 @@ class FreePath(Estimator):
                 checks.append(TheoryCheck(quantity + label, name, value, p.value, p.uncertainty))
         for i, row in enumerate(self.collision_rates):
             for j, rate in enumerate(row):
-                if len(row) > 1:
+                if len(row) > 1 and (i != j or self._particles[i] > 1):
                     quantity = f"nu {i + 1}-{j + 1}"
                     p = expected[quantity][0]
                     checks.append(TheoryCheck(quantity, name, rate, p.value, p.uncertainty))
-        for k, label in enumerate(species):
+        for k, label in enumerate(species if self.scene.n > 2 else []):  # two may fly on for ever: no <l^3>
             flights = self.flights_in_theory(k)
             for of, symbol in (("path", "l"), ("time", "t")):
                 for order in (2, 3):
                     p = flights.path_moment(order) if of == "path" else flights.time_moment(order)
                     expected_moment = float(p.value)
-                    doubt = math.hypot(float(p.uncertainty), expected_moment / self.scene.n)
+                    few = max(1.0 / self.scene.n, self._momentum_share(k) if partly else 0.0)
+                    doubt = math.hypot(float(p.uncertainty), expected_moment * few)
                     measured_moment = self.moment(order, of, k)  # type: ignore[arg-type]
                     quantity = f"<{symbol}^{order}>/<{symbol}>^{order}{label}"
                     checks.append(TheoryCheck(quantity, "Boltzmann", measured_moment, expected_moment, doubt))
@@ -476,18 +504,3 @@ class FreePath(Estimator):
         axes.set_ylabel("part of the flights that are longer")
         axes.legend()
         return axes
-
-
-def _rate_uncertainty(eta: float, dim: int, n: int) -> float:
-    """Relative uncertainty of the collision rate of N particles: that of Z - 1.
-
-    For a thin gas the stated uncertainty of an equation of state, relative to Z, says nothing of Z - 1; there the virial
-    series does, which is exact at eta -> 0.
-    """
-    bulk = theory.compressibility_factor(eta, dim)
-    doubt = float(bulk.uncertainty)
-    if eta <= (0.5 if dim == 3 else 0.6):
-        series = theory.virial_series(eta, dim)
-        doubt = min(doubt, abs(float(series.value - bulk.value)) + float(series.uncertainty))
-    shift = float(theory.finite_size_compressibility(eta, dim, n).value - bulk.value)
-    return math.hypot(doubt, 0.1 * shift) / float(bulk.value - 1.0)

@@ -7,6 +7,7 @@ their agreement is a test of the whole simulation.
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, Self
@@ -16,10 +17,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from analysis import theory
 from analysis.estimator import Estimator, axes_or_new
-from analysis.memory import remembered
+from analysis.memory import FORGOTTEN, remembered, velocity_memory, warn_if_frozen
+from analysis.order import CRYSTAL
 from analysis.series import BlockSeries, equilibration, estimate_from_series
 from analysis.statistics import Estimate, TheoryCheck
 from analysis.theory import Prediction
+from hardspheres.order import bond_order
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,6 +34,7 @@ __all__ = ["Pressure", "PressureTensor"]
 
 FloatArray = NDArray[np.float64]
 
+MELTING = 0.543  # packing fraction above which spheres on a lattice stay a crystal
 FLUID_UP_TO = {2: 0.66, 3: 0.494}  # packing fractions with a theory of sound
 
 
@@ -178,9 +182,18 @@ class Pressure(Estimator):
     def _from_blocks(self, statistic: Callable[[FloatArray], FloatArray]) -> Estimate:
         """Return a function of the mean row, with blocks as long as the fluid remembers (`analysis.memory`)."""
         rows = self._rows()
-        per_row = 2.0 * float(rows[:, -1].mean()) / self.scene.n  # collisions per particle
-        shortest = math.ceil(self._remembered / per_row) if per_row > 0.0 else 1
-        return estimate_from_series(rows, statistic, shortest)
+        per_row = (
+            2.0 * float(rows[:, -1].mean()) * self._blocks.samples_per_row / self.scene.n
+        )  # collisions per particle
+        longest = self._remembered
+        if len(self._species) > 1:
+            slowest = float(velocity_memory(self.scene).max())
+            if per_row * len(rows) < FORGOTTEN * slowest:
+                warn_if_frozen(self.scene, per_row * len(rows))
+            else:
+                longest = max(longest, slowest)
+        shortest = math.ceil(longest / per_row) if per_row > 0.0 else 1
+        return estimate_from_series(rows, statistic, max(shortest, 1))
 
     # Where things are in a row: time, virial, kinetic, wall impulses, wall radius impulses, pairs, collisions.
 
@@ -418,36 +431,54 @@ class Pressure(Estimator):
         """What the theories say of Z for this gas, the best one first, by name.
 
         One diameter in a periodic box: all with the finite-size correction of `theory.
-        finite_size_compressibility`, a shift that is the same for each. A mixture: BMCSL or Jenkins-Mancini,
-        with the shift of one species at the same packing fraction, all of it counted as uncertainty. Between
-        walls: the bulk, with an uncertainty of what it would change to take the volume that centres can reach
-        for V.
+        finite_size_shift`, the same for each. A mixture: Santos, Yuste and Lopez de Haro, its pairs counted one by one
+        (`theory.pairs_of_few`), with the shift of one species at the same packing fraction, all of it counted as
+        uncertainty. Between walls: the bulk, with an uncertainty of what it would change to take the volume that centres
+        can reach for V. Spheres that start above melting as an fcc crystal without vacancies: that crystal. NaN where the
+        theory ends.
         """
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", theory.TheoryRangeWarning)  # the checks say it
+            return self._predictions()
+
+    def _predictions(self) -> dict[str, Prediction]:
         scene = self.scene
         eta, dim, n = scene.packing_fraction, scene.dim, scene.n
+        alike = np.ptp(self._diameters) == 0.0
+        if dim == 3 and alike and eta > MELTING and _is_full_lattice(scene):
+            solid = theory.fcc_crystal(eta)
+            z = float(solid.value)  # 500 spheres: off by 0.1(2) Z/N
+            return {"fcc crystal, Schultz-Kofke": Prediction(z, math.hypot(solid.uncertainty, 0.5 * z / n))}
         bulk = theory.compressibility_factor(eta, dim)
         shift, doubt = 0.0, 0.0
         if scene.periodic.all() and n > 1:
-            finite = theory.finite_size_compressibility(eta, dim, n)
-            shift = float(finite.value - bulk.value)
-            doubt = 0.1 * abs(shift)
+            finite = theory.finite_size_shift(
+                eta, dim, n, edge=float(scene.box.min() / 2.0 / scene.radii.mean())
+            )
+            shift, doubt = float(finite.value), float(finite.uncertainty)
         else:
             reach = scene.box - np.where(scene.periodic, 0.0, 2.0 * float(scene.radii.mean()))
             denser = min(eta * scene.volume / math.prod(reach.tolist()), 0.54 if dim == 3 else 0.66)
             doubt = abs(float(theory.compressibility_factor(denser, dim).value - bulk.value))
-        if np.ptp(self._diameters) > 0.0:  # masses alone play no part
+        if not alike:  # masses alone play no part
             densities = np.bincount(scene.species)[self._species] / scene.volume
             mixed = theory.mixture_compressibility(densities, self._diameters, dim)
-            name = "Boublik-Mansoori-Carnahan-Starling-Leland" if dim == 3 else "Jenkins-Mancini"
-            return {
-                name: Prediction(mixed.value + shift, math.hypot(mixed.uncertainty, max(abs(shift), doubt)))
-            }
-        classic = theory.carnahan_starling(eta) if dim == 3 else theory.henderson(eta)
-        classic_error = 0.003 * float(classic) if dim == 3 else abs(float(classic - bulk.value))
+            counts = np.bincount(scene.species)[self._species]
+            few = (
+                theory.pairs_of_few(counts, self._diameters, scene.volume, dim)
+                if scene.periodic.all()
+                else 1.0
+            )
+            value = 1.0 + few * (float(mixed.value) - 1.0) + shift
+            both = math.hypot(mixed.uncertainty, shift, doubt)
+            return {"Santos-Yuste-Lopez de Haro": Prediction(value, both)}
         named: dict[str, Prediction] = {
-            ("Kolafa-Labik-Malijevsky" if dim == 3 else "virial series resummed"): bulk,
-            ("Carnahan-Starling" if dim == 3 else "Henderson"): Prediction(classic, classic_error),
+            ("Kolafa-Labik-Malijevsky" if dim == 3 else "virial series resummed"): bulk
         }
+        if not math.isnan(float(bulk.value)):
+            classic = theory.carnahan_starling(eta) if dim == 3 else theory.henderson(eta)
+            missed = abs(float(classic - bulk.value))
+            named["Carnahan-Starling" if dim == 3 else "Henderson"] = Prediction(classic, missed)
         if eta <= (0.5 if dim == 3 else 0.6):
             named["virial series to B10"] = theory.virial_series(eta, dim)
         return {
@@ -498,6 +529,13 @@ class Pressure(Estimator):
         axes.set_ylabel("compressibility factor Z")
         axes.legend()
         return axes
+
+
+def _is_full_lattice(scene: Scene) -> bool:
+    """Return whether a scene is a face-centred cubic crystal that fills a periodic cube, without vacancies."""
+    cells = round((scene.n / 4) ** (1 / 3))
+    cube = bool(scene.periodic.all()) and float(np.ptp(scene.box)) <= 1e-9 * float(scene.box[0])
+    return cube and 4 * cells**3 == scene.n and scene.n >= 32 and bond_order(scene).value > CRYSTAL[3]
 
 
 def _scaled(estimate: Estimate, factor: float) -> Estimate:

@@ -20,7 +20,9 @@ from analysis.estimator import Estimator, axes_or_new
 from analysis.statistics import (
     ChiSquare,
     Estimate,
+    TheoryCheck,
     compare_with_theory,
+    deviates,
     estimate_from_jackknife,
     jackknife,
     replica_mean,
@@ -44,12 +46,13 @@ class _Replica:
     s: list[float]
     time: list[float]
     sizes: NDArray[np.int64]  # (k,) particles of each species
-    squares: list[FloatArray]  # S x (k, d) mean of c_x^2, c_y^2, ...
+    tensors: list[FloatArray]  # S x (k, d, d) mean of c_a c_b
     powers: list[FloatArray]  # S x (k, 3) mean of c^2, c^4, c^6
     counts: list[NDArray[np.uint32]]  # S x (k, B) speed histogram
     labels: list[str]
     thermal: FloatArray  # (k,) sqrt(kT/m)
     free_momenta: int
+    momentum_shares: FloatArray  # (k,) share of one particle's energy that a conserved momentum takes
 
 
 @dataclass(frozen=True)
@@ -63,8 +66,8 @@ class Comparison:
     a2_uncertainty, ks_uncertainty, h_uncertainty : (S,) arrays
         Its standard uncertainty u.
     a2_z, ks_z, h_z : (S,) arrays
-        Deviations (measured - theory)/sqrt(standard error^2 + u^2); NaN where either is unknown or nothing
-        fluctuates.
+        Deviations (measured - theory)/sqrt(standard error^2 + u^2) as normal deviates, see `Estimate.z`; NaN where
+        either is unknown or nothing fluctuates.
     chi_square : ChiSquare or None
         All points of a2 together, with their covariance; None with too few replicas.
     """
@@ -144,12 +147,13 @@ class RelaxationCurve(Estimator):
         if not self._replicas or s <= self._replicas[-1].s[-1]:
             thermal = np.sqrt(temperature / scene.masses[first])
             labels = species_labels(frame)
+            conserved = float(np.mean(scene.periodic)) if scene.n > 1 else 0.0
+            shares = conserved * scene.masses[first] / scene.masses.sum()
             self._replicas.append(
-                _Replica([], [], sizes, [], [], [], labels, thermal, scene.degrees_of_freedom)
+                _Replica([], [], sizes, [], [], [], labels, thermal, scene.degrees_of_freedom, shares)
             )
         replica = self._replicas[-1]
-        components = reduced**2
-        square = components.sum(axis=1)
+        square = (reduced**2).sum(axis=1)
         powers = np.stack([square, square**2, square**3], axis=1)
         bins = np.minimum(
             np.sqrt(square) * (theory.KS_BINS / theory.SPEED_LIMIT[scene.dim]), theory.KS_BINS - 1
@@ -158,7 +162,9 @@ class RelaxationCurve(Estimator):
         members = [scene.species == kind for kind in kinds]
         replica.s.append(s)
         replica.time.append(frame.time)
-        replica.squares.append(np.stack([components[own].mean(axis=0) for own in members]))
+        replica.tensors.append(
+            np.stack([np.einsum("ia,ib->ab", reduced[own], reduced[own]) / own.sum() for own in members])
+        )
         replica.powers.append(np.stack([powers[own].mean(axis=0) for own in members]))
         replica.counts.append(
             np.stack([np.bincount(bins[own], minlength=theory.KS_BINS) for own in members]).astype(np.uint32)
@@ -318,10 +324,56 @@ class RelaxationCurve(Estimator):
         return np.asarray(powers.mean(axis=0) / self.dim)
 
     @property
+    def temperature_by_species_error(self) -> FloatArray:
+        """Standard errors of `temperature_by_species`, (S, k).
+
+        Of a single replica: the noise of independent Maxwellian particles, sqrt(2/(d N_i)), too large early.
+        """
+        powers = np.array([replica.powers for replica in self._ready()])[..., 0] / self.dim
+        if len(powers) > 1:
+            return replica_mean(powers)[1]
+        return np.broadcast_to(np.sqrt(2.0 / (self.dim * self._replicas[0].sizes)), powers.shape[1:])
+
+    def _tensors(self) -> FloatArray:
+        """Return m <v_a v_b> / kT of all species together, (R, S, d, d)."""
+        tensors = np.array([replica.tensors for replica in self._ready()])
+        return np.asarray(np.einsum("rskab,k->rsab", tensors, self._replicas[0].sizes / self.n_per_replica))
+
+    @property
     def temperature_by_axis(self) -> FloatArray:
-        """Mean m <v_k^2> / kT along each axis k, (S, d); 1 + O(1/N) at equilibrium, far from it for beams."""
-        squares = np.mean([replica.squares for replica in self._ready()], axis=0)
-        return np.asarray(np.einsum("ska,k->sa", squares, self._replicas[0].sizes / self.n_per_replica))
+        """Mean m <v_k^2> / kT along each axis k, (S, d); 1 + O(1/N) at equilibrium."""
+        return np.asarray(np.einsum("rsaa->sa", self._tensors()) / self.n_replicas)
+
+    def temperature_along(self, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the temperature along a direction over the mean of all directions, T_par/T, with its standard error.
+
+        Parameters
+        ----------
+        direction : (d,) array
+            Need not be of unit length; that of beams is `hardspheres.velocities.BEAM_DIRECTION`.
+
+        Returns
+        -------
+        value, error : (S,) arrays
+            1 on average at equilibrium. Of a single replica: the noise of independent Maxwellian particles.
+        """
+        unit = np.asarray(direction, dtype=np.float64)
+        unit = unit / np.linalg.norm(unit)
+        tensors = self._tensors()
+        along = np.einsum("rsab,a,b->rs", tensors, unit, unit) / np.einsum("rsaa->rs", tensors) * self.dim
+        if len(along) > 1:
+            return replica_mean(along)
+        noise = math.sqrt(2.0 * (self.dim - 1) / (self.dim * self.n_per_replica))
+        return along[0], np.full(along.shape[1], noise)
+
+    @property
+    def preferred_direction(self) -> FloatArray | None:
+        """The direction along which the first sample is warmest, (d,), None where that is less than 1.3 times the mean."""
+        first = self._tensors()[:, 0].mean(axis=0)
+        values, vectors = np.linalg.eigh(first)
+        if values[-1] < 1.3 * values.mean():
+            return None
+        return np.asarray(vectors[:, -1] * np.sign(vectors[np.argmax(np.abs(vectors[:, -1])), -1]))
 
     # The distribution as a whole ----------------------------------------------------------------------------
 
@@ -421,6 +473,49 @@ class RelaxationCurve(Estimator):
     # Statements ---------------------------------------------------------------------------------------------
 
     @property
+    def starts_from_beams(self) -> bool:
+        """Whether the gas is of one species and starts as two opposite beams of one speed."""
+        replicas, direction = self._ready(), self.preferred_direction
+        if direction is None or len(replicas[0].sizes) > 1 or replicas[0].s[0] > 0.0:
+            return False
+        equal = np.abs(self.a2_samples[:, 0] + 2.0 / (self.dim + 2)).max() < 1e-6
+        return bool(equal and abs(self.temperature_along(direction)[0][0] - self.dim) < 1e-6)
+
+    @property
+    def equilibrium_checks(self) -> list[TheoryCheck]:
+        """The last sample beside equilibrium: a2, the temperature of each species, and along the warmest direction at first.
+
+        A mixture is thermal when its species are: a2 and H of all particles together, in units of their own kT/m, hardly see
+        species of two temperatures. Expected are the exact values of N particles of fixed energy.
+        """
+        self._ready()
+        freedom = self.n_replicas - 1.0 if self.n_replicas > 1 else math.inf
+
+        def check(name: str, value: float, error: float, expected: float, doubt: float = 0.0) -> TheoryCheck:
+            measured = Estimate(float(value), float(error), self.n_replicas, freedom)
+            return TheoryCheck(name, "equilibrium", measured, expected, doubt)
+
+        sizes, kept = self._replicas[0].sizes, 1.0 - self._replicas[0].momentum_shares
+        whole, free = self.dim * self.n_per_replica, self.free_momenta
+        # the mean of `theory.finite_energy_law`; `theory.equilibrium_a2` where masses are equal
+        a2 = float(sizes @ kept**2) / self.n_per_replica * whole**2 / (free * (free + 2.0)) - 1.0
+        checks = [check("a2", self.a2[-1], self.a2_error[-1], a2)]
+        if len(sizes) > 1:
+            values, errors = self.temperature_by_species[-1], self.temperature_by_species_error[-1]
+            for kind, share in enumerate(kept):
+                checks.append(check(f"T{kind + 1}/T", values[kind], errors[kind], float(share)))
+        if self.preferred_direction is not None:
+            along = self.temperature_along(self.preferred_direction)
+            checks.append(check("T_par/T", along[0][-1], along[1][-1], 1.0, 1.0 / self.n_per_replica))
+        return checks
+
+    @property
+    def not_thermal(self) -> list[TheoryCheck]:
+        """Those of `equilibrium_checks` that a gas at equilibrium would fail once in 100 times, all together."""
+        checks = self.equilibrium_checks
+        return [check for check in checks if check.p_value < 0.01 / len(checks)]
+
+    @property
     def starts_from_equal_speeds(self) -> bool:
         """Whether the gas is of one species and starts with equal speeds that favour no axis."""
         replicas = self._ready()
@@ -428,8 +523,9 @@ class RelaxationCurve(Estimator):
             return False
         equal = np.abs(self.a2_samples[:, 0] + 2.0 / (self.dim + 2)).max() < 1e-6
         spread = math.sqrt(2.0 * (self.dim - 1) / (self.dim + 2) / (self.n_per_replica * self.n_replicas))
-        along = self.temperature_by_axis[0]
-        return bool(equal and np.abs(along - along.mean()).max() < 6.0 * spread)
+        tensor = self._tensors()[:, 0].mean(axis=0)
+        even = np.trace(tensor) / self.dim * np.eye(self.dim)
+        return bool(equal and np.abs(tensor - even).max() < 6.0 * spread)
 
     def fit_rate(self, window: tuple[float, float] = (2.0, 5.0)) -> Estimate:
         """Return the mean rate at which a2 decays over a window of s.
@@ -530,9 +626,13 @@ class RelaxationCurve(Estimator):
         def against(
             measured: tuple[FloatArray, FloatArray], expected: FloatArray, uncertainty: FloatArray
         ) -> tuple[FloatArray, FloatArray, FloatArray]:
-            scale = np.hypot(measured[1], uncertainty)
-            z = (measured[0] - expected) / np.where(fluctuates & (scale > 0.0), scale, np.nan)
-            return np.where(known, expected, np.nan), uncertainty, z
+            apart = np.where(fluctuates, measured[0] - expected, np.nan)
+            freedom = self.n_replicas - 1.0 if self.n_replicas > 1 else math.inf
+            return (
+                np.where(known, expected, np.nan),
+                uncertainty,
+                deviates(apart, measured[1], uncertainty, freedom),
+            )
 
         points = np.flatnonzero(fluctuates)
         chi_square = None

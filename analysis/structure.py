@@ -25,6 +25,8 @@ __all__ = ["ContactSamplingWarning", "PairDistribution"]
 
 FloatArray = NDArray[np.float64]
 
+SPARSE = 10.0  # pairs in a bin, below which blocks may have seen too little to know its variance
+
 
 class ContactSamplingWarning(UserWarning):
     """Frames were taken at collisions: a pair is in contact in each, which makes g at contact too large."""
@@ -190,12 +192,47 @@ class PairDistribution(Estimator):
 
     @property
     def g_error(self) -> FloatArray:
-        """Standard errors of `g`, (pairs, bins), from blocks as long as the contact value asks for."""
+        """Standard errors of `g`, (pairs, bins), from blocks as long as the contact value asks for.
+
+        In bins of fewer than 10 pairs no less than Poisson's, see `_sparse_variance`.
+        """
         rows = self._rows()
         length = min(block_length(rows @ self._extrapolation(self.degree) @ self._shares()), len(rows) // 2)
         blocks = len(rows) // length
         means = rows[len(rows) - blocks * length :].reshape(blocks, length, *rows.shape[1:]).mean(axis=1)
-        return np.asarray(means.std(axis=0, ddof=1) / math.sqrt(blocks))
+        return np.asarray(
+            np.maximum(means.std(axis=0, ddof=1) / math.sqrt(blocks), self._sparse_variance() ** 0.5)
+        )
+
+    def _sparse(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Pairs that were seen, and that would be without any correlation, in each bin; which are sparse (0 or 1)."""
+        expected = self._ideal(self._gas()) * self._frames.n_samples
+        seen = self._frames.mean * expected
+        return seen, expected, np.where(seen < SPARSE, 1.0, 0.0)
+
+    def _sparse_variance(self) -> FloatArray:
+        """Return the least variance of g in bins of fewer than `SPARSE` pairs, 0 in others, (pairs, bins).
+
+        Nothing seen is not certainty: a bin that would hold E pairs without any correlation, and was seen to hold n, has
+        Poisson's variance of max(n, E), that is max(n, E)/E^2 of g.
+        """
+        seen, expected, sparse = self._sparse()
+        return np.asarray(sparse * np.maximum(seen, expected) / expected**2)
+
+    def _with_floor(self, estimate: Estimate, weights: FloatArray) -> Estimate:
+        """Return a sum of g over bins with no smaller an error than sparse bins leave; weights (pairs, bins).
+
+        As `_sparse_variance`, but with g of all sparse bins of a pair of species together: n/E, at least 1, in place of each
+        bin's own, since a single pair says little of its bin.
+        """
+        seen, expected, sparse = self._sparse()
+        sparse = np.where(weights != 0.0, sparse, 0.0)
+        all_expected = np.maximum((sparse * expected).sum(axis=1), 1e-300)
+        g = np.maximum((sparse * seen).sum(axis=1) / all_expected, 1.0)
+        floor = math.sqrt(float((weights**2 * sparse * g[:, None] / expected).sum()))
+        if estimate.standard_error >= floor:
+            return estimate
+        return Estimate(estimate.value, floor, estimate.n_effective)
 
     def _extrapolation(self, degree: int) -> FloatArray:
         """Weights, (bins,), by which g averaged over bins gives the fitted polynomial at x = 0.
@@ -245,10 +282,16 @@ class PairDistribution(Estimator):
     def contact(self) -> dict[tuple[int, int], Estimate]:
         """g_ij at contact by extrapolation, for each pair of species.
 
-        Bias: what the polynomial does not follow, see `extrapolation_bias`.
+        Bias: what the polynomial does not follow, see `extrapolation_bias`. Where hardly a pair came near contact the
+        error is Poisson's, as of `g_error`.
         """
-        values = self._contact_rows()
-        return {pair: estimate_from_series(values[:, index]) for index, pair in enumerate(self._pairs)}
+        values, functional = self._contact_rows(), self._extrapolation(self.degree)
+        contacts = {}
+        for index, pair in enumerate(self._pairs):
+            weights = np.zeros((len(self._pairs), len(functional)))
+            weights[index] = functional
+            contacts[pair] = self._with_floor(estimate_from_series(values[:, index]), weights)
+        return contacts
 
     @property
     def compressibility_factor(self) -> Estimate:
@@ -258,9 +301,9 @@ class PairDistribution(Estimator):
         in 2D: the virial theorem, exact at any N but for the extrapolation. Comparable with `Pressure.virial`
         and with `theory.finite_size_compressibility`.
         """
-        n = self._gas().n
-        excess = self._contact_rows() @ self._shares() * (n / (n - 1))
-        return estimate_from_series(1.0 + excess)
+        shares = self._shares() * self._gas().n / (self._gas().n - 1)
+        estimate = estimate_from_series(1.0 + self._contact_rows() @ shares)
+        return self._with_floor(estimate, np.outer(shares, self._extrapolation(self.degree)))
 
     @property
     def extrapolation_bias(self) -> float:

@@ -8,6 +8,7 @@ frame that does not advance in time begins a new replica. All replicas must be s
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -297,21 +298,30 @@ class AnisotropyDecay(_Replicas):
 
     Parameters
     ----------
-    axis : int, default 0
-        Which axis.
+    axis : int or (d,) array_like, default 0
+        Which axis, or a direction, such as `hardspheres.velocities.BEAM_DIRECTION` of beams.
     """
 
-    def __init__(self, axis: int = 0) -> None:
+    def __init__(self, axis: int | Sequence[float] | FloatArray = 0) -> None:
         super().__init__()
         self.axis = axis
 
+    def _direction(self, dim: int) -> FloatArray:
+        if isinstance(self.axis, int):
+            if not 0 <= self.axis < dim:
+                raise ValueError(f"axis = {self.axis} in a gas of {dim} dimensions")
+            return np.asarray(np.eye(dim)[self.axis])
+        direction = np.asarray(self.axis, dtype=np.float64)
+        if direction.shape != (dim,) or not 0.0 < float(np.linalg.norm(direction)) < math.inf:
+            raise ValueError(f"axis = {direction.tolist()} is no direction in a gas of {dim} dimensions")
+        return np.asarray(direction / np.linalg.norm(direction))
+
     def _measure(self, frame: Frame) -> FloatArray:
         scene = frame.scene
-        if not 0 <= self.axis < scene.dim:
-            raise ValueError(f"axis = {self.axis} in a gas of {scene.dim} dimensions")
+        direction = self._direction(scene.dim)
         peculiar = frame.velocities - drift(frame.velocities, scene.masses, scene.periodic)
-        along = np.einsum("i,ik,ik->k", scene.masses, peculiar, peculiar)
-        return np.asarray(along[self.axis] / along.mean() - 1.0)
+        tensor = np.einsum("i,ia,ib->ab", scene.masses, peculiar, peculiar)
+        return np.asarray(direction @ tensor @ direction / np.trace(tensor) * scene.dim - 1.0)
 
     @property
     def anisotropy(self) -> FloatArray:
@@ -385,6 +395,7 @@ class AnisotropyDecay(_Replicas):
         axes.plot(fine, self._theory(fine).value, color="0.25", lw=1.5, label="Boltzmann equation")
         axes.errorbar(s, values, errors, fmt="o", ms=4, label="simulation")
         axes.set_xlabel("collisions per particle s")
-        axes.set_ylabel(f"anisotropy $T_{'xyz'[self.axis]}/T - 1$")
+        name = "xyz"[self.axis] if isinstance(self.axis, int) else r"\parallel"
+        axes.set_ylabel(f"anisotropy $T_{name}/T - 1$")
         axes.legend()
         return axes

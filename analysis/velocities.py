@@ -5,7 +5,9 @@ The distributions themselves are in `analysis.distributions`. All estimators wor
 particle's own mass and kT = 2 K_th / D the temperature of the whole gas, D its free momenta. At equilibrium
 every component of c is a standard normal number whatever the species. Since the energy of a simulated gas is
 fixed, <c^2> = D/N in every frame: kT is not a parameter that fluctuates, and each statement below says what
-that does to it.
+that does to it. A mixture is thermal when each species is and all have one temperature: look at
+`FourthCumulant.by_species` and `temperatures.TemperatureEquilibration` too, since all species together can look Maxwellian
+while their temperatures differ by several per cent.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ from numpy.typing import NDArray
 from analysis import theory
 from analysis.distributions import ComponentDistribution, EnergyDistribution, SpeedDistribution
 from analysis.estimator import Estimator, axes_or_new
+from analysis.memory import FrameWeights
 from analysis.reduced import reduced_velocities, species_labels
 from analysis.series import BlockSeries, estimate_from_series
 from analysis.statistics import Estimate, estimate_from_replicas
@@ -168,9 +171,17 @@ def h_excess(histogram: NDArray[np.generic], probabilities: FloatArray) -> Float
     return np.asarray(plug_in - (occupied - 1) / (2.0 * total[..., 0]))
 
 
-def _mean_of_frames(values: FloatArray) -> Estimate:
-    """Mean over frames in the order of time: errors from blocks, below 16 frames as if independent."""
-    return estimate_from_series(values) if len(values) >= 16 else estimate_from_replicas(values)
+def _mean_of_frames(values: FloatArray, effective: float) -> Estimate:
+    """Return the mean over frames in the order of time: error from blocks, below 16 frames from the spread.
+
+    Of few frames the spread tells the variance of as many independent ones as there are by the collisions between them, less
+    one: s^2 (n - 1)/n over `effective` - 1, which is s^2/n where all are independent.
+    """
+    if len(values) >= 16:
+        return estimate_from_series(values)
+    estimate, more = estimate_from_replicas(values), effective - 1.0
+    error = estimate.standard_error * math.sqrt((len(values) - 1) / more) if more > 0.0 else math.nan
+    return Estimate(estimate.value, error, effective, more)
 
 
 class _PerFrame(Estimator):
@@ -180,6 +191,7 @@ class _PerFrame(Estimator):
 
     def __init__(self) -> None:
         self._rows = BlockSeries()  # s, then what `_measure` returns
+        self._weights = FrameWeights()
         self._last = math.nan
         self._n = 0
         self._dim = 3
@@ -191,9 +203,15 @@ class _PerFrame(Estimator):
         """Take in one frame and return the estimator itself."""
         measured = self._measure(frame)
         self._rows.add([frame.collisions_per_particle, *measured])
+        self._weights.add(frame)
         self._last = measured[0]
         self._n, self._dim = frame.scene.n, frame.scene.dim
         return self
+
+    def _mean(self, values: FloatArray) -> Estimate:
+        self._require(len(self._rows) > 0, "values", "add(frame)")
+        self._weights.warn_if_frozen()
+        return _mean_of_frames(values, float(self._weights.effective.min()))
 
     def _column(self, index: int) -> FloatArray:
         self._require(len(self._rows) > 0, "values", "add(frame)")
@@ -261,7 +279,8 @@ class FourthCumulant(_PerFrame):
         """Mean over frames; the error of one frame is the noise of N particles.
 
         Frames may be correlated: errors come from blocks (`series.estimate_from_series`), with fewer than 16
-        frames as if they were independent.
+        frames from their spread and the collisions between them (`memory.FrameWeights`). A species that has not forgotten
+        its velocities over all frames gives a `memory.FrozenWarning`.
         """
         return self._estimate(self.values, 2)
 
@@ -272,7 +291,7 @@ class FourthCumulant(_PerFrame):
 
     def _estimate(self, values: FloatArray, order: int) -> Estimate:
         if len(values) > 1:
-            return _mean_of_frames(values)
+            return self._mean(values)
         noise = theory.cumulant_noise(self._n, self._dim, 2 if order == 2 else 3)
         return Estimate(float(values[0]), noise, float(self._n))
 
@@ -310,7 +329,7 @@ class KolmogorovSmirnov(_PerFrame):
     @property
     def distance(self) -> Estimate:
         """Mean distance over frames, with an error as that of `FourthCumulant.a2`; NaN for one frame."""
-        return _mean_of_frames(self.values)
+        return self._mean(self.values)
 
     @property
     def p_value(self) -> float:
@@ -348,4 +367,4 @@ class HFunction(_PerFrame):
     @property
     def excess(self) -> Estimate:
         """Mean of H - H_eq over frames, with an error as that of `FourthCumulant.a2`; NaN for one frame."""
-        return _mean_of_frames(self.values)
+        return self._mean(self.values)

@@ -620,6 +620,8 @@ class Simulation:
         """Mean pressure tensor since `reset_tallies`, shape (d, d): (kinetic + virial) / (time V).
 
         The common motion along periodic axes is left out. Source: the virial of impulses, see `compressibility_factor`.
+        Between walls it is the mean over the box, layers at the walls with all else, and the volume V is that of the box,
+        part of which no centre can reach: in narrow boxes far less than what a wall feels. That is `wall_pressure`.
         """
         t = self._tallied()
         p = (
@@ -637,9 +639,33 @@ class Simulation:
 
         W is the virial rate, the sum of r.dp over pair collisions per time; exact for any finite run in a periodic box
         (Alder and Wainwright 1960, doi:10.1063/1.1731425). With two or more particles K_th leaves out the common motion.
+        Between walls it is a mean over the box, whose volume V counts the half diameter at each wall that no centre can
+        reach; what the walls feel is `wall_pressure`.
         """
         t = self._tallied()
         return 1.0 + float(np.trace(t.virial)) / (t.time * 2.0 * self.thermal_energy)
+
+    @property
+    def wall_pressure(self) -> Floats:
+        """Mean pressure on the lower and upper wall of each axis since `reset_tallies`, (d, 2); NaN on periodic axes.
+
+        Force over area: momentum given to the wall per time, over the part of it that centres can reach, the product of L
+        - 2R along the other wall axes and L along periodic ones, R the mean radius. By the contact theorem kT times the mean
+        density of centres at the wall, at any density. For one diameter sigma its mean over both walls and `pressure_tensor`
+        are tied by Clausius' virial theorem, P_kk V = (L_k - sigma) F_k, but for what the run's two ends differ by.
+
+        Raises
+        ------
+        SimulationError
+            Before anything was run.
+        """
+        t, periodic = self._tallied(), self.scene.periodic
+        reach = np.where(periodic, self.scene.box, self.scene.box - 2.0 * float(np.mean(self.scene.radii)))
+        areas = np.array([math.prod(np.delete(reach, axis).tolist()) for axis in range(self.scene.dim)])
+        pressure: Floats = (
+            np.where(periodic, np.nan, 1.0)[:, None] * t.wall_impulses / (t.time * areas[:, None])
+        )
+        return pressure
 
     def _tallied(self) -> Tallies:
         t = self.tallies

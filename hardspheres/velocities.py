@@ -19,6 +19,14 @@ Seed = int | np.random.SeedSequence
 POSITIONS, VELOCITIES = 0x706F7369, 0x76656C6F  # names of the two streams drawn from one seed
 
 
+_PLASTIC, _GOLDEN = 1.324717957244746, 1.618033988749895  # x^3 = x + 1, x^2 = x + 1
+_UNEVEN = {3: np.array([1.0, 1 / _PLASTIC, 1 / (_PLASTIC * _PLASTIC)]), 2: np.array([1.0, 1 / _GOLDEN])}
+BEAM_DIRECTION = {dim: uneven / math.sqrt(float(np.sum(uneven * uneven))) for dim, uneven in _UNEVEN.items()}
+"""Unit vectors, by dimension, along which beams start: (0.726, 0.548, 0.414) and (0.851, 0.526). Their components are in
+the ratios of powers of the plastic number and of the golden ratio, which rational numbers approximate worst, so that in a
+cubic periodic box a line along them stays away from itself for as long as one can."""
+
+
 def stream(seed: Seed, name: int) -> np.random.Generator:
     """Return an independent stream of random numbers for each name; the same seed and name give the same stream.
 
@@ -72,9 +80,9 @@ def draw_velocities(
         at rest along periodic axes (one particle alone cannot be, and shifts the ratio a little). In a mixture the first species is hot and the others are cold; particles all alike
         are divided at random into halves.
 
-        ``"beams"``: half of the particles, drawn at random (mass by mass), move along +x and half along -x, all with one
-        speed. On a lattice whose rows along x are more than a diameter apart they would only ever meet head-on; start
-        beams from `random_gas`.
+        ``"beams"``: half of the particles, drawn at random (mass by mass), move along `BEAM_DIRECTION` and half against
+        it, all with one speed. Ratios of its components are irrational: along an axis of a periodic box, particles that
+        missed all others once would fly through the same cylinder again and again, and never collide.
     temperature : float
         kT of the whole, in units of energy, >= 0. Zero puts everything at rest.
     temperature_ratio : float
@@ -150,14 +158,14 @@ def _two_temperatures(rng: np.random.Generator, scene: Scene, ratio: float) -> F
 
 
 def _beams(rng: np.random.Generator, scene: Scene) -> Floats:
-    drawn = np.zeros((scene.n, scene.dim))
+    signs = np.empty(scene.n)
     sign = 1.0  # an odd one out goes alternately this way and that
     for members in _shuffled_by_mass(rng, scene):
         half = (len(members) + 1) // 2
-        drawn[members[:half], 0] = sign
-        drawn[members[half:], 0] = -sign
+        signs[members[:half]] = sign
+        signs[members[half:]] = -sign
         sign = -sign if len(members) % 2 else sign
-    return drawn
+    return signs[:, None] * BEAM_DIRECTION[scene.dim]
 
 
 def _shuffled_by_mass(rng: np.random.Generator, scene: Scene) -> list[Ints]:

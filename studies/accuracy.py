@@ -226,7 +226,7 @@ class Compared:
         for name, estimate in (("Z - 1", long.pressure), ("the mean free path", long.free_path)):
             if alarming(estimate, 0.0, 0.0):
                 found.append(
-                    f"the engine's {name} is {estimate.deviation(0.0):+.1f} standard errors from the exact value"
+                    f"the engine's {name} is {estimate.z(0.0):+.1f} standard errors from the exact value"
                 )
         if not (long.energy < 1e-12 and long.overlap < 1e-11):
             found.append(f"energy drift {long.energy:.1e}, deepest overlap {long.overlap:.1e} diameters")

@@ -380,7 +380,7 @@ def _print_pressure(screen: Screen, summary: Mapping[str, Any]) -> None:
         text += ", no theory for this gas"
     else:
         expected, uncertainty = summary["theory"]["value"], summary["theory"]["uncertainty"]
-        text += f", fluid in theory {expected:.4f} (z = {z.deviation(expected, uncertainty):+.1f})"
+        text += f", fluid in theory {expected:.4f} (z = {z.z(expected, uncertainty):+.1f})"
         if not summary["is_fluid"]:
             text += ": THIS GAS IS NOT THE EQUILIBRIUM FLUID"
     if summary["against"] is not None and summary["against"]["cpu"] is not None:

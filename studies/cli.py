@@ -438,7 +438,7 @@ def pressure(
 @app.command()
 def free_path(
     packing_fractions: Densities = "0.001,0.01,0.1,0.3",
-    n: Annotated[int, typer.Option(min=3, help="Particles in each replica.")] = 4000,
+    n: Annotated[int, typer.Option(min=2, help="Particles in each replica.")] = 4000,
     dim: Annotated[int, typer.Option(min=2, max=3, help="Dimension.")] = 3,
     diameter_ratio: Ratio = 1.0,
     mass_ratio: Ratio = 1.0,
@@ -483,8 +483,13 @@ def diffusion(
     n: Annotated[int, typer.Option(min=2, help="Particles in each replica.")] = 1000,
     dim: Annotated[int, typer.Option(min=2, max=3, help="Dimension.")] = 3,
     collisions_per_particle: Annotated[
-        float, typer.Option(help="How long to measure in each replica, s = 2 collisions / n.")
-    ] = 200.0,
+        float | None,
+        typer.Option(
+            help="How long to measure in each replica, s = 2 collisions / n.  [default: three times the window of the "
+            "slope, 200 to 2000]",
+            show_default=False,
+        ),
+    ] = None,
     replicas: Annotated[
         int, typer.Option(min=1, max=MOST, help="Independent gases at each packing fraction.")
     ] = 12,

@@ -20,6 +20,7 @@ from studies.ensemble import available_cores
 from studies.fluid import Fluid, broken, check_length, load_kernels, run_fluids
 from studies.report import (
     ALARM,
+    Z_MEANS,
     OutputFolder,
     Screen,
     alarming,
@@ -452,22 +453,23 @@ def _print(
                     check.quantity,
                     str(check.measured),
                     str(Estimate(check.expected, check.uncertainty)),
-                    f"{check.z:+.1f}",
+                    f"{check.z:+.1f}" if math.isfinite(check.z) else "",
                     "u" if check.better_than_theory else "",
                 ]
             )
             before = eta
     screen.table("", ["packing fraction", "quantity", "measured", "theory", "z", ""], rows)
     screen.say()
-    finite = "" if study.fluid.mixed else f" with the finite-size correction for {study.fluid.n} particles"
     screen.say(
-        f"means and rates: Enskog{finite}; Z: {states[0].checks[-1].theory}; uncertainty in parentheses"
+        f"means and rates: Enskog for {study.fluid.n} particles at fixed energy and momentum; Z: "
+        f"{states[0].checks[-1].theory}; uncertainty in parentheses"
     )
-    screen.say(
-        "<l^k>, <t^k> of all flights, counted exactly: Boltzmann, whose uncertainty is the packing fraction, what"
-    )
-    screen.say("meeting the same neighbours again may change in a denser gas")
-    screen.say("z: deviation from theory in standard errors, the theory's own uncertainty in it")
+    if study.fluid.n > 2:
+        screen.say(
+            "<l^k>, <t^k> of all flights, counted exactly: Boltzmann, whose uncertainty, k - 1 times the packing fraction, is "
+            "what meeting the same neighbours again may change in a denser gas"
+        )
+    screen.say(Z_MEANS)
     if any(check.better_than_theory for state in states for check in state.checks):
         screen.say(
             "u: the measurement is better than the theory, whose uncertainty exceeds two standard errors"

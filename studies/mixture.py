@@ -15,13 +15,14 @@ from scipy.integrate import trapezoid
 import hardspheres as hs
 from analysis import theory
 from analysis.reduced import species_labels
-from analysis.statistics import Estimate, TheoryCheck, estimate_from_replicas, replica_mean
+from analysis.statistics import Estimate, TheoryCheck, deviates, estimate_from_replicas, replica_mean
 from analysis.temperatures import TemperatureEquilibration
 from analysis.theory import Prediction
 from studies.ensemble import available_cores, replica_seeds, run_replicas
 from studies.fluid import THEORY_UP_TO, Fluid, broken
 from studies.report import (
     ALARM,
+    Z_MEANS,
     OutputFolder,
     Screen,
     alarming,
@@ -38,7 +39,6 @@ __all__ = ["Equilibrations", "Mixture", "Result", "mixture"]
 FloatArray = NDArray[np.float64]
 
 SAMPLES = 4  # in each relaxation time
-CONTACT_DOUBT = {3: 0.003, 2: 0.005}  # relative uncertainty of g - 1, see `theory.mixture_contact_values`
 
 
 @dataclass(frozen=True)
@@ -229,12 +229,10 @@ class Result:
 
     @property
     def deviations(self) -> FloatArray:
-        """T_1 - T_2 less theory in combined standard errors, NaN at the start, where both are the same."""
-        error = np.hypot(self.difference_error, self.theory_difference_error)
-        known = self.time > 0.0
-        return np.where(
-            known, (self.difference - self.theory_difference) / np.where(known, error, 1.0), np.nan
-        )
+        """T_1 - T_2 less theory as normal deviates, NaN at the start, where both are the same."""
+        apart = np.where(self.time > 0.0, self.difference - self.theory_difference, np.nan)
+        freedom = self.decay.n_replicas - 1.0
+        return deviates(apart, self.difference_error, self.theory_difference_error, freedom)
 
     @property
     def rate(self) -> TheoryCheck:
@@ -256,7 +254,10 @@ class Result:
         by_temperature = abs(float(trapezoid(shifted - expected, span) / (span[-1] - span[0])))
         densities, diameters, _ = _species(self.scene)
         g = float(theory.mixture_contact_values(densities, diameters, self.scene.dim).max())
-        doubt = mean * math.hypot(CONTACT_DOUBT[self.scene.dim] * (1.0 - 1.0 / g), 1.0 / self.scene.n)
+        doubt = mean * math.hypot(
+            theory.mixture_contact_uncertainty(diameters, self.scene.dim) * (1.0 - 1.0 / g),
+            1.0 / self.scene.n,
+        )
         return TheoryCheck(
             "collisions per particle and time",
             "Enskog",
@@ -452,9 +453,7 @@ def _print(
         "to miss later,"
     )
     screen.say("when the species are no longer Maxwellian and the difference decays more slowly")
-    screen.say(
-        "z: deviation in standard errors, the theory's uncertainty in it; errors from the spread of replicas"
-    )
+    screen.say(f"{Z_MEANS}; errors from the spread of replicas")
     if any(row[-1] for row in rows):
         screen.say(
             "u: the measurement is better than the theory, whose uncertainty exceeds two standard errors"

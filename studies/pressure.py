@@ -21,6 +21,7 @@ from studies.ensemble import available_cores
 from studies.fluid import THEORY_UP_TO, Fluid, broken, check_length, load_kernels, ordered, run_fluids
 from studies.report import (
     ALARM,
+    Z_MEANS,
     OutputFolder,
     Screen,
     alarming,
@@ -274,8 +275,8 @@ class State:
         return next(iter(self.theories.values()), Prediction(math.nan, math.nan))
 
     def deviation(self, name: str) -> float:
-        """Return how far a measurement is from the best theory, in combined standard errors."""
-        return self.measured[name].deviation(float(self.best.value), float(self.best.uncertainty))
+        """Return how far a measurement is from the best theory, as a normal deviate (`Estimate.z`)."""
+        return self.measured[name].z(float(self.best.value), float(self.best.uncertainty))
 
     @property
     def better_than_theory(self) -> bool:
@@ -322,10 +323,10 @@ def _deviations(state: State) -> list[str]:
                 f"Z from the {name} is {state.deviation(name):+.1f} standard errors from {theory}"
             )
         if name == "walls" and alarming(z, virial.value, virial.standard_error):
-            deviation = z.deviation(virial.value, virial.standard_error)
+            deviation = z.z(virial.value, virial.standard_error)
             sentences.append(f"Z from the {name} is {deviation:+.1f} standard errors from that of the virial")
     if alarming(state.difference, 0.0, 0.0):
-        deviation = -state.difference.deviation(0.0)
+        deviation = -state.difference.z(0.0)
         sentences.append(f"Z from the rate is {deviation:+.1f} standard errors from that of the virial")
     return sentences
 
@@ -417,7 +418,7 @@ def columns(states: Sequence[State]) -> dict[str, Any]:
     table["z_virial_minus_rate"] = [z.value for z in differences]
     table["z_virial_minus_rate_error"] = [z.standard_error for z in differences]
     table["z_virial_minus_rate_degrees_of_freedom"] = [z.degrees_of_freedom for z in differences]
-    table["z_virial_minus_rate_deviation"] = [z.deviation(0.0) for z in differences]
+    table["z_virial_minus_rate_deviation"] = [z.z(0.0) for z in differences]
     table["theory"] = [next(iter(state.theories), "") for state in states]
     table["z_theory"] = [float(state.best.value) for state in states]
     table["z_theory_error"] = [float(state.best.uncertainty) for state in states]
@@ -485,7 +486,7 @@ def state_summary(state: State) -> dict[str, Any]:
             name: estimate_json(z) | {"deviation": state.deviation(name)}
             for name, z in state.measured.items()
         },
-        "virial_minus_rate": estimate_json(state.difference) | {"deviation": state.difference.deviation(0.0)},
+        "virial_minus_rate": estimate_json(state.difference) | {"deviation": state.difference.z(0.0)},
         "theories": {
             name: {"value": float(p.value), "uncertainty": float(p.uncertainty)}
             for name, p in state.theories.items()
@@ -524,7 +525,7 @@ def print_states(screen: Screen, title: str, states: Sequence[State]) -> None:
         for name in names:
             deviation = state.deviation(name)
             row += [str(state.measured[name]), f"{deviation:+.1f}" if math.isfinite(deviation) else ""]
-        row += [str(state.difference), f"{state.difference.deviation(0.0):+.1f}"]
+        row += [str(state.difference), f"{state.difference.z(0.0):+.1f}"]
         best = state.best
         row.append(str(Estimate(float(best.value), float(best.uncertainty))) if state.theories else "")
         rows.append([*row, "u" if state.better_than_theory else ""])
@@ -540,10 +541,7 @@ def say_notes(screen: Screen, states: Sequence[State]) -> None:
         sizes = {fluid.n for fluid in fluids if fluid.periodic}
         finite = f" with the finite-size correction for {min(sizes)} particles" if sizes else ""
         screen.say(f"theory: {', '.join(named)}{finite}; its uncertainty in parentheses")
-    screen.say(
-        "z: deviation from theory in standard errors, the theory's own uncertainty in it; virial - rate: of "
-        "blocks of the same collisions, expected 0"
-    )
+    screen.say(f"{Z_MEANS}; virial - rate: of blocks of the same collisions, expected 0")
     if any(state.better_than_theory for state in states):
         screen.say(
             "u: the measurement is better than the theory, whose uncertainty exceeds two standard errors"

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 __all__ = [
     "ALARM",
     "COLOURS",
+    "Z_MEANS",
     "OutputError",
     "OutputFolder",
     "Screen",
@@ -52,6 +53,9 @@ COLOURS = {
     "other": "#e0a030",
 }
 """Colours of all figures: theory is a dark line, simulation is blue points, a second species is red."""
+
+Z_MEANS = "z: deviation from theory in standard errors, the theory's own in them, few replicas allowed for (Student's t)"
+"""What the column z of all tables is: `Estimate.z`."""
 
 ALARM = 5.0
 """Deviation from theory, in standard errors, at which a study's check has failed."""

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 import hardspheres as hs
 from analysis import theory
 from analysis.relaxation import Comparison, RelaxationCurve
-from analysis.statistics import Estimate
+from analysis.statistics import Estimate, deviates
 from analysis.velocities import reduced_velocities
 from hardspheres.files import Reading, read_scene
 from studies.ensemble import available_cores, replica_seeds, run_replicas
 from studies.fluid import broken, is_dense, two_species
-from studies.report import OutputFolder, Screen, engine_of, say_checks, seconds_taken
+from studies.report import Z_MEANS, OutputFolder, Screen, engine_of, say_checks, seconds_taken
 from studies.resuming import Resumable, until
 
 __all__ = ["Recipe", "ReplicaResult", "Replicas", "Thermalisation", "sampling_points", "thermalise"]
@@ -412,13 +412,32 @@ def _columns(curve: RelaxationCurve, reference: Comparison | None) -> dict[str, 
         columns[f"{name}_z"] = theory_of(f"{name}_z")
     columns["a3"], columns["a3_error"] = curve.a3, curve.a3_error
     if len(curve.labels) > 1:
-        for index, (kT, a2) in enumerate(
-            zip(curve.temperature_by_species.T, curve.a2_by_species.T, strict=True), 1
-        ):
-            columns[f"temperature_{index}"], columns[f"a2_{index}"] = kT, a2
+        errors = curve.temperature_by_species_error.T
+        for index, kT in enumerate(curve.temperature_by_species.T):
+            columns[f"temperature_{index + 1}"], columns[f"temperature_{index + 1}_error"] = kT, errors[index]
+            columns[f"a2_{index + 1}"] = curve.a2_by_species[:, index]
     for axis, share in zip("xyz", curve.temperature_by_axis.T, strict=False):
         columns[f"temperature_{axis}"] = share
+    if curve.preferred_direction is not None:
+        along = curve.temperature_along(curve.preferred_direction)
+        columns["temperature_parallel"], columns["temperature_parallel_error"] = along
+        for name, column in zip(("boltzmann", "boltzmann_error", "z"), _beams(curve) or (), strict=False):
+            columns[f"temperature_parallel_{name}"] = column
     return columns
+
+
+def _beams(curve: RelaxationCurve) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Return T_par/T of two beams in theory, its uncertainty, and z; None after another start."""
+    direction = curve.preferred_direction
+    if direction is None or not curve.starts_from_beams:
+        return None
+    known = curve.s <= 7.0
+    table = theory.boltzmann_beams(np.where(known, curve.s, 0.0), curve.dim)
+    expected = np.where(known, 1.0 + table.anisotropy, np.nan)
+    value, error = curve.temperature_along(direction)
+    apart = np.where(curve.s > 0.0, value - expected, np.nan)
+    freedom = curve.n_replicas - 1.0 if curve.n_replicas > 1 else math.inf
+    return expected, table.anisotropy_error, deviates(apart, error, table.anisotropy_error, freedom)
 
 
 def _rate(curve: RelaxationCurve) -> Estimate | str:
@@ -454,7 +473,7 @@ def _summary(
         expected = theory.equal_speeds_decay_rate(curve.dim, RATE_WINDOW)
         measured |= {"boltzmann": expected.value, "boltzmann_error": expected.uncertainty}
         if isinstance(rate, Estimate):
-            measured["z"] = rate.deviation(expected.value, expected.uncertainty)
+            measured["z"] = rate.z(expected.value, expected.uncertainty)
     chi_square = reference.chi_square if reference is not None else None
     failures = [
         f"replica {index}: {result.failure}" for index, result in enumerate(results) if result.failure
@@ -482,6 +501,7 @@ def _summary(
         "relaxation": _columns(curve, reference),
         "a2_chi_square": None if chi_square is None else asdict(chi_square),
         "decay_rate": measured,
+        "thermal": _thermal(curve),
         "equilibrium_a2": float(theory.equilibrium_a2(curve.free_momenta)),
         "ks_floor": theory.ks_floor(curve.n_replicas * curve.n_per_replica, curve.dim),
         "h_bins": curve.h_bins,
@@ -499,7 +519,43 @@ def _summary(
     }
 
 
+def _thermal(curve: RelaxationCurve) -> dict[str, Any]:
+    """Return whether the gas is thermal at the end, and what tells."""
+    late = [check.quantity for check in curve.not_thermal]
+    return {
+        "s": float(curve.s[-1]),
+        "passed": not late,
+        "checks": [
+            {
+                "quantity": check.quantity,
+                "value": check.measured.value,
+                "standard_error": check.measured.standard_error,
+                "equilibrium": check.expected,
+                "z": check.z,
+                "thermal": check.quantity not in late,
+            }
+            for check in curve.equilibrium_checks
+        ],
+    }
+
+
+def _say_thermal(screen: Screen, curve: RelaxationCurve) -> None:
+    checks, late = curve.equilibrium_checks, curve.not_thermal
+    end = f"at s = {curve.s[-1]:.4g}"
+    if late:
+        told = "; ".join(
+            f"{check.quantity} = {check.measured}, at equilibrium {check.expected:.4f} (z = {check.z:+.1f})"
+            for check in late
+        )
+        screen.say(f"not thermal yet {end}: {told}")
+    else:
+        told = ", ".join(f"{check.quantity} = {check.measured}" for check in checks)
+        screen.say(f"thermal {end}, as far as this can tell: {told}")
+
+
 def _theory_name(study: Thermalisation, curve: RelaxationCurve, reference: Comparison | None) -> str:
+    if reference is None and curve.starts_from_beams:
+        return "T_par/T: Boltzmann equation, two beams, dilute gas; at equilibrium a2 and H - Heq vanish and KS is noise"
     if reference is None:
         return "none for this start; at equilibrium a2 and H - Heq vanish and KS is noise"
     if study.recipe.velocities == "maxwell":
@@ -535,7 +591,7 @@ def _print(
     screen.table("", header, rows)
     screen.say()
     screen.say(f"theory: {summary['theory']}")
-    screen.say("a2: mean over replicas; KS, H - Heq: all replicas together; z: deviation in standard errors")
+    screen.say(f"a2: mean over replicas; KS, H - Heq: all replicas together; {Z_MEANS}")
     screen.say(
         f"H on {curve.h_bins} bins of {summary['h_bin_width']:.4g} thermal speeds; noise at equilibrium: "
         f"a2 {theory.cumulant_noise(summary['particles_in_all'], curve.dim):.1e}, KS "
@@ -555,6 +611,7 @@ def _print(
         screen.say(text)
     elif recipe.velocities != "maxwell":
         screen.say(f"no decay rate: {rate['reason']}")
+    _say_thermal(screen, curve)
     say_checks(screen, summary, out)
 
 
@@ -570,12 +627,19 @@ def _table(curve: RelaxationCurve, reference: Comparison | None) -> tuple[list[s
             columns.append([_number(value) for value in getattr(reference, name)])
             columns.append([f"{z:+.1f}" if math.isfinite(z) else "" for z in getattr(reference, f"{name}_z")])
     if len(curve.labels) > 1:
-        for index, kT in enumerate(curve.temperature_by_species.T, 1):
+        both = zip(curve.temperature_by_species.T, curve.temperature_by_species_error.T, strict=True)
+        for index, (kT, errors) in enumerate(both, 1):
             header.append(f"T{index}/T")
-            columns.append([f"{value:.4f}" for value in kT])
-    if np.abs(curve.temperature_by_axis[0] - 1.0).max() > 0.3:
-        header.append("Tx/T")
-        columns.append([f"{value:.4f}" for value in curve.temperature_by_axis[:, 0]])
+            columns.append([_estimate(value, error) for value, error in zip(kT, errors, strict=True)])
+    if curve.preferred_direction is not None:
+        header.append("T_par/T")
+        along = curve.temperature_along(curve.preferred_direction)
+        columns.append([_estimate(value, error) for value, error in zip(*along, strict=True)])
+        beams = _beams(curve)
+        if beams is not None:
+            header += ["theory", "z"]
+            columns.append([_number(value) for value in beams[0]])
+            columns.append([f"{z:+.1f}" if math.isfinite(z) else "" for z in beams[2]])
     return header, [list(row) for row in itertools.zip_longest(*columns)]
 
 

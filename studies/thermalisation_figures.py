@@ -116,12 +116,18 @@ def relaxation(curve: RelaxationCurve, reference: Comparison | None) -> Figure:
     """
     s = curve.s
     with figure_style():
-        figure = Figure(figsize=(9.4, 4.6 if reference is not None else 3.6), layout="constrained")
+        directed = curve.preferred_direction
+        width = 9.4 if directed is None else 13.2
+        figure = Figure(figsize=(width, 4.6 if reference is not None else 3.6), layout="constrained")
         if reference is not None:
             panels = figure.subplots(2, 2, sharex=True, height_ratios=[3.2, 1])
             upper, lower = panels[0], panels[1]
-        else:
+        elif directed is None:
             upper, lower = figure.subplots(1, 2, sharex=True), []
+        else:  # no theory comes with a start that prefers a direction
+            first, *upper = figure.subplots(1, 3, sharex=True)
+            lower = []
+            _draw_parallel(first, curve, directed)
         _draw_a2(upper[0], curve, reference)
         _draw_h(upper[1], curve, reference)
         for axes, z in zip(
@@ -138,7 +144,7 @@ def relaxation(curve: RelaxationCurve, reference: Comparison | None) -> Figure:
             extent = max(3.5, float(np.nanmax(np.abs(z), initial=0.0)) * 1.15)
             axes.set_ylim(-extent, extent)
             axes.set_ylabel("deviation\nin std. errors", fontsize=8.5)
-        for axes in lower if len(lower) else upper:
+        for axes in lower if len(lower) else figure.axes:
             axes.set_xlabel("collisions per particle s")
     return figure
 
@@ -162,6 +168,12 @@ def _draw_a2(axes: Axes, curve: RelaxationCurve, reference: Comparison | None) -
             ls=(0, (4, 2)),
             label=f"exp(\u2212{rate}), first Sonine approximation",
         )
+    elif curve.starts_from_beams:
+        s = _fine(curve)
+        s = s[s <= 7.0]
+        axes.plot(
+            s, theory.boltzmann_beams(s, curve.dim).a2, color=COLOURS["theory"], label="Boltzmann equation"
+        )
     else:
         axes.axhline(0.0, color=COLOURS["theory"], lw=1.2, label="equilibrium")
     name = "simulation" if len(curve.labels) == 1 else "all species"
@@ -172,6 +184,25 @@ def _draw_a2(axes: Axes, curve: RelaxationCurve, reference: Comparison | None) -
     axes.set_ylabel("fourth cumulant $a_2$")
     axes.set_title("How far the speeds are from Maxwell\u2013Boltzmann")
     axes.legend(loc="best")
+
+
+def _draw_parallel(axes: Axes, curve: RelaxationCurve, direction: FloatArray) -> None:
+    if curve.starts_from_beams:
+        s = _fine(curve)
+        s = s[s <= 7.0]
+        axes.plot(
+            s,
+            1.0 + theory.boltzmann_beams(s, curve.dim).anisotropy,
+            color=COLOURS["theory"],
+            label="Boltzmann equation",
+        )
+    else:
+        axes.axhline(1.0, color=COLOURS["theory"], lw=1.2, label="equilibrium")
+    value, error = curve.temperature_along(direction)
+    _points(axes, curve.s, value, error, COLOURS["simulation"], "simulation")
+    axes.set_ylabel(r"$T_\parallel / T$")
+    axes.set_title("The direction of the start is forgotten")
+    axes.legend(loc="upper right")
 
 
 def _draw_h(axes: Axes, curve: RelaxationCurve, reference: Comparison | None) -> None:

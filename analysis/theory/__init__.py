@@ -5,20 +5,22 @@ number of particles, sigma a diameter, rho = N/V, eta the packing fraction, s = 
 per particle. All functions of packing fraction, speed or s take arrays and return arrays of the same shape.
 
 A theory that is not exact comes as a `Prediction`, a value with a standard uncertainty. Asking for one
-outside the range in which it was established gives a `TheoryRangeWarning`.
+outside the range in which it was established gives NaN and a `TheoryRangeWarning`.
 
 One idea per file: `maxwell` velocities at equilibrium, `equilibrium` cumulants and H of N particles, `state`
-equations of state, `mixtures`, `collisions` rates and free flights, `flights` the same in mixtures, `relaxation`
-and `equal_speeds` the way to equilibrium, `transport` Enskog's coefficients, `sound` its speed and damping,
+equations of state, `mixtures`, `collisions` rates and free flights, `flights` the same in mixtures, `relaxation`,
+`equal_speeds` and `beams` the way to equilibrium, `transport` Enskog's coefficients, `sound` its speed and damping,
 `two_spheres` exact rates of the smallest gas.
 """
 
+from analysis.theory.beams import BeamsRelaxation, boltzmann_beams
 from analysis.theory.collisions import (
     collision_rate,
     collision_speed_factor,
     compressibility_from_rate,
     finite_size_collision_rate,
     finite_size_mean_free_path,
+    finite_size_mixture_rates,
     free_path_density,
     free_path_moment,
     free_path_survival,
@@ -61,8 +63,10 @@ from analysis.theory.maxwell import (
 from analysis.theory.mixtures import (
     mixture_collision_rates,
     mixture_compressibility,
+    mixture_contact_uncertainty,
     mixture_contact_values,
     mixture_mean_free_paths,
+    pairs_of_few,
 )
 from analysis.theory.prediction import Prediction, TheoryRangeWarning, packing_fraction
 from analysis.theory.relaxation import (
@@ -79,7 +83,9 @@ from analysis.theory.state import (
     compressibility_factor,
     compressibility_slope,
     contact_value,
+    fcc_crystal,
     finite_size_compressibility,
+    finite_size_shift,
     henderson,
     kolafa_labik_malijevsky,
     virial_coefficients,
@@ -91,6 +97,7 @@ from analysis.theory.transport import (
     enskog_diffusion,
     heat_conductivity,
     periodic_diffusion_correction,
+    periodic_diffusion_window,
     shear_viscosity,
     velocity_correlation_rate,
 )
@@ -100,12 +107,14 @@ __all__ = [
     "H_BINS",
     "KS_BINS",
     "SPEED_LIMIT",
+    "BeamsRelaxation",
     "EqualSpeedsRelaxation",
     "FreeFlights",
     "Prediction",
     "TheoryRangeWarning",
     "anisotropy_decay",
     "anisotropy_rate",
+    "boltzmann_beams",
     "boltzmann_equal_speeds",
     "bulk_viscosity",
     "carnahan_starling",
@@ -126,12 +135,15 @@ __all__ = [
     "equilibrium_a2",
     "equilibrium_a3",
     "equilibrium_h",
+    "fcc_crystal",
     "finite_energy_law",
     "finite_mean_speed",
     "finite_size_collision_rate",
     "finite_size_compressibility",
     "finite_size_mean_free_path",
+    "finite_size_mixture_rates",
     "finite_size_relaxation",
+    "finite_size_shift",
     "free_path_density",
     "free_path_moment",
     "free_path_survival",
@@ -146,12 +158,15 @@ __all__ = [
     "mean_speed",
     "mixture_collision_rates",
     "mixture_compressibility",
+    "mixture_contact_uncertainty",
     "mixture_contact_values",
     "mixture_mean_free_paths",
     "momentum_correlation",
     "near_equilibrium_rate",
     "packing_fraction",
+    "pairs_of_few",
     "periodic_diffusion_correction",
+    "periodic_diffusion_window",
     "shear_viscosity",
     "sonine_rate",
     "sound_damping",

@@ -11,7 +11,7 @@ from scipy import interpolate
 
 from analysis.theory.equilibrium import equilibrium_a2
 from analysis.theory.maxwell import speed_cdf
-from analysis.theory.prediction import Prediction, check_dim, warn_outside
+from analysis.theory.prediction import Prediction, check_dim, inside_range
 
 __all__ = [
     "H_BINS",
@@ -132,8 +132,7 @@ def boltzmann_equal_speeds(s: ArrayLike, dim: int) -> EqualSpeedsRelaxation:
     """
     check_dim(dim)
     points = np.atleast_1d(np.asarray(s, dtype=np.float64))
-    warn_outside("the Boltzmann relaxation from equal speeds", points, 0.0, 10.0)
-    inside = (points >= 0.0) & (points <= 10.0)
+    inside = inside_range("the Boltzmann relaxation from equal speeds", points, 0.0, 10.0)
     a2_start = -2.0 / (dim + 2)
     a3_start = -(dim**2 / ((dim + 2) * (dim + 4)) - 1.0 - 3.0 * a2_start)
     edges = np.linspace(0.0, SPEED_LIMIT[dim], KS_BINS + 1)

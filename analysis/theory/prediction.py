@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 
 
 class TheoryRangeWarning(UserWarning):
-    """A theory was asked for a value outside the range in which it was established."""
+    """A theory was asked for a value outside the range in which it was established; the answer is NaN."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Prediction:
     Attributes
     ----------
     value : float or array
-        What the theory says.
+        What the theory says; NaN where it says nothing.
     uncertainty : float or array
         Its standard uncertainty u in the same units; 0 where the statement is exact.
     """
@@ -45,14 +45,22 @@ def check_dim(dim: int) -> None:
         raise ValueError(f"dim = {dim}; expected 2 or 3")
 
 
-def warn_outside(name: str, values: FloatArray, low: float, high: float) -> None:
-    """Warn where a theory is asked for values outside [low, high]."""
-    if values.size and (values.min() < low or values.max() > high):
+def inside_range(name: str, values: FloatArray, low: float, high: float) -> NDArray[np.bool_]:
+    """Return which values lie in [low, high], where a theory holds, and warn of the others, for which it says NaN."""
+    inside = (values >= low) & (values <= high)
+    outside = values[~inside & ~np.isnan(values)]
+    if outside.size:
         warnings.warn(
-            f"{name} was established for {low:g} to {high:g}; asked at {values.min():g} to {values.max():g}",
+            f"{name} holds from {low:g} to {high:g} and says nothing (NaN) at {outside.flat[0]:g}",
             TheoryRangeWarning,
             stacklevel=3,
         )
+    return np.asarray(inside)
+
+
+def only_inside(value: ArrayLike, inside: NDArray[np.bool_]) -> FloatArray:
+    """Return the value where a theory holds, NaN elsewhere."""
+    return np.asarray(np.where(inside, value, np.nan))
 
 
 def packing_fraction(number_density: ArrayLike, diameter: ArrayLike, dim: int) -> FloatArray:

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import integrate, interpolate
 
 from analysis.theory.mixtures import mixture_collision_rates
-from analysis.theory.prediction import Prediction, check_dim, warn_outside
+from analysis.theory.prediction import Prediction, check_dim, inside_range
 
 __all__ = [
     "anisotropy_decay",
@@ -81,10 +81,9 @@ def anisotropy_decay(s: ArrayLike, dim: int) -> Prediction:
     """
     check_dim(dim)
     points = np.asarray(s, dtype=np.float64)
-    warn_outside("the decay of an anisotropy", points, 0.0, 4.0)
+    inside = inside_range("the decay of an anisotropy", points, 0.0, 4.0)
     ends = ((1, -anisotropy_rate(dim)), "not-a-knot")
     spline = interpolate.CubicSpline(_ANISOTROPY_S, np.log(_ANISOTROPY[dim]), bc_type=ends)
-    inside = (points >= 0.0) & (points <= 4.0)
     value = np.where(inside, np.exp(spline(points)), np.nan)
     return Prediction(value, 0.003 * (1.0 - value))
 
@@ -121,7 +120,7 @@ def temperature_equilibration(
     -------
     Prediction
         (n, k) arrays of kT_i. u = 4 % (3D) or 8 % (2D) of the logarithmic decay of T_i - T, T the common
-        temperature; the known deviation is towards a larger |T_i - T|.
+        temperature; the known deviation is towards a larger |T_i - T|. NaN where `mixture_contact_values` is.
 
     Raises
     ------
@@ -140,7 +139,9 @@ def temperature_equilibration(
         return np.asarray(-(rates * np.subtract.outer(now, now)).sum(axis=1))
 
     last = float(t[-1])
-    if last == 0.0:
+    if not np.all(np.isfinite(slope(0.0, start))):  # too dense for the theory of mixtures
+        value = np.full((t.size, start.size), np.nan)
+    elif last == 0.0:
         value = np.tile(start, (t.size, 1))
     else:
         solution = integrate.solve_ivp(slope, (0.0, last), start, t_eval=t, rtol=1e-9, atol=1e-12)

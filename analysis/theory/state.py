@@ -9,14 +9,16 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike, NDArray
 
-from analysis.theory.prediction import Prediction, check_dim, warn_outside
+from analysis.theory.prediction import Prediction, check_dim, inside_range, only_inside
 
 __all__ = [
     "carnahan_starling",
     "compressibility_factor",
     "compressibility_slope",
     "contact_value",
+    "fcc_crystal",
     "finite_size_compressibility",
+    "finite_size_shift",
     "henderson",
     "kolafa_labik_malijevsky",
     "virial_coefficients",
@@ -25,6 +27,7 @@ __all__ = [
 ]
 
 FloatArray = NDArray[np.float64]
+Ensemble = Literal["microcanonical", "canonical"]
 
 _KLM = Polynomial(
     [1, 4, 6, 2.3647684, -0.8698551, 1.1062803, -1.1014221, 0.66605866, -0.03633431, 0]
@@ -47,8 +50,25 @@ _EXACT_B4 = {
     2: 16 - 36 * math.sqrt(3) / math.pi + 80 / math.pi**2,
 }
 _EXACT_B3 = {3: 10.0, 2: 16 / 3 - 4 * math.sqrt(3) / math.pi}
+# What order between a particle and its own images may do to Z - 1: an envelope of what simulations of 3 to 256 show,
+# at an edge of two diameters, and how it falls per diameter more, at packing fractions.
+_IMAGES = {3: 0.4, 2: 0.6}
+_IMAGES_DECAY = {
+    3: ((0.05, 0.1, 0.2, 0.3, 0.4, 0.45, 0.49), (4.0, 3.3, 2.6, 2.1, 1.6, 1.2, 1.0)),
+    2: ((0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.65), (3.5, 3.0, 2.5, 2.0, 1.5, 0.95, 0.8)),
+}
 _KLM_RANGE = (0.0, 0.54)
 _DISCS_RANGE = (0.0, 0.66)
+_SERIES_RANGE = {3: (0.0, 0.5), 2: (0.0, 0.6)}
+# Relative uncertainty of KLM: up to eta = 0.471 pooled simulations of 4e5 to 2e6 spheres agree to 0.4e-6 to 2.4e-6
+# (DynamO, github.com/macioosch/dynamo-hard-spheres-sim); beyond, what its authors state.
+_KLM_VERIFIED_TO, _KLM_VERIFIED, _KLM_STATED = 0.471, 5e-6, 4e-5
+# fcc crystal: Schultz and Kofke's fit, Z = 3/y + sum of c_i y^i with y = 1 - rho sigma^3/sqrt(2).
+_FCC = Polynomial(
+    [-0.4338711486444215, 0.390812049911003, 0.595451683236023, 18.59059648880398, -288.1675745716088]
+    + [3206.943027086472, -21037.60905875148, 83177.92071175583, -180636.7967218044, 170205.791013758]
+)
+_FCC_RANGE = (0.5432, 0.7404)  # melting to just below close packing
 
 
 def carnahan_starling(eta: ArrayLike) -> FloatArray:
@@ -58,8 +78,9 @@ def carnahan_starling(eta: ArrayLike) -> FloatArray:
     `kolafa_labik_malijevsky`; kept because everyone knows it.
     """
     e = np.asarray(eta, dtype=np.float64)
-    warn_outside("Carnahan and Starling's equation of state", e, *_KLM_RANGE)
-    return np.asarray((1 + e + e**2 - e**3) / (1 - e) ** 3)
+    inside = inside_range("Carnahan and Starling's equation of state", e, *_KLM_RANGE)
+    with np.errstate(divide="ignore"):
+        return only_inside((1 + e + e**2 - e**3) / (1 - e) ** 3, inside)
 
 
 def henderson(eta: ArrayLike) -> FloatArray:
@@ -69,8 +90,9 @@ def henderson(eta: ArrayLike) -> FloatArray:
     0.4, 0.45 % at 0.5, 1.2 % at 0.6; kept because everyone knows it.
     """
     e = np.asarray(eta, dtype=np.float64)
-    warn_outside("Henderson's equation of state", e, *_DISCS_RANGE)
-    return np.asarray((1 + e**2 / 8) / (1 - e) ** 2)
+    inside = inside_range("Henderson's equation of state", e, *_DISCS_RANGE)
+    with np.errstate(divide="ignore"):
+        return only_inside((1 + e**2 / 8) / (1 - e) ** 2, inside)
 
 
 def virial_coefficients(dim: int) -> Prediction:
@@ -102,7 +124,8 @@ def virial_series(eta: ArrayLike, dim: int, order: int = 10) -> Prediction:
     Parameters
     ----------
     eta : array_like
-        Packing fraction; beyond 0.5 (3D) or 0.6 (2D) the terms left out are no longer a correction.
+        Packing fraction; beyond 0.5 (3D) or 0.6 (2D) the terms left out are no longer a correction, and the
+        result is NaN.
     dim : {2, 3}
         Dimension d.
     order : int, default 10
@@ -124,13 +147,13 @@ def virial_series(eta: ArrayLike, dim: int, order: int = 10) -> Prediction:
         raise ValueError(f"order = {order}; virial coefficients are known here from 3 to 10")
     b = virial_coefficients(dim)
     e = np.asarray(eta, dtype=np.float64)
-    warn_outside("the virial series", e, 0.0, 0.5 if dim == 3 else 0.6)
+    inside = inside_range("the virial series", e, *_SERIES_RANGE[dim])
     terms = e[..., None] ** np.arange(1, order)
     value = 1.0 + terms @ b.value[: order - 1]
     noise = np.sqrt(terms**2 @ b.uncertainty[: order - 1] ** 2)
     ratio = np.minimum(b.value[order - 2] / b.value[order - 3] * e, 0.99)
     left_out = b.value[order - 2] * terms[..., -1] * ratio / (1.0 - ratio)
-    return Prediction(value, np.hypot(noise, left_out))
+    return Prediction(only_inside(value, inside), only_inside(np.hypot(noise, left_out), inside))
 
 
 def kolafa_labik_malijevsky(eta: ArrayLike) -> FloatArray:
@@ -138,23 +161,24 @@ def kolafa_labik_malijevsky(eta: ArrayLike) -> FloatArray:
 
     Phys. Chem. Chem. Phys. 6, 2335 (2004), doi 10.1039/B402792B. A polynomial in x = eta/(1 - eta) with the
     virial coefficients up to B6 imposed; stated inaccuracy 4e-5 relative up to rho sigma^3 = 1.03 (eta =
-    0.54), the metastable branch above freezing (0.492) included.
+    0.54), the metastable branch above freezing (0.492) included; NaN beyond.
     """
     e = np.asarray(eta, dtype=np.float64)
-    warn_outside("the hard-sphere equation of state", e, *_KLM_RANGE)
-    return np.asarray(_KLM(e / (1 - e)))
+    inside = inside_range("the hard-sphere equation of state", e, *_KLM_RANGE)
+    return only_inside(_KLM(np.where(inside, e, 0.0) / (1 - np.where(inside, e, 0.0))), inside)
 
 
 def virial_discs(eta: ArrayLike) -> FloatArray:
     """Return Z = p(eta)/(1 - eta)^2 of the hard-disc fluid, p fixed by the virial coefficients up to B10.
 
     Coefficients: Clisby and McCoy, J. Stat. Phys. 122, 15 (2006), doi 10.1007/s10955-005-8080-0, resummed
-    about the pole at eta = 1. Its uncertainty is in `compressibility_factor`; not to be used above eta =
-    0.66, where the fluid ends.
+    about the pole at eta = 1. Its uncertainty is in `compressibility_factor`; NaN above eta = 0.66, where the
+    fluid ends.
     """
     e = np.asarray(eta, dtype=np.float64)
-    warn_outside("the hard-disc equation of state", e, *_DISCS_RANGE)
-    return np.asarray(_DISCS(e) / (1 - e) ** 2)
+    inside = inside_range("the hard-disc equation of state", e, *_DISCS_RANGE)
+    with np.errstate(divide="ignore"):
+        return only_inside(_DISCS(e) / (1 - e) ** 2, inside)
 
 
 def compressibility_factor(eta: ArrayLike, dim: int) -> Prediction:
@@ -170,19 +194,48 @@ def compressibility_factor(eta: ArrayLike, dim: int) -> Prediction:
     Returns
     -------
     Prediction
-        3D: `kolafa_labik_malijevsky`, u = 4e-5 Z. 2D: `virial_discs`, u the largest distance to the formulas
-        of Luding (2001, doi 10.1103/PhysRevE.63.042201) and of Liu (2020), both fitted to simulations: 2e-4
-        relative at 0.3, 5e-3 at 0.65.
+        NaN outside that range. 3D: `kolafa_labik_malijevsky`, u = 5e-6 Z up to eta = 0.471, 4e-5 Z beyond. 2D:
+        `virial_discs`, u the largest distance to the formulas of Luding (2001, doi 10.1103/PhysRevE.63.042201) and of
+        Liu (2020), both fitted to simulations: 6e-4 relative at 0.45, 5e-3 at 0.65. In dilute gases u is what
+        `virial_series` leaves open, where that is less: it vanishes with the density faster than Z - 1.
     """
     check_dim(dim)
     e = np.asarray(eta, dtype=np.float64)
     if dim == 3:
         value = kolafa_labik_malijevsky(e)
-        return Prediction(value, 4e-5 * value)
-    value = virial_discs(e)
-    luding = 1 + 2 * e * ((1 - 7 * e / 16) / (1 - e) ** 2 - (e**3 / 16) / (8 * (1 - e) ** 4))
-    liu = (1 + e**2 / 8 + e**3 / 18 - 4 * e**4 / 21) / (1 - e) ** 2
-    return Prediction(value, np.maximum(np.abs(luding - value), np.abs(liu - value)))
+        uncertainty = np.where(e <= _KLM_VERIFIED_TO, _KLM_VERIFIED, _KLM_STATED) * value
+    else:
+        value = virial_discs(e)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            luding = 1 + 2 * e * ((1 - 7 * e / 16) / (1 - e) ** 2 - (e**3 / 16) / (8 * (1 - e) ** 4))
+            liu = (1 + e**2 / 8 + e**3 / 18 - 4 * e**4 / 21) / (1 - e) ** 2
+            uncertainty = np.maximum(np.abs(luding - value), np.abs(liu - value))
+    dilute = np.where((e >= 0.0) & (e <= _SERIES_RANGE[dim][1]), e, np.nan)
+    series = virial_series(dilute, dim)  # NaN beyond its range
+    return Prediction(value, np.fmin(uncertainty, np.abs(series.value - value) + series.uncertainty))
+
+
+def fcc_crystal(eta: ArrayLike) -> Prediction:
+    """Return Z of the face-centred cubic crystal of hard spheres, without vacancies.
+
+    Fit of Schultz and Kofke to simulations, from the source of etomica (HardSphereSolid). Z (1 - eta/eta_cp) tends to
+    3 at close packing.
+
+    Parameters
+    ----------
+    eta : array_like
+        Packing fraction, 0.543 (melting) to 0.7404; NaN outside.
+
+    Returns
+    -------
+    Prediction
+        u = 2e-4 Z: Speedy's formula (1998) is within 1.7e-4 of it.
+    """
+    e = np.asarray(eta, dtype=np.float64)
+    inside = inside_range("the equation of state of the fcc crystal", e, *_FCC_RANGE)
+    y = 1.0 - np.where(inside, e, 0.6) * 6.0 / (math.pi * math.sqrt(2.0))
+    value = only_inside(3.0 / y + _FCC(y), inside)
+    return Prediction(value, 2e-4 * value)
 
 
 def contact_value(eta: ArrayLike, dim: int) -> FloatArray:
@@ -193,16 +246,18 @@ def contact_value(eta: ArrayLike, dim: int) -> FloatArray:
     e = np.asarray(eta, dtype=np.float64)
     excess = compressibility_factor(e, dim).value - 1.0
     volume = 2.0 ** (dim - 1) * e
-    return np.asarray(np.where(e > 0, excess / np.where(e > 0, volume, 1.0), 1.0))
+    return np.asarray(np.where(e == 0, 1.0, excess / np.where(e == 0, 1.0, volume)))
 
 
 def compressibility_slope(eta: ArrayLike, dim: int) -> FloatArray:
-    """Return dZ/deta of `compressibility_factor`."""
+    """Return dZ/deta of `compressibility_factor`, NaN outside its range."""
     check_dim(dim)
     return _slope_and_curvature(np.asarray(eta, dtype=np.float64), dim)[0]
 
 
-def _slope_and_curvature(e: FloatArray, dim: int) -> tuple[FloatArray, FloatArray]:
+def _slope_and_curvature(eta: FloatArray, dim: int) -> tuple[FloatArray, FloatArray]:
+    low, high = _KLM_RANGE if dim == 3 else _DISCS_RANGE
+    e = np.where((eta >= low) & (eta <= high), eta, np.nan)
     if dim == 3:
         x = e / (1 - e)
         slope = _KLM.deriv()(x) * (1 + x) ** 2
@@ -215,14 +270,51 @@ def _slope_and_curvature(e: FloatArray, dim: int) -> tuple[FloatArray, FloatArra
 
 
 def finite_size_compressibility(
-    eta: ArrayLike, dim: int, n: int, ensemble: Literal["microcanonical", "canonical"] = "microcanonical"
+    eta: ArrayLike,
+    dim: int,
+    n: int,
+    ensemble: Ensemble = "microcanonical",
+    edge: float | None = None,
 ) -> Prediction:
-    """Return Z of N particles in a periodic box.
+    """Return Z of N particles in a periodic box: `compressibility_factor` plus `finite_size_shift`.
+
+    Parameters
+    ----------
+    eta, dim, n, ensemble, edge
+        As in `finite_size_shift`.
+
+    Returns
+    -------
+    Prediction
+        u of both; that of the shift alone where that is exact for any N, for two and three particles.
+    """
+    infinite = compressibility_factor(eta, dim)
+    shift = finite_size_shift(eta, dim, n, ensemble, edge)
+    exact = np.asarray(shift.uncertainty) == 0.0
+    return Prediction(
+        infinite.value + shift.value,
+        np.where(exact, 0.0, np.hypot(infinite.uncertainty, shift.uncertainty)),
+    )
+
+
+def finite_size_shift(
+    eta: ArrayLike,
+    dim: int,
+    n: int,
+    ensemble: Ensemble = "microcanonical",
+    edge: float | None = None,
+) -> Prediction:
+    """Return Z of N particles in a periodic box, less that of the infinite fluid.
 
     Canonical: Z_N = Z - (rho/2N) d ln[d(rho Z)/d rho]/d rho (Lebowitz and Percus, Phys. Rev. 124, 1673
     (1961), doi 10.1103/PhysRev.124.1673). Microcanonical with total momentum zero, kT = 2K/d(N-1), Z = P
     V/(2K/d): Z - 1 = (N/(N-1)) (Z_N - 1), which is what an event-driven simulation measures. To leading order
     in eta the two steps cancel.
+
+    Two and three particles are done exactly, as long as no box edge is shorter than N diameters: with y = v0/V,
+    v0 the volume from which a particle excludes another's centre, the configurations are Q = 1 - y for two and
+    1 - 3y + (3 - 3 B3/v0^2) y^2 for three, and Z_N = 1 - (y/N) d ln Q/dy. So Z = 1 + v0/(V - v0) for two,
+    microcanonically.
 
     Parameters
     ----------
@@ -234,18 +326,51 @@ def finite_size_compressibility(
         Number of particles N >= 2.
     ensemble : {"microcanonical", "canonical"}
         Which of the two.
+    edge : float, optional
+        Shortest edge of the box, in diameters; that of a cube or square by default.
 
     Returns
     -------
     Prediction
-        Good to 1e-3 for eta <= 0.3 at any N >= 32, above that for N >= 256 only, where the box's periodic
-        images matter less; this is added to the uncertainty as a tenth of the correction.
+        u = 0 for two and three particles as above. Otherwise what the formula leaves out: the next order in 1/N,
+        a part sqrt(0.1^2 + (0.6/N)^2) of the shift (at low density 4 to 16 particles lack 0.6/N of it); and what
+        order between a particle and its own images may do, where the box is small and the fluid dense: (Z - 1) A
+        exp(-k (L - 2)), L the edge in diameters, an envelope of what simulations of 3 to 256 particles show. In 3D
+        A = 0.4, k = 3.3 at eta = 0.1, 2.1 at 0.3, 1.0 at 0.49; in 2D A = 0.6, k = 2.5 at 0.3, 0.95 at 0.6.
     """
     infinite = compressibility_factor(eta, dim)
     e = np.asarray(eta, dtype=np.float64)
     slope, curvature = _slope_and_curvature(e, dim)
     inverse_compressibility = infinite.value + e * slope
     canonical = infinite.value - e / (2 * n) * (2 * slope + e * curvature) / inverse_compressibility
-    value = canonical if ensemble == "canonical" else 1.0 + n / (n - 1) * (canonical - 1.0)
-    uncertainty = np.hypot(infinite.uncertainty, 0.1 * np.abs(value - infinite.value))
-    return Prediction(value, uncertainty)
+    shift = _in_ensemble(canonical, n, ensemble) - infinite.value
+    with np.errstate(divide="ignore", invalid="ignore"):
+        edges = np.asarray((math.pi / (2 * dim) * n / e) ** (1 / dim) if edge is None else edge)
+    missed = np.hypot(
+        math.hypot(0.1, 0.6 / n) * shift,
+        (infinite.value - 1.0) * _image_order(e, edges, dim),
+    )
+    if n > 3:
+        return Prediction(shift, missed)
+    exact = edges >= n
+    few = _in_ensemble(_few(e, dim, n), n, ensemble) - infinite.value
+    return Prediction(np.where(exact, few, shift), np.where(exact, 0.0, missed))
+
+
+def _in_ensemble(canonical: FloatArray, n: int, ensemble: Ensemble) -> FloatArray:
+    return np.asarray(canonical if ensemble == "canonical" else 1.0 + n / (n - 1) * (canonical - 1.0))
+
+
+def _few(e: FloatArray, dim: int, n: int) -> FloatArray:
+    """Return the canonical Z of two or three particles in a box that none of them reaches around."""
+    y = 2.0**dim * e / n
+    square = 0.0 if n == 2 else 3.0 - 0.75 * _EXACT_B3[dim] / 4.0 ** (dim - 1)  # B3/v0^2 = B3/B2^2 / 4
+    linear = 1.0 if n == 2 else 3.0
+    with np.errstate(divide="ignore"):
+        return np.asarray(1.0 + y / n * (linear - 2 * square * y) / (1 - linear * y + square * y**2))
+
+
+def _image_order(e: FloatArray, edges: FloatArray, dim: int) -> FloatArray:
+    """Return by how much, relative to Z - 1, order between a particle and its images may shift Z."""
+    decay = np.interp(e, *_IMAGES_DECAY[dim])
+    return np.asarray(_IMAGES[dim] * np.exp(-decay * (edges - 2.0)))

@@ -16,6 +16,7 @@ from analysis.calibration import calibrate
 from analysis.estimator import NoDataError
 from analysis.pressure import Pressure
 from analysis.series import DriftWarning, SeriesWarning
+from analysis.statistics import TheoryCheck
 from analysis.virial_identity import virial_identity
 
 
@@ -97,11 +98,35 @@ def test_pressure_beside_the_theories(kind, n, eta):
 def test_a_mixture_beside_its_theory():
     pressure = measure(random_gas("3d_mixture", 200, 0.2), blocks=120, per_block=8.0)
     (check,) = pressure.checks
-    assert check.theory.startswith("Boublik") and abs(check.z) < 3.3
+    assert check.theory.startswith("Santos") and abs(check.z) < 3.3
     with pytest.raises(NoDataError, match="pair_collisions"):
         _ = pressure.rate
     # sibling: one species of the same packing fraction
     assert abs(check.measured.deviation(theory.finite_size_compressibility(0.2, 3, 200).value)) > 4
+
+
+@pytest.mark.filterwarnings("ignore::analysis.series.SeriesWarning")
+def test_a_crystal_beside_the_theory_of_crystals_and_a_dense_gas_beside_none():
+    """Spheres at 0.60: the fluid's polynomial says -16 there. Full fcc has a theory, one with vacancies has none."""
+    pressure = measure(hs.lattice_gas(n=256, packing_fraction=0.6, seed=1), blocks=60, per_block=5.0)
+    check = pressure.checks[0]
+    assert check.theory == "fcc crystal, Schultz-Kofke" and len(pressure.predictions) == 1
+    assert abs(check.z) < 3.5 and check.uncertainty < 0.005 * check.expected
+    assert (
+        abs(check.measured.z(-16.0)) > 8
+        and abs(check.measured.z(0.95 * check.expected, check.uncertainty)) > 5
+    )
+    for scene in (
+        hs.lattice_gas(n=240, packing_fraction=0.58, seed=1),
+        hs.lattice_gas(n=120, packing_fraction=0.75, dim=2, seed=1),
+    ):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", theory.TheoryRangeWarning)  # the check says it
+            ((name, nothing),) = Pressure(scene).predictions.items()
+        assert math.isnan(nothing.value) and math.isnan(nothing.uncertainty)
+        assert "says nothing here" in str(
+            TheoryCheck("Z", name, check.measured, nothing.value, nothing.uncertainty)
+        )
 
 
 def test_rate_of_a_mixture_from_its_pairs():

@@ -1,14 +1,20 @@
 """The relaxation curve: bookkeeping of replicas, and the physics of a Boltzmann gas of known fate."""
 
+import math
 import pickle
 
 import numpy as np
 import pytest
+from scenes import gas as random_gas
 
+import hardspheres as hs
 from analysis import theory
 from analysis.estimator import NoDataError
 from analysis.relaxation import RelaxationCurve
+from analysis.statistics import Estimate
+from analysis.temperatures import AnisotropyDecay
 from analysis.velocities import FourthCumulant, ks_distance, reduced_velocities
+from hardspheres.velocities import BEAM_DIRECTION
 
 S = [0.0, 1.0, 2.0, 5.0]
 
@@ -138,12 +144,95 @@ def test_equilibrium_has_no_rate(gas):
     assert np.abs(curve.h / curve.h_error).max() < 5
 
 
-def test_beams_are_not_taken_for_random_directions(gas):
-    v = np.zeros((1000, 3))
-    v[:, 0] = np.repeat([1.0, -1.0], 500)
+@pytest.mark.parametrize("direction", [[1.0, 0.0, 0.0], [0.7, 0.6, 0.4]])
+def test_beams_are_not_taken_for_random_directions(gas, direction):
+    unit = np.array(direction) / np.linalg.norm(direction)
+    v = np.outer(np.repeat([1.0, -1.0], 500), unit)
     curve = RelaxationCurve().add(gas.frame(v))
     assert not curve.starts_from_equal_speeds
-    assert curve.temperature_by_axis[0, 0] == pytest.approx(3, rel=2e-3)
+    assert curve.preferred_direction == pytest.approx(unit)
+    value, error = curve.temperature_along(unit)
+    assert value[0] == pytest.approx(3) and 0 < error[0] < 0.1
+    assert curve.temperature_by_axis[0] == pytest.approx(3 * unit**2, rel=2e-3)
+    calm = RelaxationCurve().add(gas.frame(gas.maxwell(np.random.default_rng(8), 1000, 3)))
+    assert calm.preferred_direction is None
+
+
+@pytest.mark.parametrize(("dim", "eta"), [(3, 0.001), (2, 2e-5)])
+def test_beams_relax_as_the_boltzmann_equation_says(dim, eta, boltzmann):
+    """T_par/T - 1 and a2 of two beams at s = 1, against direct simulation; 3D: .875(1) and -.3279(2) elsewhere.
+
+    Sibling: along x of the periodic box, where those who met nobody fly through the same cylinder again.
+    """
+    direction, n = BEAM_DIRECTION[dim], 4000
+
+    def measured(frames_of, replicas, along):
+        decay, curve = AnisotropyDecay(along), RelaxationCurve()
+        for seed in range(replicas):
+            for frame in frames_of(seed):
+                decay.add(frame)
+                curve.add(frame)
+        return [(decay.anisotropy[-1], decay.anisotropy_error[-1]), (curve.a2[-1], curve.a2_error[-1])]
+
+    def simulated(replicas, along):
+        def frames_of(seed):
+            scene = random_gas(f"{dim}d", n, eta, seed=seed, velocities="beams")
+            scene = scene.replace(velocities=np.outer(scene.velocities @ direction, along))
+            return hs.Simulation(scene).frames(collisions_per_particle=[0, 1])
+
+        return measured(frames_of, replicas, along)
+
+    start = math.sqrt(dim) * np.outer(np.repeat([1.0, -1.0], 20_000), np.eye(dim)[0])
+    known = measured(lambda seed: boltzmann(start, [0.0, 1.0], seed), 8, 0)
+    if dim == 3:
+        assert abs(known[0][0] - 0.875) < 3 * math.hypot(known[0][1], 0.001)
+        assert abs(known[1][0] + 0.3279) < 3 * math.hypot(known[1][1], 0.0002)
+    table = theory.boltzmann_beams([0.0, 1.0], dim)
+    for (value, error), column, own in zip(
+        known, (table.anisotropy, table.a2), (table.anisotropy_error, table.a2_error), strict=True
+    ):
+        assert abs(Estimate(value, error, 8, 7).z(column[1], own[1])) < 3.5
+    assert (table.anisotropy[0], table.a2[0]) == pytest.approx((dim - 1, -2 / (dim + 2)))
+    generic, along_x = simulated(4, direction), simulated(1, np.eye(dim)[0])
+    for (value, error), (other, its_error) in zip(generic, known, strict=True):
+        assert abs(Estimate(value, error, 4, 3).z(other, its_error)) < 3.5  # false alarm 5e-4
+    assert abs(along_x[0][0] - known[0][0]) > 4 * max(math.hypot(generic[0][1], known[0][1]), 0.01)
+
+
+def test_a_mixture_is_thermal_when_its_species_are(gas):
+    """T1/T = 1.05: a2 of all together is noise, and the gas is not thermal; at one temperature (sibling) it is."""
+    rng, masses = np.random.default_rng(9), np.repeat([1.0, 10.0], 1000)
+    for ratio, late in ((1.1, ["T1/T", "T2/T"]), (1.0, [])):
+        curve = RelaxationCurve()
+        for _ in range(10):
+            v = gas.maxwell(rng, 2000, 3, masses)
+            v[:1000] *= math.sqrt(ratio)
+            curve.add(gas.frame(v, masses))
+        checks = {check.quantity: check for check in curve.equilibrium_checks}
+        assert list(checks) == ["a2", "T1/T", "T2/T"]
+        assert abs(checks["a2"].z) < 4
+        assert [check.quantity for check in curve.not_thermal] == late
+        assert checks["T1/T"].measured.value == pytest.approx(2 * ratio / (1 + ratio), abs=0.02)
+    # few particles of unequal mass and no momentum: not T itself, but what theory says
+    few, masses = RelaxationCurve(), np.array([1.0, 1.0, 9.0, 9.0])
+    for _ in range(2000):
+        few.add(gas.frame(gas.maxwell(rng, 4, 3, masses), masses))
+    assert few.not_thermal == []
+    assert abs(few.equilibrium_checks[2].measured.z(1.0)) > 10
+
+
+def test_two_replicas_make_no_discovery(boltzmann, gas):
+    """z of two replicas is a normal deviate: within 4.5 at every point of 30 curves; in standard errors (sibling) it is not."""
+    rng, worst, naive = np.random.default_rng(10), [], []
+    for seed in range(0, 60, 2):
+        curve = RelaxationCurve()
+        for replica in (seed, seed + 1):
+            for frame in boltzmann(gas.equal_speeds(rng, 400, 3), [0.0, 0.5, 1.0, 2.0], seed=replica):
+                curve.add(frame)
+        comparison = curve.compare()
+        worst.append(np.abs(comparison.a2_z[1:]).max())
+        naive.append(np.abs((curve.a2 - comparison.a2)[1:] / curve.a2_error[1:]).max())
+    assert max(worst) < 4.5 and max(naive) > 9
 
 
 def test_misuse_is_named(curve, gas):

@@ -4,15 +4,19 @@ import math
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import special, stats
 
 from analysis.statistics import (
     Estimate,
+    TheoryCheck,
     compare_with_theory,
+    deviates,
     estimate_from_blocks,
     estimate_from_jackknife,
     estimate_from_replicas,
     jackknife,
+    normal_deviate,
+    pool_replicas,
     replica_mean,
 )
 
@@ -40,6 +44,60 @@ def test_estimate_prints_its_error_in_the_last_digit(value, error, text):
 def test_deviation_adds_the_errors_in_quadrature():
     assert Estimate(1.0, 3.0, 10).deviation(-9.0, 4.0) == pytest.approx(2.0)
     assert math.isnan(Estimate(1.0, 0.0, 10).deviation(1.0))
+
+
+@pytest.mark.parametrize("freedom", [1, 2, 5, 19])
+def test_z_is_a_normal_deviate(freedom):
+    """Means of few samples: z is standard normal, the deviation in standard errors (sibling) is not."""
+    rng = np.random.default_rng(freedom)
+    means = [estimate_from_replicas(row) for row in rng.normal(3.0, 2.0, (4000, freedom + 1))]
+    z = np.array([mean.z(3.0) for mean in means])
+    assert stats.kstest(z, "norm").pvalue > 1e-3
+    naive = np.array([mean.deviation(3.0) for mean in means])
+    assert np.mean(np.abs(naive) > 4) > 10 * np.mean(np.abs(z) > 4) + (2e-4 if freedom < 19 else -1)
+    checks = [TheoryCheck("x", "truth", mean, 3.0, 0.0).z for mean in means[:50]]
+    np.testing.assert_allclose(checks, z[:50])
+
+
+def test_ten_standard_errors_of_two_replicas_are_no_discovery():
+    assert Estimate(9.7, 1.0, 2, 1.0).z(0.0) == pytest.approx(1.84, abs=0.01)
+    assert Estimate(9.7, 1.0, 2, 1.0).p_value(0.0) == pytest.approx(0.0654, abs=1e-4)
+    assert Estimate(-9.7, 1.0).z(0.0) == -9.7  # a known error
+    assert deviates([9.7, -9.7], [1.0, 1.0], [0.0, 0.0], 1.0) == pytest.approx([1.8425, -1.8425], abs=1e-4)
+    # the theory's uncertainty is known, and the rest of the error shares its freedom: Welch and Satterthwaite
+    assert Estimate(6.0, 1.0, 2, 1.0).z(0.0, 3.0) == pytest.approx(deviates(6.0, 1.0, 3.0, 1.0))
+    assert 1.85 < Estimate(6.0, 1.0, 2, 1.0).z(0.0, 3.0) < 6.0 / math.sqrt(10.0)
+    far = normal_deviate([30.0, 37.0, 39.0, 60.0], 1000.0)  # where probabilities end, by another formula
+    assert np.all(np.diff(far) > 1) and abs(far[1] - special_deviate(37.0, 1000.0)) < 0.02
+    assert math.isnan(Estimate(1.0, math.nan, 1, 0.0).z(0.0)) and math.isnan(Estimate(1.0, 0.0).z(1.0))
+
+
+def special_deviate(t, freedom):
+    """The same from the logarithm of the probability."""
+    return -float(special.ndtri_exp(stats.t.logsf(t, freedom)))
+
+
+def test_a_check_without_theory_says_so():
+    check = TheoryCheck(
+        "Z from the virial", "Kolafa-Labik-Malijevsky", Estimate(22.1, 0.2, 9, 8), math.nan, math.nan
+    )
+    assert (
+        str(check)
+        == "Z from the virial 22.1(2); Kolafa-Labik-Malijevsky says nothing here, there is nothing to compare with"
+    )
+    assert math.isnan(check.z) and not check.better_than_theory
+
+
+def test_replicas_that_differ_are_pooled_by_their_spread():
+    """Six starts that are not forgotten, of 13 % each and quoted to 3 %; of equal ones (sibling) blocks give the error."""
+    rng = np.random.default_rng(11)
+    starts = [Estimate(value, 0.03, 20, 19) for value in rng.normal(1.0, 0.13, 6)]
+    pooled = pool_replicas(starts)
+    assert pooled.standard_error == pytest.approx(np.std([e.value for e in starts], ddof=1) / math.sqrt(6))
+    assert pooled.degrees_of_freedom == 5
+    equal = [Estimate(value, 0.03, 20, 19) for value in rng.normal(1.0, 0.03, 6)]
+    assert pool_replicas(equal).standard_error == pytest.approx(0.03 / math.sqrt(6))
+    assert pool_replicas(equal).degrees_of_freedom == pytest.approx(6 * 19)
 
 
 def test_replicas():

@@ -15,7 +15,7 @@ from analysis.calibration import calibrate
 from analysis.estimator import NoDataError
 from analysis.order import BondOrder
 from analysis.pressure import Pressure
-from analysis.series import SeriesWarning
+from analysis.series import SeriesWarning, estimate_from_series
 from analysis.structure import ContactSamplingWarning, PairDistribution
 
 
@@ -76,6 +76,43 @@ def test_contact_value_beside_theory(kind, n, eta):
     assert abs(check.measured.deviation(denser, check.uncertainty)) > 3
     axes = Figure().subplots()
     assert pairs.plot(axes) is axes
+
+
+def sparse(rng, count, depth=8.0):
+    """Pairs from so many frames of 30 points without correlation: g = 1 - 1/N. Some 2 pairs in 25 frames are within 8."""
+    scene = random_gas("3d", 30, 1e-6)
+    pairs = PairDistribution(depth=depth, bins=30, window=depth, degree=2)
+    for _ in range(count):
+        pairs.add(SimpleNamespace(scene=scene, positions=rng.random((30, 3)) * scene.box))
+    return pairs
+
+
+def test_no_pair_near_contact_is_no_certainty():
+    """Of 16 frames none has a pair near contact: Z = 1 was quoted without error, and far from any theory."""
+    pairs = sparse(np.random.default_rng(3), 16, 0.5)
+    assert pairs.g.max() == 0.0
+    z = pairs.compressibility_factor
+    assert z.value == 1.0 and z.standard_error > 0.0
+    assert abs(pairs.check.z) < 1 and abs(pairs.contact[(0, 0)].z(1.0)) < 1
+    assert np.all(np.abs(pairs.g - 1) / pairs.g_error < 1)
+    # sibling: blocks of what was seen leave nothing over
+    assert pairs._frames.rows.std() == 0.0
+
+
+@pytest.mark.filterwarnings("ignore::analysis.series.SeriesWarning")
+def test_errors_of_sparse_pairs_cover():
+    """200 runs that see some 4 pairs each: 2 standard errors hold in 95 % of them, with blocks alone (sibling) they do not."""
+    rng, truth = np.random.default_rng(4), 1 - 1 / 30
+    missed, errors, blocks = [], [], []
+    for _ in range(200):
+        pairs = sparse(rng, 50)
+        contact = pairs.contact[(0, 0)]
+        missed.append(abs(contact.value - truth))
+        errors.append(contact.standard_error)
+        blocks.append(estimate_from_series(pairs._contact_rows()[:, 0]).standard_error)
+    beyond = [np.mean(np.array(missed) > 2 * np.array(error)) for error in (errors, blocks)]
+    assert beyond[0] < 0.1 < beyond[1]  # chance: 5 +- 1.5 %
+    assert np.square(errors).mean() < 2.5 * np.square(missed).mean()  # and they are not far too large
 
 
 @pytest.mark.slow

@@ -348,16 +348,33 @@ def test_two_temperatures_have_exactly_their_ratio(masses, boundary):
     assert kT[0] / kT[1] == pytest.approx(4.0, rel=1e-13)
 
 
-def test_beams_are_two_and_opposite():
+@pytest.mark.parametrize("dim", [2, 3])
+def test_beams_are_two_and_opposite(dim):
+    direction = hs.velocities.BEAM_DIRECTION[dim]
+    assert direction @ direction == pytest.approx(1.0, abs=1e-15)
     for n in (100, 101):
-        v = hs.random_gas(n, 0.05, velocities="beams", seed=1).velocities
-        assert not v[:, 1:].any()
-        right = np.count_nonzero(v[:, 0] > 0)
-        assert right in (n // 2, n - n // 2)
-        assert len(np.unique(np.round(v[:, 0], 12))) == 2
-    assert not np.array_equal(
-        np.sort(v[:50, 0]), v[:50, 0]
-    )  # not the first half of the box against the second
+        scene = hs.random_gas(n, 0.05, dim=dim, velocities="beams", seed=1)
+        along = scene.velocities @ direction
+        assert np.abs(scene.velocities - np.outer(along, direction)).max() < 1e-15
+        assert np.count_nonzero(along > 0) in (n // 2, n - n // 2)
+        assert len(np.unique(np.round(along, 12))) == 2
+        assert np.abs(scene.momentum).max() < 1e-13
+        assert scene.temperature == pytest.approx(1.0, rel=1e-15)
+    # not the first half of the box against the second
+    assert not np.array_equal(np.sort(along[:50]), along[:50])
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_beam_in_a_periodic_box_stays_away_from_itself(dim):
+    """200 boxes on, a line is nowhere near where it was; along an axis (sibling) it is there after one."""
+
+    def nearest(direction):
+        k = np.arange(1, 200)[:, None]
+        after = k * direction / direction[0]  # when it has crossed the box k times along x
+        return np.linalg.norm(after - np.rint(after), axis=1).min()
+
+    assert nearest(hs.velocities.BEAM_DIRECTION[dim]) * 200 ** (1 / (dim - 1)) > 0.3
+    assert nearest(np.eye(dim)[0]) == 0.0
 
 
 @pytest.mark.parametrize("ratio", [0, -1, math.nan, "3"])

@@ -105,7 +105,7 @@ def test_discs_and_mixtures(monkeypatch):
     mixed = Fluid(n=200, mass_ratio=3.0, diameter_ratio=0.5, fraction=0.25)
     (mixture,) = states_of(EquationOfState((0.05,), mixed, 40.0, replicas=2))
     assert mixture.failures == () and list(mixture.measured) == ["virial", "rate"]
-    assert next(iter(mixture.theories)).startswith("Boublik") and abs(mixture.deviation("virial")) < 5
+    assert next(iter(mixture.theories)).startswith("Santos") and abs(mixture.deviation("virial")) < 5
     assert abs(mixture.deviation("rate")) < 5 and abs(mixture.difference.deviation(0.0)) < 5
     # block by block, what virial and rate share is gone
     assert mixture.difference.standard_error < 0.7 * mixture.measured["rate"].standard_error
