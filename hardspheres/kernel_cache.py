@@ -64,11 +64,9 @@ def cache_folder(tag: str) -> Path | None:
         try:
             folder = _folder(home.expanduser().resolve() / _digest() / tag)
             break
-        except _Unsafe as reason:
+        except (_Unsafe, OSError, RuntimeError) as error:  # RuntimeError: no home, or links in a circle
+            reason = getattr(error, "strerror", None) or error
             refused.append(f"{home} is not used for compiled kernels: {reason}")
-        except (OSError, RuntimeError) as error:  # RuntimeError: no home, or links in a circle
-            reason = error.strerror if isinstance(error, OSError) else None
-            refused.append(f"{home} is not used for compiled kernels: {reason or error}")
     else:
         folder = None
     if refused:
