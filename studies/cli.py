@@ -93,6 +93,12 @@ Resume = Annotated[
         "--resume", help="Go on with the unfinished run in the folder, begun with the same options."
     ),
 ]
+Force = Annotated[
+    bool,
+    typer.Option(
+        "--force", help="Replace the run in the folder, once there are results to put in its place."
+    ),
+]
 Json = Annotated[
     bool, typer.Option("--json", help="Print summary.json on standard output, the rest on standard error.")
 ]
@@ -160,6 +166,7 @@ def thermalise(
     out: Out = None,
     checkpoint_every: CheckpointEvery = 60.0,
     resume: Resume = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Watch a gas relax to Maxwell and Boltzmann's velocities.
@@ -200,7 +207,7 @@ def thermalise(
         given |= {} if temperature is None else {"temperature": temperature}
         study = Thermalisation(recipe=Recipe(**given), **common)  # type: ignore[arg-type]
     screen = Screen(json)
-    folder = _folder(out, "thermalise", seed, checkpoint_every, resume)
+    folder = _folder(out, "thermalise", seed, checkpoint_every, resume, force)
     _finish(screen, _precisely(thermalise, study, folder, screen, until_error))
 
 
@@ -255,6 +262,7 @@ def bench(
     ] = None,
     seed: Seed = 1,
     out: Out = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Measure collisions per second, beside another engine.
@@ -268,7 +276,7 @@ def bench(
     from studies.bench_suite import run_suite, suite_named
     from studies.report import OutputFolder, Screen
 
-    folder, screen = OutputFolder(out or Path("runs") / f"bench-{seed}"), Screen(json)
+    folder, screen = OutputFolder(out or Path("runs") / f"bench-{seed}", force=force), Screen(json)
     sizes, densities = n or [4000], packing_fraction or [0.3]
     walls = _boundary(boundary) or "periodic"
     study = Bench(
@@ -336,6 +344,7 @@ def pressure(
     out: Out = None,
     checkpoint_every: CheckpointEvery = 60.0,
     resume: Resume = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Measure the equation of state of the fluid, beside theory.
@@ -354,7 +363,7 @@ def pressure(
     study = EquationOfState(
         parsed(packing_fractions), fluid, collisions_per_particle, replicas, seed, workers
     )
-    screen, folder = Screen(json), _folder(out, "pressure", seed, checkpoint_every, resume)
+    screen, folder = Screen(json), _folder(out, "pressure", seed, checkpoint_every, resume, force)
     if not suite:
         _finish(screen, _precisely(equation_of_state, study, folder, screen, until_error))
         return
@@ -390,6 +399,7 @@ def free_path(
     out: Out = None,
     checkpoint_every: CheckpointEvery = 60.0,
     resume: Resume = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Measure how far particles fly between collisions, beside kinetic theory.
@@ -408,7 +418,7 @@ def free_path(
     fluid = Fluid(n, dim, 0.3, "periodic", diameter_ratio, mass_ratio, share)
     study = FreePaths(parsed(packing_fractions), fluid, collisions_per_particle, replicas, seed, workers)
     screen = Screen(json)
-    folder = _folder(out, "free-path", seed, checkpoint_every, resume)
+    folder = _folder(out, "free-path", seed, checkpoint_every, resume, force)
     _finish(screen, _precisely(run, study, folder, screen, until_error))
 
 
@@ -429,6 +439,7 @@ def diffusion(
     out: Out = None,
     checkpoint_every: CheckpointEvery = 60.0,
     resume: Resume = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Measure self-diffusion in a periodic box, beside Enskog's theory.
@@ -444,7 +455,7 @@ def diffusion(
     fluid = Fluid(n=n, dim=dim)
     study = SelfDiffusion(parsed(packing_fractions), fluid, collisions_per_particle, replicas, seed, workers)
     screen = Screen(json)
-    folder = _folder(out, "diffusion", seed, checkpoint_every, resume)
+    folder = _folder(out, "diffusion", seed, checkpoint_every, resume, force)
     _finish(screen, _precisely(self_diffusion, study, folder, screen, until_error))
 
 
@@ -469,6 +480,7 @@ def mixture(
     out: Out = None,
     checkpoint_every: CheckpointEvery = 60.0,
     resume: Resume = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Watch two species of different temperatures come to one, beside kinetic theory.
@@ -485,7 +497,7 @@ def mixture(
     fluid = Fluid(n, dim, packing_fraction, "periodic", diameter_ratio, mass_ratio, share)
     study = Mixture(fluid, temperature_ratio, relaxation_times, replicas, seed, workers)
     screen = Screen(json)
-    folder = _folder(out, "mixture", seed, checkpoint_every, resume)
+    folder = _folder(out, "mixture", seed, checkpoint_every, resume, force)
     _finish(screen, _precisely(run, study, folder, screen, until_error))
 
 
@@ -499,6 +511,7 @@ def accuracy(
     out: Out = None,
     checkpoint_every: CheckpointEvery = 60.0,
     resume: Resume = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Set speed against error, beside two time-stepping programs.
@@ -514,7 +527,7 @@ def accuracy(
     from studies.report import Screen
 
     study = Accuracy(parsed(packing_fractions), n, dim, seed)
-    screen, folder = Screen(json), _folder(out, "accuracy", seed, checkpoint_every, resume)
+    screen, folder = Screen(json), _folder(out, "accuracy", seed, checkpoint_every, resume, force)
     _finish(screen, run(study.quicker() if quick else study, folder, screen))
 
 
@@ -537,6 +550,7 @@ def calibration(
     out: Out = None,
     checkpoint_every: CheckpointEvery = 60.0,
     resume: Resume = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Test the error bars: (value - truth) / standard error of every estimator, over many short runs.
@@ -548,7 +562,7 @@ def calibration(
     from studies.calibration import calibration as run
     from studies.report import Screen
 
-    screen, folder = Screen(json), _folder(out, "calibration", seed, checkpoint_every, resume)
+    screen, folder = Screen(json), _folder(out, "calibration", seed, checkpoint_every, resume, force)
     _finish(screen, run(Calibrations(runs, seed, workers), folder, screen))
 
 
@@ -572,6 +586,7 @@ def hard_cases(
     ] = None,
     checkpoint_every: CheckpointEvery = 60.0,
     resume: Resume = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Try the engine on hard cases whose answer is exact.
@@ -585,7 +600,7 @@ def hard_cases(
     from studies.report import Screen
 
     chosen, groups, screen = size_named(size), groups_named(only), Screen(json)
-    folder = _folder(out, "hard-cases", chosen, checkpoint_every, resume)
+    folder = _folder(out, "hard-cases", chosen, checkpoint_every, resume, force)
     _finish(screen, run(chosen, groups, folder, screen))
 
 
@@ -602,6 +617,7 @@ def soak(
     out: Out = None,
     checkpoint_every: CheckpointEvery = 60.0,
     resume: Resume = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Run two gases for very long and watch what must not change.
@@ -615,15 +631,19 @@ def soak(
 
     screen = Screen(json)
     study = Soak(n, dim, collisions, seed, workers)
-    _finish(screen, run(study, _folder(out, "soak", seed, checkpoint_every, resume), screen))
+    _finish(screen, run(study, _folder(out, "soak", seed, checkpoint_every, resume, force), screen))
 
 
-def _folder(out: Path | None, study: str, which: int | str, checkpoint_every: float, resume: bool) -> Any:
+def _folder(
+    out: Path | None, study: str, which: int | str, checkpoint_every: float, resume: bool, force: bool
+) -> Any:
     """Return the output folder of a study."""
     from studies.report import OutputFolder
 
+    if resume and force:
+        raise OptionError("--resume goes on with a run and --force replaces it; give one of them")
     path = out or Path("runs") / f"{study}-{which}"
-    return OutputFolder(path, checkpoint_every=checkpoint_every, resume=resume)
+    return OutputFolder(path, checkpoint_every=checkpoint_every, resume=resume, force=force)
 
 
 def _finish(screen: Any, result: tuple[dict[str, Any], bool]) -> None:
