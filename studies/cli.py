@@ -1,11 +1,12 @@
 """The console script `hardspheres`: options in, a study run, an exit code out.
 
-Exit codes: 0 done, 1 a check failed, 2 bad input or output that cannot be written, 130 interrupted, 143 terminated. Nothing heavy is imported
-before a study starts, so that `hardspheres --help` answers at once.
+Exit codes: 0 done, 1 a check failed, 2 bad input or output that cannot be written, 129 hung up, 130 interrupted, 143 terminated. Nothing
+heavy is imported before a study starts, so that `hardspheres --help` answers at once.
 """
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from dataclasses import replace
@@ -29,7 +30,7 @@ app = typer.Typer(
 )
 
 
-ENDED = {130: "interrupted", 143: "terminated"}
+ENDED = {129: "hung up, as a terminal does when it is closed", 130: "interrupted", 143: "terminated"}
 MOST = 1_000_000  # replicas, frames or runs: a slip of the finger shall not fill the memory
 
 
@@ -671,31 +672,37 @@ def _require(condition: bool, sentence: str) -> None:
         raise SceneError(sentence)
 
 
-def _terminated(*_: object) -> NoReturn:
-    raise SystemExit(143)
+def _ended(number: int, _: object) -> NoReturn:
+    raise SystemExit(128 + number)
 
 
 def main() -> None:
     """Run the command line and exit with its code."""
-    signal.signal(signal.SIGTERM, _terminated)
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) != signal.SIG_IGN:  # as under nohup
+            signal.signal(number, _ended)
     try:
         app()
     except HardSpheresError as error:
-        print(f"error: {error}{_notes(error)}", file=sys.stderr)
-        raise SystemExit(2) from None
+        _leave(2, f"error: {error}{_notes(error)}")
     except MemoryError as error:
-        print(
-            f"error: there is not enough memory ({error}); ask for fewer particles{_notes(error)}",
-            file=sys.stderr,
-        )
-        raise SystemExit(2) from None
+        _leave(2, f"error: there is not enough memory ({error}); ask for fewer particles{_notes(error)}")
     except KeyboardInterrupt as error:
-        print(f"interrupted{_notes(error)}", file=sys.stderr)
-        raise SystemExit(130) from None
+        _leave(130, f"{ENDED[130]}{_notes(error)}")
     except SystemExit as error:
-        if error.code in ENDED:
-            print(f"{ENDED[error.code]}{_notes(error)}", file=sys.stderr)
-        raise
+        if error.code not in ENDED:
+            raise
+        _leave(int(error.code), f"{ENDED[error.code]}{_notes(error)}")
+
+
+def _leave(code: int, sentence: str) -> NoReturn:
+    """Say why, if there is still somebody to say it to, and exit."""
+    try:
+        print(sentence, file=sys.stderr, flush=True)
+    except OSError:  # a terminal that was closed
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+    raise SystemExit(code) from None
 
 
 def _notes(error: BaseException | None) -> str:

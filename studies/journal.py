@@ -204,8 +204,10 @@ class Journal:
         """Take the lock of a folder that is ours."""
         folder = self.shelf.folder
         if folder.is_symlink() or not folder.is_dir():
-            what = "a link" if folder.is_symlink() else "no folder"
-            raise OutputError(f"{folder} is {what}; give another folder with --out")
+            what = "a link" if folder.is_symlink() else "a file"
+            raise OutputError(
+                f"{folder} is {what}, not the folder of a run of ours; give another folder with --out"
+            )
         there = os.path.lexists(self._lock.path)
         if not there:
             self._require_ours()

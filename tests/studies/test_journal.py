@@ -107,7 +107,7 @@ def test_a_checkpoint_folder_that_cannot_be_one_is_refused(tmp_path):
     (tmp_path / "file" / "checkpoint").touch()
     (tmp_path / "folder" / "checkpoint" / "lock").mkdir(parents=True)
     for name, sentence in (
-        ("file", "checkpoint is no folder"),
+        ("file", "checkpoint is a file, not the folder of a run"),
         ("folder", "lock cannot be written: Is a dir"),
     ):
         for use in (OutputFolder.check, lambda out, study: out.running(study).__enter__()):
