@@ -161,6 +161,8 @@ class Journal:
         Whether to go on with what is there.
     force : bool, default False
         Whether to begin anew where there is something to resume.
+    place : Path, optional
+        The output folder with its whole path, where `out` is how it is called.
 
     Attributes
     ----------
@@ -168,10 +170,18 @@ class Journal:
         Files in the output folder that this run may replace: those of an earlier one, and what it has written itself.
     """
 
-    def __init__(self, out: Path, study: Any, every: float, resume: bool, force: bool = False) -> None:
+    def __init__(
+        self,
+        out: Path,
+        study: Any,
+        every: float,
+        resume: bool,
+        force: bool = False,
+        place: Path | None = None,
+    ) -> None:
         self.out, self.resume, self.force = out, resume, force
         self.own: set[str] = set()
-        self.shelf = Shelf((out / FOLDER).absolute(), every)
+        self.shelf = Shelf((place or out.absolute()) / FOLDER, every)
         self._lock = Lock(self.shelf.folder / "lock")
         name = type(study).__module__.rpartition(".")[2]
         self._manifest = {"study": name, "version": hs.__version__, "options": options_of(study)}

@@ -60,7 +60,6 @@ def files_of_finished_run(folder: Path) -> set[str] | None:
     return {name for name in ours if name in files and is_ordinary(folder / name)}
 
 
-def strange_file(folder: Path, names: Iterable[str], own: Iterable[str]) -> Path | None:
-    """Return what has one of these names, and is not own."""
-    found = (folder / name for name in sorted(set(names) - set(own)))
-    return next((path for path in found if os.path.lexists(path)), None)
+def strange_file(folder: Path, names: Iterable[str], own: Iterable[str]) -> str | None:
+    """Return which of these names something has that is not own."""
+    return next((name for name in sorted(set(names) - set(own)) if os.path.lexists(folder / name)), None)

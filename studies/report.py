@@ -123,7 +123,7 @@ class OutputFolder:
     Parameters
     ----------
     path : str or path-like
-        Where; nothing is touched before `create` or `running`.
+        Where; nothing is touched before `create` or `running`. A relative one counts from where the process is now.
     checkpoint_every : float, default 60
         Seconds of wall time between two checkpoints of a run.
     resume : bool, default False
@@ -148,26 +148,26 @@ class OutputFolder:
         resume: bool = False,
         force: bool = False,
     ) -> None:
-        self.path = Path(path)
+        self.path, self._place = Path(path), Path(path).absolute()
         self.checkpoint_every, self.resume, self.force = checkpoint_every, resume, force
         self.files: list[str] = []
         self._own: set[str] | None = None  # names of files that may be replaced
         self._open_journal: Journal | None = None
 
     def _journal(self, study: Any) -> Journal:
-        return Journal(self.path, study, self.checkpoint_every, self.resume, self.force)
+        return Journal(self.path, study, self.checkpoint_every, self.resume, self.force, self._place)
 
     def _claim(self, names: Iterable[str], unfinished: Iterable[str] = ()) -> set[str]:
         """Return the names of files that may be replaced; refuse to replace others, and a finished run without being told to."""
-        old = files_of_finished_run(self.path)
+        old = files_of_finished_run(self._place)
         if old is not None and not self.force:
             raise OutputError(
                 f"{self.path} holds a finished run; give another folder with --out, or --force to replace it"
             )
         own = (old or set()) | set(unfinished)
-        if strange := strange_file(self.path, {SUMMARY, *names}, own):
+        if strange := strange_file(self._place, {SUMMARY, *names}, own):
             raise OutputError(
-                f"{strange} is not of a finished run, and would be replaced; give another folder with --out, or move it away"
+                f"{self.path / strange} is not of a finished run, and would be replaced; give another folder with --out, or move it away"
             )
         return own
 
@@ -208,7 +208,7 @@ class OutputFolder:
             raise OutputError(f"{parent} cannot be written to; give another folder with --out")
         if study is not None and resumable:
             self._journal(study).check()
-        unfinished = load_object(self.path / FOLDER / "manifest.json") is not None
+        unfinished = load_object(self._place / FOLDER / "manifest.json") is not None
         if unfinished and not (resumable and (self.resume or self.force)):
             raise unfinished_run(self.path)
         if not (unfinished or self.resume):
@@ -247,7 +247,7 @@ class OutputFolder:
     def create(self) -> None:
         """Make the folder and its parents."""
         try:
-            self.path.mkdir(parents=True, exist_ok=True)
+            self._place.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise OutputError(f"{self.path} cannot be made: {error.strerror}") from error
 
@@ -260,7 +260,7 @@ class OutputFolder:
         name : str
             File name within the folder; the temporary one has the same extension.
         """
-        temporary = temporary_beside(self.path / name)
+        temporary = temporary_beside(self._place / name)
         try:
             yield temporary
             self._put(temporary, name)
@@ -273,7 +273,7 @@ class OutputFolder:
 
     def adopt(self, path: Path) -> None:
         """Move a finished file from the checkpoint folder to its place, where it may be already."""
-        if path.exists() or not (self.path / path.name).exists():
+        if path.exists() or not (self._place / path.name).exists():
             try:
                 self._put(path, path.name)
             except OutputError:
@@ -288,26 +288,28 @@ class OutputFolder:
         if self._own is None:
             self._own = self._claim([name])
         if name not in self._own:
-            if strange := strange_file(self.path, [name], ()):
-                raise OutputError(f"{strange} is not of this run, and is not replaced; move it away")
+            if strange := strange_file(self._place, [name], ()):
+                raise OutputError(
+                    f"{self.path / strange} is not of this run, and is not replaced; move it away"
+                )
             if self._open_journal is not None:
                 self._open_journal.may_write(name)
             self._own.add(name)
         if not self.files:
-            remove_leftovers(self.path, path.stat().st_mtime)
+            remove_leftovers(self._place, path.stat().st_mtime)
             self._remove(SUMMARY)
         if name == SUMMARY:
             for stale in self._own - {SUMMARY, *self.files}:
                 self._remove(stale)
-        os.replace(path, self.path / name)
+        os.replace(path, self._place / name)
         if name not in self.files:
             self.files.append(name)
 
     def _remove(self, name: str) -> None:
         """Remove a file of an earlier run: one that studies write, and that is a file itself."""
         known = name in {SUMMARY}.union(*WRITTEN.values())
-        if known and name in (self._own or ()) and is_ordinary(self.path / name):
-            (self.path / name).unlink()
+        if known and name in (self._own or ()) and is_ordinary(self._place / name):
+            (self._place / name).unlink()
 
     def write_json(self, name: str, content: Mapping[str, Any]) -> None:
         """Write a JSON object, see `jsonable`."""

@@ -338,6 +338,18 @@ def test_every_file_that_a_study_writes_is_known():
     assert written == {name: {SUMMARY, *files} for name, files in WRITTEN.items()}
 
 
+def test_a_relative_folder_is_pinned(tmp_path, monkeypatch):
+    """Results and checkpoints stay together when somebody goes elsewhere in between."""
+    (tmp_path / "there").mkdir()
+    monkeypatch.chdir(tmp_path)
+    out = OutputFolder("out")
+    monkeypatch.chdir(tmp_path / "there")
+    with out.running(STUDY) as shelf:
+        assert shelf.folder == tmp_path / "out" / "checkpoint"
+        results(out, "equation_of_state.csv")
+    assert {path.name for path in tmp_path.rglob("*")} == {"there", "out", SUMMARY, "equation_of_state.csv"}
+
+
 # Links to nowhere.
 
 
