@@ -397,9 +397,11 @@ class Screen:
         callable
             To be called after each step, without arguments.
         """
+        if not self.errors.is_terminal:
+            yield lambda: None
+            return
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-        hidden = not self.errors.is_terminal
-        with Progress(*columns, console=self.errors, disable=hidden, transient=True) as progress:
+        with Progress(*columns, console=self.errors, transient=True) as progress:
             task = progress.add_task(text, total=total)
             yield lambda: progress.advance(task)
 
