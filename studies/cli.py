@@ -6,6 +6,7 @@ heavy is imported before a study starts, so that `hardspheres --help` answers at
 
 from __future__ import annotations
 
+import itertools
 import os
 import signal
 import sys
@@ -277,7 +278,8 @@ def bench(
     from studies.bench_suite import run_suite, suite_named
     from studies.report import OutputFolder, Screen
 
-    folder, screen = OutputFolder(out or Path("runs") / f"bench-{seed}", force=force), Screen(json)
+    folder = OutputFolder(out or _next_folder(Path("runs") / f"bench-{seed}", force), force=force)
+    screen = Screen(json)
     sizes, densities = n or [4000], packing_fraction or [0.3]
     walls = _boundary(boundary) or "periodic"
     study = Bench(
@@ -647,6 +649,18 @@ def _folder(
     return OutputFolder(path, checkpoint_every=checkpoint_every, resume=resume, force=force)
 
 
+def _next_folder(path: Path, force: bool) -> Path:
+    """Return the first of path, path-2, path-3, ... without results: timing is repeated, and has nothing to resume."""
+    from studies.ownership import SUMMARY, WRITTEN
+
+    names, taken = {SUMMARY, *WRITTEN["bench"], *WRITTEN["bench_suite"]}, path
+    for number in itertools.count(2):
+        if force or not any(os.path.lexists(taken / name) for name in names):
+            break
+        taken = path.with_name(f"{path.name}-{number}")
+    return taken
+
+
 def _finish(screen: Any, result: tuple[dict[str, Any], bool]) -> None:
     """Print the JSON that was asked for, and exit with 1 if a check failed."""
     summary, sound = result
@@ -673,6 +687,14 @@ def _require(condition: bool, sentence: str) -> None:
 
 
 def _ended(number: int, _: object) -> NoReturn:
+    for stream in (
+        1,
+        2,
+    ):  # a terminal may have gone: then whatever is written there on the way out would raise something else
+        try:
+            os.write(stream, b"")
+        except OSError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream)
     raise SystemExit(128 + number)
 
 

@@ -91,9 +91,8 @@ def _starting(workers: int | None) -> Iterator[None]:
 
 
 def _prepare_worker() -> None:
-    for number in STOPPING:
-        if number != signal.SIGTERM:
-            signal.signal(number, signal.SIG_IGN)
+    for number in STOPPING:  # it is the parent that terminates
+        signal.signal(number, signal.SIG_DFL if number == signal.SIGTERM else signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 

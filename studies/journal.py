@@ -232,7 +232,22 @@ class Journal:
             raise
 
     def _require_ours(self) -> None:
-        """Refuse a folder with files but without a manifest of ours, unless a run of ours was just about to write it."""
+        """Refuse a folder with files but without a manifest of ours, unless a run of ours was just about to write it.
+
+        Refuse one of ours, too, in which something that is no file has the name of one of ours, so that nothing is written
+        to where a link leads.
+        """
+        for path in self.shelf.folder.iterdir():
+            own = OURS.fullmatch(path.name) or path in (
+                self._lock.path,
+                self._manifest_path,
+                self._finished_path,
+            )
+            if own and os.path.lexists(path) and not is_ordinary(path):
+                what = "a link" if path.is_symlink() else "not a file"
+                raise OutputError(
+                    f"{path} is {what}, so not of a run of ours; give another folder with --out"
+                )
         if _manifest(self._manifest_path) or _manifest(self._finished_path):
             return
         names = {path.name for path in self.shelf.folder.iterdir()}
@@ -349,7 +364,7 @@ class Journal:
             if self._manifest_path.exists():
                 os.replace(self._manifest_path, self._finished_path)
             for path in list(self.shelf.folder.iterdir()):
-                if OURS.fullmatch(path.name) and is_ordinary(path):
+                if OURS.fullmatch(path.name) and is_ordinary(path):  # again: it is not to be undone
                     path.unlink()
 
     def _remove_folder(self) -> None:

@@ -13,6 +13,9 @@ from pathlib import Path
 
 import pytest
 
+if sys.platform != "win32":
+    import pty
+
 from studies.locking import Lock
 
 pytestmark = pytest.mark.skipif(
@@ -341,6 +344,38 @@ def test_signals_are_told_in_a_sentence_and_those_that_are_ignored_stay_so(numbe
     with open("/dev/full", "w") as full:
         done = subprocess.run([*command, "0"], stderr=full, check=False)
     assert done.returncode == 128 + number
+
+
+WAITING = """
+import fcntl, sys, termios, time
+import studies.cli as cli
+fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+def run():
+    print("ready", flush=True)
+    try:
+        time.sleep(60)
+    finally:
+        print("as a progress bar does", file=sys.stderr, flush=True)
+cli.app = run
+cli.main()
+"""
+
+
+@pytest.mark.usefixtures("heard")
+def test_a_terminal_that_is_closed_under_a_run():
+    """What is written on the way out goes nowhere, and does not become another error."""
+    terminal, inside = pty.openpty()
+    run = subprocess.Popen(
+        [sys.executable, "-c", WAITING],
+        stdin=inside,
+        stdout=inside,
+        stderr=inside,
+        start_new_session=True,
+    )
+    os.close(inside)
+    assert b"ready" in os.read(terminal, 100)
+    os.close(terminal)
+    assert run.wait(timeout=30) == 129
 
 
 @pytest.mark.slow
