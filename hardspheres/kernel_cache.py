@@ -62,7 +62,7 @@ def cache_folder(tag: str) -> Path | None:
     refused = []
     for home in _homes():
         try:
-            folder = _folder(home.expanduser().resolve() / _digest() / tag)
+            folder = _folder(_pinned(home).resolve() / _digest() / tag)
             break
         except (_Unsafe, OSError, RuntimeError) as error:  # RuntimeError: no home, or links in a circle
             reason = getattr(error, "strerror", None) or error
@@ -93,6 +93,12 @@ def _homes() -> Iterator[Path]:
     with contextlib.suppress(OSError):
         user = os.getuid() if hasattr(os, "getuid") else getpass.getuser()
         yield Path(tempfile.gettempdir()) / f"cache-{user}" / "hardspheres"
+
+
+@functools.cache
+def _pinned(home: Path) -> Path:
+    """Return the whole path, as it was when this was first asked: a process may go to another folder."""
+    return home.expanduser().absolute()
 
 
 def _digest() -> str:

@@ -144,6 +144,17 @@ def test_the_home_folder_is_understood(root, monkeypatch):
     assert cache_folder("3d").is_relative_to(root)
 
 
+def test_a_relative_folder_is_pinned(root, monkeypatch):
+    monkeypatch.chdir(root.parent)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "relative")
+    kernel_cache._pinned.cache_clear()
+    folder = cache_folder("3d")
+    assert folder.is_relative_to(root.parent / "relative")
+    root.mkdir()
+    monkeypatch.chdir(root)
+    assert cache_folder("3d") == folder and not list(root.iterdir())
+
+
 class Planted:
     """Unpickled, it makes a file."""
 
