@@ -9,6 +9,7 @@ import pytest
 
 import studies
 from hardspheres.errors import CheckpointError
+from studies.cli import _next_folder
 from studies.fluid import Fluid
 from studies.journal import OutputError
 from studies.ownership import SUMMARY, WRITTEN
@@ -376,3 +377,13 @@ def test_a_dangling_link_is_called_one(below, tmp_path):
             OutputFolder(tmp_path / name / below).check(STUDY)
     (tmp_path / "nowhere").mkdir()
     OutputFolder(tmp_path / "link" / below).check(STUDY)
+
+
+def test_timings_without_a_folder_go_to_the_next_free_one(tmp_path):
+    assert _next_folder(tmp_path / "bench-1", force=False) == tmp_path / "bench-1"
+    for number in ("", "-2"):
+        run(tmp_path / f"bench-1{number}")
+    (tmp_path / "bench-1-3").mkdir()
+    (tmp_path / "bench-1-3" / "bench.csv").touch()  # of one that was interrupted
+    assert _next_folder(tmp_path / "bench-1", force=False) == tmp_path / "bench-1-4"
+    assert _next_folder(tmp_path / "bench-1", force=True) == tmp_path / "bench-1"
