@@ -77,7 +77,12 @@ def spawned_processes(workers: int) -> Iterator[Executor]:
 
 @contextlib.contextmanager
 def _starting(workers: int | None) -> Iterator[None]:
-    """Say it in a sentence where the system gives no more processes, threads, open files or memory."""
+    """Start processes in which no signal arrives but SIGTERM; say it in a sentence where the system gives no more.
+
+    A terminal sends its signals to all, also to workers that do not yet ignore them, and to the process that cleans up after them.
+    """
+    mask = getattr(signal, "pthread_sigmask", lambda *_: ())
+    before = mask(getattr(signal, "SIG_BLOCK", 0), set(STOPPING) - {signal.SIGTERM})  # which children inherit
     try:
         yield
     except BrokenExecutor:
@@ -88,6 +93,8 @@ def _starting(workers: int | None) -> Iterator[None]:
             f"{workers or 'the'} worker processes cannot be started: {reason}; ask for fewer with --workers, or raise the limits "
             "(ulimit -n, ulimit -u)"
         ) from error
+    finally:
+        mask(getattr(signal, "SIG_SETMASK", 0), before)
 
 
 def _prepare_worker() -> None:

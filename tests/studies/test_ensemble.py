@@ -4,6 +4,7 @@ import errno
 import itertools
 import multiprocessing
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -13,7 +14,8 @@ from multiprocessing.context import SpawnProcess
 import pytest
 
 from hardspheres import SimulationError
-from studies.ensemble import available_cores, replica_seeds, run_replicas, spawned_processes
+from studies.ensemble import _starting, available_cores, replica_seeds, run_replicas, spawned_processes
+from studies.stopping import STOPPING
 
 
 def draw(seed):
@@ -104,6 +106,26 @@ def test_few_open_files(limit, enough):
     assert done.returncode == 0 and done.stderr == ""
     sentence = "4 worker processes cannot be started: Too many open files; ask for fewer with --workers, or"
     assert done.stdout.startswith("[1, 2, 3, 4]" if enough else sentence)
+
+
+def heeded(_):
+    """Signals that would end this process."""
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, [])
+    return [n for n in STOPPING if n not in blocked and signal.getsignal(n) == signal.SIG_DFL]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
+@pytest.mark.usefixtures("heard")
+def test_of_the_signals_of_a_terminal_workers_heed_none(monkeypatch):
+    """Not even before they ignore them: blocked from their first moment on. The parent heeds all, as before."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [])
+    assert run_replicas(heeded, [1, 2], workers=2) == [[signal.SIGTERM]] * 2
+    with spawned_processes(1) as pool, monkeypatch.context() as patch:
+        patch.setattr(pool, "_initializer", None)
+        with _starting(1):
+            early = pool.submit(heeded, 1)
+        assert early.result() == [signal.SIGTERM]
+    assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == before
 
 
 def leave_a_file(path):
