@@ -166,6 +166,7 @@ def nowhere(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.filterwarnings("ignore:.* not used for compiled kernels")
 def test_without_any_folder_there_is_no_cache(nowhere, monkeypatch):
     assert kernel_cache.cache_folder("3d") is None
     monkeypatch.delenv("XDG_CACHE_HOME")
@@ -174,6 +175,7 @@ def test_without_any_folder_there_is_no_cache(nowhere, monkeypatch):
     assert kernel_cache.cache_folder("3d").is_relative_to(nowhere)
 
 
+@pytest.mark.filterwarnings("ignore:.* not used for compiled kernels")
 @pytest.mark.skipif(not hasattr(os, "getuid"), reason="owners of files")
 def test_a_temporary_cache_that_others_can_write_is_not_used(nowhere, monkeypatch):
     """Kernels found in a cache are executed."""
