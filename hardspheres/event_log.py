@@ -60,7 +60,8 @@ class NpyStream:
     Parameters
     ----------
     path : str or path-like
-        Ends in ``.npy``. A file that is there already is replaced.
+        Ends in ``.npy``. A file that is there already is replaced. A relative one counts from where the process is now, also
+        when it goes elsewhere later.
     dtype : numpy.dtype
         Of an event.
 
@@ -72,7 +73,7 @@ class NpyStream:
 
     def __init__(self, path: str | os.PathLike[str], dtype: np.dtype[np.void]) -> None:
         self.path, self.dtype, self.written = Path(path), dtype, 0
-        self._failure = ""
+        self._place, self._failure = self.path.absolute(), ""
         if self.path.suffix != ".npy":
             raise SimulationError(
                 f"log={os.fspath(path)!r} must end in .npy, or be a function that takes chunks"
@@ -92,7 +93,7 @@ class NpyStream:
         written = self.written + len(data) // self.dtype.itemsize
         header = self._header(written)
         try:
-            file = os.open(self.path, flags | getattr(os, "O_BINARY", 0), 0o666)
+            file = os.open(self._place, flags | getattr(os, "O_BINARY", 0), 0o666)
             try:
                 for start, content in ((len(header) + self.written * self.dtype.itemsize, data), (0, header)):
                     os.lseek(file, start, os.SEEK_SET)

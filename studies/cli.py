@@ -1,11 +1,13 @@
 """The console script `hardspheres`: options in, a study run, an exit code out.
 
-Exit codes: 0 done, 1 a check failed, 2 bad input or output that cannot be written, 130 interrupted, 143 terminated. Nothing heavy is imported
-before a study starts, so that `hardspheres --help` answers at once.
+Exit codes: 0 done, 1 a check failed, 2 bad input or output that cannot be written, 129 hung up, 130 interrupted, 143 terminated. Nothing
+heavy is imported before a study starts, so that `hardspheres --help` answers at once.
 """
 
 from __future__ import annotations
 
+import itertools
+import os
 import signal
 import sys
 from dataclasses import replace
@@ -29,7 +31,7 @@ app = typer.Typer(
 )
 
 
-ENDED = {130: "interrupted", 143: "terminated"}
+ENDED = {129: "hung up, as a terminal does when it is closed", 130: "interrupted", 143: "terminated"}
 MOST = 1_000_000  # replicas, frames or runs: a slip of the finger shall not fill the memory
 
 
@@ -104,6 +106,12 @@ Resume = Annotated[
     bool,
     typer.Option(
         "--resume", help="Go on with the unfinished run in the folder, begun with the same options."
+    ),
+]
+Force = Annotated[
+    bool,
+    typer.Option(
+        "--force", help="Replace the run in the folder, once there are results to put in its place."
     ),
 ]
 Json = Annotated[
@@ -210,6 +218,7 @@ def thermalise(
     out: Out = None,
     checkpoint_every: CheckpointEvery = 60.0,
     resume: Resume = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Watch a gas relax to Maxwell and Boltzmann's velocities.
@@ -265,7 +274,7 @@ def thermalise(
         given |= {} if temperature is None else {"temperature": temperature}
         study = Thermalisation(recipe=Recipe(**given), **common)  # type: ignore[arg-type]
     screen = Screen(json)
-    folder = _folder(out, "thermalise", seed, checkpoint_every, resume)
+    folder = _folder(out, "thermalise", seed, checkpoint_every, resume, force)
     _finish(screen, _precisely(thermalise, study, folder, screen, until_error))
 
 
@@ -320,6 +329,7 @@ def bench(
     ] = None,
     seed: Seed = 1,
     out: Out = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Measure collisions per second, beside another engine.
@@ -333,7 +343,8 @@ def bench(
     from studies.bench_suite import run_suite, suite_named
     from studies.report import OutputFolder, Screen
 
-    folder, screen = OutputFolder(out or Path("runs") / f"bench-{seed}"), Screen(json)
+    folder = OutputFolder(out or _next_folder(Path("runs") / f"bench-{seed}", force), force=force)
+    screen = Screen(json)
     sizes, densities = n or [4000], packing_fraction or [0.3]
     walls = _boundary(boundary) or "periodic"
     study = Bench(
@@ -401,6 +412,7 @@ def pressure(
     out: Out = None,
     checkpoint_every: CheckpointEvery = 60.0,
     resume: Resume = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Measure the equation of state of the fluid, beside theory.
@@ -419,7 +431,7 @@ def pressure(
     study = EquationOfState(
         parsed(packing_fractions), fluid, collisions_per_particle, replicas, seed, workers
     )
-    screen, folder = Screen(json), _folder(out, "pressure", seed, checkpoint_every, resume)
+    screen, folder = Screen(json), _folder(out, "pressure", seed, checkpoint_every, resume, force)
     if not suite:
         _finish(screen, _precisely(equation_of_state, study, folder, screen, until_error))
         return
@@ -455,6 +467,7 @@ def free_path(
     out: Out = None,
     checkpoint_every: CheckpointEvery = 60.0,
     resume: Resume = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Measure how far particles fly between collisions, beside kinetic theory.
@@ -473,7 +486,7 @@ def free_path(
     fluid = Fluid(n, dim, 0.3, "periodic", diameter_ratio, mass_ratio, share)
     study = FreePaths(parsed(packing_fractions), fluid, collisions_per_particle, replicas, seed, workers)
     screen = Screen(json)
-    folder = _folder(out, "free-path", seed, checkpoint_every, resume)
+    folder = _folder(out, "free-path", seed, checkpoint_every, resume, force)
     _finish(screen, _precisely(run, study, folder, screen, until_error))
 
 
@@ -499,6 +512,7 @@ def diffusion(
     out: Out = None,
     checkpoint_every: CheckpointEvery = 60.0,
     resume: Resume = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Measure self-diffusion in a periodic box, beside Enskog's theory.
@@ -514,7 +528,7 @@ def diffusion(
     fluid = Fluid(n=n, dim=dim)
     study = SelfDiffusion(parsed(packing_fractions), fluid, collisions_per_particle, replicas, seed, workers)
     screen = Screen(json)
-    folder = _folder(out, "diffusion", seed, checkpoint_every, resume)
+    folder = _folder(out, "diffusion", seed, checkpoint_every, resume, force)
     _finish(screen, _precisely(self_diffusion, study, folder, screen, until_error))
 
 
@@ -539,6 +553,7 @@ def mixture(
     out: Out = None,
     checkpoint_every: CheckpointEvery = 60.0,
     resume: Resume = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Watch two species of different temperatures come to one, beside kinetic theory.
@@ -555,7 +570,7 @@ def mixture(
     fluid = Fluid(n, dim, packing_fraction, "periodic", diameter_ratio, mass_ratio, share)
     study = Mixture(fluid, temperature_ratio, relaxation_times, replicas, seed, workers)
     screen = Screen(json)
-    folder = _folder(out, "mixture", seed, checkpoint_every, resume)
+    folder = _folder(out, "mixture", seed, checkpoint_every, resume, force)
     _finish(screen, _precisely(run, study, folder, screen, until_error))
 
 
@@ -569,6 +584,7 @@ def accuracy(
     out: Out = None,
     checkpoint_every: CheckpointEvery = 60.0,
     resume: Resume = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Set speed against error, beside two time-stepping programs.
@@ -584,7 +600,7 @@ def accuracy(
     from studies.report import Screen
 
     study = Accuracy(parsed(packing_fractions), n, dim, seed)
-    screen, folder = Screen(json), _folder(out, "accuracy", seed, checkpoint_every, resume)
+    screen, folder = Screen(json), _folder(out, "accuracy", seed, checkpoint_every, resume, force)
     _finish(screen, run(study.quicker() if quick else study, folder, screen))
 
 
@@ -607,6 +623,7 @@ def calibration(
     out: Out = None,
     checkpoint_every: CheckpointEvery = 60.0,
     resume: Resume = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Test the error bars: (value - truth) / standard error of every estimator, over many short runs.
@@ -618,7 +635,7 @@ def calibration(
     from studies.calibration import calibration as run
     from studies.report import Screen
 
-    screen, folder = Screen(json), _folder(out, "calibration", seed, checkpoint_every, resume)
+    screen, folder = Screen(json), _folder(out, "calibration", seed, checkpoint_every, resume, force)
     _finish(screen, run(Calibrations(runs, seed, workers), folder, screen))
 
 
@@ -642,6 +659,7 @@ def hard_cases(
     ] = None,
     checkpoint_every: CheckpointEvery = 60.0,
     resume: Resume = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Try the engine on hard cases whose answer is exact.
@@ -655,7 +673,7 @@ def hard_cases(
     from studies.report import Screen
 
     chosen, groups, screen = size_named(size), groups_named(only), Screen(json)
-    folder = _folder(out, "hard-cases", chosen, checkpoint_every, resume)
+    folder = _folder(out, "hard-cases", chosen, checkpoint_every, resume, force)
     _finish(screen, run(chosen, groups, folder, screen))
 
 
@@ -672,6 +690,7 @@ def soak(
     out: Out = None,
     checkpoint_every: CheckpointEvery = 60.0,
     resume: Resume = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Run two gases for very long and watch what must not change.
@@ -685,15 +704,31 @@ def soak(
 
     screen = Screen(json)
     study = Soak(n, dim, collisions, seed, workers)
-    _finish(screen, run(study, _folder(out, "soak", seed, checkpoint_every, resume), screen))
+    _finish(screen, run(study, _folder(out, "soak", seed, checkpoint_every, resume, force), screen))
 
 
-def _folder(out: Path | None, study: str, which: int | str, checkpoint_every: float, resume: bool) -> Any:
+def _folder(
+    out: Path | None, study: str, which: int | str, checkpoint_every: float, resume: bool, force: bool
+) -> Any:
     """Return the output folder of a study."""
     from studies.report import OutputFolder
 
+    if resume and force:
+        raise OptionError("--resume goes on with a run and --force replaces it; give one of them")
     path = out or Path("runs") / f"{study}-{which}"
-    return OutputFolder(path, checkpoint_every=checkpoint_every, resume=resume)
+    return OutputFolder(path, checkpoint_every=checkpoint_every, resume=resume, force=force)
+
+
+def _next_folder(path: Path, force: bool) -> Path:
+    """Return the first of path, path-2, path-3, ... without results: timing is repeated, and has nothing to resume."""
+    from studies.ownership import SUMMARY, WRITTEN
+
+    names, taken = {SUMMARY, *WRITTEN["bench"], *WRITTEN["bench_suite"]}, path
+    for number in itertools.count(2):
+        if force or not any(os.path.lexists(taken / name) for name in names):
+            break
+        taken = path.with_name(f"{path.name}-{number}")
+    return taken
 
 
 def _finish(screen: Any, result: tuple[dict[str, Any], bool]) -> None:
@@ -739,31 +774,45 @@ def _require(condition: bool, sentence: str) -> None:
         raise SceneError(sentence)
 
 
-def _terminated(*_: object) -> NoReturn:
-    raise SystemExit(143)
+def _ended(number: int, _: object) -> NoReturn:
+    for stream in (
+        1,
+        2,
+    ):  # a terminal may have gone: then whatever is written there on the way out would raise something else
+        try:
+            os.write(stream, b"")
+        except OSError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream)
+    raise SystemExit(128 + number)
 
 
 def main() -> None:
     """Run the command line and exit with its code."""
-    signal.signal(signal.SIGTERM, _terminated)
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) != signal.SIG_IGN:  # as under nohup
+            signal.signal(number, _ended)
     try:
         app()
     except HardSpheresError as error:
-        print(f"error: {error}{_notes(error)}", file=sys.stderr)
-        raise SystemExit(2) from None
+        _leave(2, f"error: {error}{_notes(error)}")
     except MemoryError as error:
-        print(
-            f"error: there is not enough memory ({error}); ask for fewer particles{_notes(error)}",
-            file=sys.stderr,
-        )
-        raise SystemExit(2) from None
+        _leave(2, f"error: there is not enough memory ({error}); ask for fewer particles{_notes(error)}")
     except KeyboardInterrupt as error:
-        print(f"interrupted{_notes(error)}", file=sys.stderr)
-        raise SystemExit(130) from None
+        _leave(130, f"{ENDED[130]}{_notes(error)}")
     except SystemExit as error:
-        if error.code in ENDED:
-            print(f"{ENDED[error.code]}{_notes(error)}", file=sys.stderr)
-        raise
+        if error.code not in ENDED:
+            raise
+        _leave(int(error.code), f"{ENDED[error.code]}{_notes(error)}")
+
+
+def _leave(code: int, sentence: str) -> NoReturn:
+    """Say why, if there is still somebody to say it to, and exit."""
+    try:
+        print(sentence, file=sys.stderr, flush=True)
+    except OSError:  # a terminal that was closed
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+    raise SystemExit(code) from None
 
 
 def _notes(error: BaseException | None) -> str:

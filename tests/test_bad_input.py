@@ -413,6 +413,7 @@ SWALLOWED = (
 )
 
 
+@pytest.mark.usefixtures("heard")
 @pytest.mark.skipif(os.name != "posix", reason="POSIX signals")
 @pytest.mark.parametrize(
     ("module", "content", "options"),

@@ -206,3 +206,15 @@ def test_bad_logs_are_refused(tmp_path):
             hs.Simulation(scene, log=log)
         assert "\n" not in str(caught.value)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_relative_path_is_pinned_where_the_log_began(tmp_path, monkeypatch):
+    """Somebody goes to another folder, where even a file of that name is."""
+    (tmp_path / "there").mkdir()
+    (tmp_path / "there" / "events.npy").write_text("mine")
+    monkeypatch.chdir(tmp_path)
+    sim = hs.Simulation(gas("3d", 300, 0.1, seed=5), log="events.npy")
+    monkeypatch.chdir(tmp_path / "there")
+    sim.run(collisions=100)
+    assert len(np.load(tmp_path / "events.npy")) == 100
+    assert (tmp_path / "there" / "events.npy").read_text() == "mine"

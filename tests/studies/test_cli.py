@@ -138,6 +138,7 @@ def test_a_structure_of_ones_own(tmp_path):
     assert (tmp_path / "own" / "summary.json").exists()
 
 
+@pytest.mark.usefixtures("heard")
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_an_interrupted_study_ends_quietly(number, code, tmp_path):
