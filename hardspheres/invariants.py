@@ -110,7 +110,7 @@ def _sharing(masses: Floats, velocities: Floats) -> float:
         return math.inf
     parts = energies / most  # their squares stay in range
     shared, squares = float(np.sum(parts)), float(np.sum(parts * parts))
-    return (1.0 + 2.0 / velocities.shape[1]) * shared * shared / squares
+    return (1.0 + 2.0 / len(velocities[0])) * shared * shared / squares
 
 
 def _energy_and_momentum_are_kept(sim: "Simulation") -> None:

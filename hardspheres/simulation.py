@@ -485,10 +485,9 @@ class Simulation:
             return self._frames_at(self._ascending("times", times, self.time))
         if collisions_per_particle is not None:
             s = self._ascending(
-                "collisions_per_particle", collisions_per_particle, self.collisions_per_particle
+                "collisions_per_particle", collisions_per_particle, self.collisions_per_particle, self._goal
             )
-            goals = (math.ceil(value * self.scene.n / 2 - 1e-9) for value in s)
-            return self._frames_after(_whole("the number of collisions of a frame", goal) for goal in goals)
+            return self._frames_after(s)
         if every is None or count is None:
             raise SimulationError("frames(every=..., count=...) needs both: how far apart, and how many")
         step, number = _number("frames(every=...)", every), _whole("frames(count=...)", count)
@@ -497,19 +496,26 @@ class Simulation:
         now = self.time
         return self._frames_at(now + k * step for k in range(number))
 
-    def _ascending(self, name: str, values: Iterable[float], first: float) -> Iterable[float]:
-        """Return ascending numbers, none before the first, as they are wanted; those of a sequence are checked now."""
+    def _goal(self, collisions_per_particle: float) -> int:
+        """Pair collisions after which each particle has had so many."""
+        goal = math.ceil(collisions_per_particle * self.scene.n / 2 - 1e-9)
+        return _whole("the number of collisions of a frame", goal)
+
+    def _ascending(
+        self, name: str, values: Iterable[float], first: float, goal: Callable[[float], Any] = float
+    ) -> Iterable[Any]:
+        """Return goals at ascending numbers, none before the first, as they are wanted; those of a sequence are checked now."""
         try:
             given = iter(values)
         except TypeError:
             raise SimulationError(f"frames({name}=...) needs a sequence of numbers, not {values!r}") from None
         if given is values:  # an iterator, which gives each of them once
-            return _checked(name, given, first)
+            return map(goal, _checked(name, given, first))
         if isinstance(values, range):
-            for _ in _checked(name, iter([*values[:2], *values[-1:]]), first):
-                pass
-            return (float(value) for value in values)
-        return list(_checked(name, given, first))
+            for number in _checked(name, iter([*values[:2], *values[-1:]]), first):
+                goal(number)
+            return map(goal, values)
+        return list(map(goal, _checked(name, given, first)))
 
     def _frames_at(self, times: Iterable[float]) -> Iterator[Frame]:
         for t in times:
