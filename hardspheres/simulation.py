@@ -694,23 +694,24 @@ class Simulation:
         return load(cls, path, log)
 
     def __copy__(self) -> "Simulation":
-        return self._duplicate(self.scene, self._log())
+        return self._duplicate(lambda part: part)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "Simulation":
-        return self._duplicate(copy.deepcopy(self.scene, memo), copy.deepcopy(self._log(), memo))
+        return self._duplicate(lambda part: copy.deepcopy(part, memo))
 
-    def _duplicate(self, scene: Scene, log: Sink | None) -> "Simulation":
-        from hardspheres.checkpoint import restored, to_arrays
-
-        duplicate: Simulation = self._alone(lambda: restored(type(self), scene, to_arrays(self), log))
+    def _duplicate(self, copied: Callable[[Any], Any]) -> "Simulation":
+        make, parts = self.__reduce__(copied)
+        duplicate: Simulation = make(*parts)
         return duplicate
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self, copied: Callable[[Any], Any] = lambda part: part) -> tuple[Any, ...]:
         from hardspheres.checkpoint import restored, to_arrays
 
-        log = self._log()
-        arrays = self._alone(lambda: {name: array.copy() for name, array in to_arrays(self).items()})
-        return restored, (type(self), self.scene, arrays, log)
+        def parts() -> tuple[Any, ...]:
+            arrays = {name: array.copy() for name, array in to_arrays(self).items()}
+            return type(self), copied(self.scene), arrays, copied(self._log())
+
+        return restored, self._alone(parts)
 
     def _log(self) -> Sink | None:
         """Return the function that a copy would log to."""
