@@ -506,6 +506,8 @@ class Simulation:
     ) -> Iterable[Any]:
         """Return goals at ascending numbers, none before the first, as they are wanted; those of a sequence are checked now."""
         try:
+            if isinstance(values, (str, bytes, bytearray)):
+                raise TypeError
             given = iter(values)
         except TypeError:
             raise SimulationError(f"frames({name}=...) needs a sequence of numbers, not {values!r}") from None
