@@ -39,7 +39,7 @@ FOREVER = 2**62
 PATIENCE = 1000.0  # expected times to the next collision without one, until `run(collisions=...)` gives up,
 LEAST_PATIENCE = 10  # but not in fewer epochs
 ROWS_BETWEEN_LOOKS = 1 << 16  # it looks after as many epochs as take so many rows into the next one,
-MOST_BETWEEN_LOOKS = 1 << 10  # but no more than these
+MOST_BETWEEN_LOOKS = 1 << 12  # but no more than these
 RUNNING = (
     "this simulation is at work already, in another thread or in the call that this one comes from; wait until that has "
     "returned, or work on a copy"
@@ -50,19 +50,21 @@ COMPONENTS = {2: ((0, 3), (3, 1)), 3: ((0, 3, 4), (3, 1, 5), (4, 5, 2))}
 
 def _number(name: str, value: Any) -> float:
     """Return a finite number, or raise SimulationError."""
-    number = math.nan
-    if not isinstance(value, np.ma.MaskedArray) and np.ndim(value) == 0:
-        kind = np.asarray(
-            value
-        ).dtype.kind  # neither truth values, nor text or bytes, nor complex, nor durations
-        if kind in "iuf" or (kind == "O" and isinstance(value, (Real, Decimal))):
-            try:
-                number = float(value)
-            except OverflowError:
-                pass
+    try:
+        number = float(value) if type(value) in (int, float) or _is_real(value) else math.nan
+    except OverflowError:
+        number = math.inf
     if not math.isfinite(number):
         raise SimulationError(f"{name} needs a finite number, not {value!r}")
     return number
+
+
+def _is_real(value: Any) -> bool:
+    """Whether this is one real number: neither masked, nor truth, text or bytes, nor complex, nor a duration."""
+    if isinstance(value, np.ma.MaskedArray) or np.ndim(value) > 0:
+        return False
+    kind = np.asarray(value).dtype.kind
+    return kind in "iuf" or (kind == "O" and isinstance(value, (Real, Decimal)))
 
 
 def _checked(name: str, values: Iterator[Any], first: float) -> Iterator[float]:
@@ -249,6 +251,8 @@ class Simulation:
         self._moment = 0.0
         self._budget = 2000 + scene.n
         self._energy = scene.kinetic_energy
+        most = max(ROWS_BETWEEN_LOOKS / scene.n, 1)
+        self._stride = int(power_of_two_below(min(most, MOST_BETWEEN_LOOKS)))  # epochs between two looks
         self._moving = False  # whether somebody is known to move relative to another
         self._since = (0, 0.0, 0, 0)  # where the tallies began: epoch, moment, collisions, hits of walls
         self._reset_tallies()
@@ -375,7 +379,6 @@ class Simulation:
     def _run_collisions(self, goal: int) -> None:
         if goal > self.collisions:
             self._require_something_to_come()
-        stride = self._stride
         look = 0  # the epoch at whose beginning it looks next whether there are collisions at all
         try:
             while True:
@@ -383,29 +386,24 @@ class Simulation:
                 self._keep_pace()
                 if self._length != before:
                     look = 0
-                look = max(look, self._next_look(stride))
+                look = max(look, self._next_look())
                 if self._slice(look, 0.0, goal):
                     if self.collisions >= goal:
                         break
                     self._require_meetings()
-                    look += stride
+                    look += self._stride
         finally:
             self._keep_clock()
             self._engine.hand_over_log()
 
-    @property
-    def _stride(self) -> int:
-        """Epochs between two looks, a power of two: so many that looking costs nothing."""
-        return int(power_of_two_below(min(max(ROWS_BETWEEN_LOOKS / self.scene.n, 1), MOST_BETWEEN_LOOKS)))
-
-    def _next_look(self, stride: int) -> int:
-        """First multiple of `stride` among the epochs to come at which too long a time may have passed without a collision."""
+    def _next_look(self) -> int:
+        """First multiple of the stride among the epochs to come at which too long may have passed without a collision."""
         at, arrays = self._at, self._engine.arrays
         begun = int(arrays.number[at.NOW] > 0.0)
         epoch = max(
             int(arrays.counter[at.EPOCH]) + begun, int(arrays.counter[at.LAST_PAIR_EPOCH]) + LEAST_PATIENCE
         )
-        return -(-epoch // stride) * stride
+        return -(-epoch // self._stride) * self._stride
 
     def _require_meetings(self) -> None:
         """Raise SimulationError at the beginning of an epoch if nobody has met for far longer than expected.

@@ -240,6 +240,15 @@ def test_whatever_units_are_taken_give_the_same_numbers(units):
     assert sim.compressibility_factor == usual.compressibility_factor
 
 
+def test_units_that_are_refused_would_lose_collisions(monkeypatch):
+    """Sibling: with lengths of 1e-90 squares of speed times radius are zero, and two that meet pass through each other."""
+    monkeypatch.setattr("hardspheres.scene._in_range", lambda values: True)
+    for units, met in (({}, True), ({"length": 1e-90}, False)):
+        sim = hs.Simulation(Scene(**moving(**units)))
+        sim.run(time=30.0)
+        assert (sim.collisions > 0) is met
+
+
 def test_a_state_is_checked_too():
     """All but overlaps, which the engine leaves by its rounding; a NaN made it search for ever."""
     scene = Scene(TWO, REST, box=(10, 10, 10))
