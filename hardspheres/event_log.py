@@ -45,7 +45,8 @@ def as_events(rows: NDArray[np.float64], at: Any) -> Events:
     events = np.empty(len(rows), dtype=event_dtype(int(at.DIM)))
     events["time"] = rows[:, at.LOG_TIME]
     events["i"], events["j"] = rows[:, at.LOG_FIRST], rows[:, at.LOG_SECOND]
-    events["normal"] = rows[:, at.LOG_NORMAL : at.LOG_NORMAL + at.DIM]
+    # Without negative zeros, which depend on whom of the two the search found first.
+    events["normal"] = rows[:, at.LOG_NORMAL : at.LOG_NORMAL + at.DIM] + 0.0
     events["impulse"] = rows[:, at.LOG_IMPULSE]
     events["free_path"] = rows[:, at.LOG_PATHS : at.LOG_PATHS + 2]
     return events
