@@ -42,7 +42,7 @@ ROWS_BETWEEN_LOOKS = 1 << 16  # it looks after as many epochs as take so many ro
 MOST_BETWEEN_LOOKS = 1 << 12  # but no more than these
 RUNNING = (
     "this simulation is at work already, in another thread or in the call that this one comes from; wait until that has "
-    "returned, or work on a copy"
+    "returned, or give each a copy of its own"
 )
 # Where the sums keep the components of a symmetric tensor.
 COMPONENTS = {2: ((0, 3), (3, 1)), 3: ((0, 3, 4), (3, 1, 5), (4, 5, 2))}

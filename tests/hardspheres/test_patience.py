@@ -50,6 +50,8 @@ def never():
 def test_unequal_masses_get_there_in_any_slices(seed, monkeypatch):
     """The scene of which the first simulation in a process got there, and the next one gave up after one collision."""
     whole, parts = hs.Simulation(unequal(seed)), hs.Simulation(unequal(seed))
+    for sim in (whole, parts):
+        sim._stride = 64  # as in the sibling below
     whole.run(collisions=100)
     monkeypatch.setattr(Engine, "run", in_slices(20_000))
     parts.run(collisions=100)
@@ -63,6 +65,7 @@ def test_a_rate_that_assumes_equipartition_gives_up(monkeypatch):
     )
     for seed in range(3):
         sim = hs.Simulation(unequal(seed))
+        sim._stride = 64  # which looks more often
         with pytest.raises(hs.SimulationError, match="may never meet"):
             sim.run(collisions=100)
 
