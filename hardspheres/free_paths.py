@@ -78,6 +78,13 @@ class FreePaths:
     speed_times: Floats
     pair_collisions: Ints
 
+    def __repr__(self) -> str:
+        """Return how much was counted."""
+        return (
+            f"<FreePaths of a time of {self.time:.6g}: {', '.join(str(n) for n in self.flights)} flights of "
+            f"{', '.join(str(n) for n in self.particles)} particles, by species>"
+        )
+
 
 def kinds_of(scene: Scene) -> NDArray[np.int32]:
     """Species of each particle as flights tell them apart: where there are too many species, all are one."""

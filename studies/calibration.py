@@ -147,7 +147,7 @@ def calibration(study: Calibrations, out: OutputFolder, screen: Screen) -> tuple
     began = time.perf_counter()
     study.check()
     out.check(study)
-    with screen.working("compiling the engine (once for each kind of gas on this machine)"):
+    with screen.compiling("the gases of all estimators"):
         for name in study.families:
             calibration_runs.FAMILIES[name].load()
     ready = time.perf_counter()

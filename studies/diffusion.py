@@ -27,6 +27,7 @@ from studies.report import (
     alarming,
     checks_of,
     engine_of,
+    engine_rate,
     estimate_json,
     say_checks,
     seconds_taken,
@@ -276,7 +277,7 @@ def self_diffusion(study: SelfDiffusion, out: OutputFolder, screen: Screen) -> t
     study.check()
     out.check(study)
     fluids = study.fluids
-    with screen.working("compiling the engine (once for each kind of gas on this machine)"):
+    with screen.compiling(study.fluid.kind):
         load_kernels(fluids)
     ready = time.perf_counter()
     with out.running(study) as shelf:
@@ -371,6 +372,7 @@ def _summary(
         "states": [_state_summary(state) for state in states],
         "collisions": collisions,
         "collisions_per_second_and_core": collisions / sum(walk.seconds for walk in walks),
+        "engine_collisions_per_second": engine_rate(statuses),
         "checks": checks_of(statuses, failures) | {"alarm_in_standard_errors": ALARM},
         "engine": engine_of(statuses[0]),
         "files": sorted({*out.files, "summary.json"}),

@@ -25,6 +25,7 @@ from studies.report import (
     alarming,
     checks_of,
     engine_of,
+    engine_rate,
     estimate_json,
     say_checks,
     seconds_taken,
@@ -300,7 +301,7 @@ def free_path(study: FreePaths, out: OutputFolder, screen: Screen) -> tuple[dict
     study.check()
     out.check(study)
     fluids = study.fluids
-    with screen.working("compiling the engine (once for each kind of gas on this machine)"):
+    with screen.compiling(study.fluid.kind):
         load_kernels(fluids, free_paths=True)
     ready = time.perf_counter()
     with out.running(study) as shelf:
@@ -403,6 +404,7 @@ def _summary(
         "states": [_state_summary(state) for state in states],
         "collisions": collisions,
         "collisions_per_second_and_core": collisions / sum(run.seconds for run in runs),
+        "engine_collisions_per_second": engine_rate(statuses),
         "checks": checks_of(statuses, failures) | {"alarm_in_standard_errors": ALARM},
         "engine": engine_of(statuses[0]),
         "files": sorted({*out.files, "summary.json"}),
@@ -457,7 +459,7 @@ def _print(
                 ]
             )
             before = eta
-    screen.table("", ["packing fraction", "quantity", "measured", "theory", "z", ""], rows)
+    screen.table("", ["packing fraction", "quantity", "measured", "theory", "z", ""], rows, keys=2)
     screen.say()
     finite = "" if study.fluid.mixed else f" with the finite-size correction for {study.fluid.n} particles"
     screen.say(

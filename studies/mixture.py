@@ -27,6 +27,7 @@ from studies.report import (
     alarming,
     checks_of,
     engine_of,
+    engine_rate,
     estimate_json,
     say_checks,
     seconds_taken,
@@ -337,7 +338,7 @@ def mixture(study: Mixture, out: OutputFolder, screen: Screen) -> tuple[dict[str
     study.check()
     out.check(study)
     seeds = replica_seeds(study.seed, study.replicas)
-    with screen.working("compiling the engine (once for each kind of gas on this machine)"):
+    with screen.compiling(study.fluid.kind):
         first = study.start(seeds[0])
     times = study.times(first)
     ready = time.perf_counter()
@@ -416,6 +417,7 @@ def _summary(study: Mixture, result: Result, runs: Sequence[_Run], out: OutputFo
         ],
         "collisions": collisions,
         "collisions_per_second_and_core": collisions / sum(run.seconds for run in runs),
+        "engine_collisions_per_second": engine_rate(statuses),
         "checks": checks_of(statuses, [*failures, *result.failures]) | {"alarm_in_standard_errors": ALARM},
         "engine": engine_of(statuses[0]),
         "files": sorted({*out.files, "summary.json"}),

@@ -26,6 +26,7 @@ from studies.report import (
     alarming,
     checks_of,
     engine_of,
+    engine_rate,
     estimate_json,
     say_checks,
     seconds_taken,
@@ -361,7 +362,7 @@ def equation_of_state(
     study.check()
     out.check(study)
     fluids = study.fluids
-    with screen.working("compiling the engine (once for each kind of gas on this machine)"):
+    with screen.compiling(study.fluid.kind):
         load_kernels(fluids, free_paths=study.fluid.mixed)
     ready = time.perf_counter()
     with out.running(study) as shelf:
@@ -466,6 +467,7 @@ def _summary(
         "states": [state_summary(state) for state in states],
         "collisions": collisions,
         "collisions_per_second_and_core": collisions / sum(run.seconds for run in runs),
+        "engine_collisions_per_second": engine_rate(statuses),
         "checks": checks_of(statuses, failures) | {"alarm_in_standard_errors": ALARM},
         "engine": engine_of(statuses[0]),
         "files": sorted({*out.files, "summary.json"}),

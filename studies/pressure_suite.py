@@ -27,7 +27,7 @@ from studies.pressure import (
     say_notes,
     state_summary,
 )
-from studies.report import ALARM, OutputFolder, Screen, checks_of, say_checks, seconds_taken
+from studies.report import ALARM, OutputFolder, Screen, checks_of, engine_rate, say_checks, seconds_taken
 
 __all__ = ["GROUPS", "Suite", "run_suite", "states_of"]
 
@@ -127,7 +127,7 @@ def run_suite(suite: Suite, out: OutputFolder, screen: Screen) -> tuple[dict[str
     study = suite.study
     study.check()
     out.check(suite)
-    with screen.working("compiling the engine (once for each kind of gas on this machine)"):
+    with screen.compiling("spheres, discs and mixtures"):
         load_all(suite)
     ready = time.perf_counter()
     with out.running(suite) as shelf:
@@ -165,6 +165,7 @@ def run_suite(suite: Suite, out: OutputFolder, screen: Screen) -> tuple[dict[str
             },
             "collisions": collisions,
             "collisions_per_second_and_core": collisions / sum(run.seconds for run in runs),
+            "engine_collisions_per_second": engine_rate(statuses),
             "checks": checks_of(statuses, failures) | {"alarm_in_standard_errors": ALARM},
             "files": sorted({*out.files, "summary.json"}),
             "seconds": seconds_taken(began, ready, ran, work="runs"),

@@ -21,8 +21,8 @@ from analysis.statistics import Estimate
 from analysis.velocities import reduced_velocities
 from hardspheres.trajectory import has_velocities, read_structure
 from studies.ensemble import available_cores, replica_seeds, run_replicas
-from studies.fluid import broken, is_dense, two_species
-from studies.report import OutputFolder, Screen, engine_of, say_checks, seconds_taken
+from studies.fluid import broken, is_dense, kind_of, two_species
+from studies.report import OutputFolder, Screen, engine_of, engine_rate, say_checks, seconds_taken
 from studies.resuming import Resumable, until
 
 __all__ = ["Recipe", "ReplicaResult", "Replicas", "Thermalisation", "sampling_points", "thermalise"]
@@ -347,7 +347,7 @@ def thermalise(study: Thermalisation, out: OutputFolder, screen: Screen) -> tupl
     out.check(study)
     seeds = replica_seeds(study.seed, study.replicas)
     first = recipe.scene(seeds[0])
-    with screen.working("compiling the engine (once for each kind of gas on this machine)"):
+    with screen.compiling(kind_of(first)):
         hs.Simulation(first).run(collisions=1)
     ready = time.perf_counter()
     s = sampling_points(study.collisions_per_particle, recipe.n)
@@ -477,6 +477,7 @@ def _summary(
         "particles_in_all": curve.n_replicas * curve.n_per_replica,
         "collisions": collisions,
         "collisions_per_second_and_core": collisions / seconds,
+        "engine_collisions_per_second": engine_rate(statuses),
         "theory": _theory_name(study, curve, reference),
         "relaxation": _columns(curve, reference),
         "a2_chi_square": None if chi_square is None else asdict(chi_square),

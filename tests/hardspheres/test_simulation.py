@@ -224,7 +224,7 @@ def test_status_tells_method_and_exactness(sim):
     assert abs(status["energy_drift"]) < 1e-14
     assert status["bytes_per_particle"] > 100
     assert status["method"] == "windows of time"
-    assert "windows of time" in repr(sim)
+    assert status["collisions_per_second"] > 1e3
     dense = hs.Simulation(gas("3d", 100, 0.3)).status()
     assert "neighbour lists" in dense["method"]
     assert sim.status()["version"] == hs.__version__
