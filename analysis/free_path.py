@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from analysis import theory
-from analysis.estimator import Estimator, axes_or_new
+from analysis.estimator import PALETTE, Estimator, axes_or_new
 from analysis.pressure import Pressure
 from analysis.reduced import species_labels
 from analysis.series import BlockSeries, estimate_from_series
@@ -462,13 +462,15 @@ class FreePath(Estimator):
         axes.plot(fine, np.exp(-fine), color="0.6", lw=1.0, ls="--", label="exponential")
         for k, (label, points) in enumerate(zip(self.labels, measured, strict=True)):
             law = self.flights_in_theory(k).path_survival(fine).value
-            axes.plot(fine, law, color=f"C{k}", label="Boltzmann" if len(measured) == 1 else None)
+            axes.plot(
+                fine, law, color=PALETTE[k % len(PALETTE)], label="Boltzmann" if len(measured) == 1 else None
+            )
             axes.errorbar(
                 x,
                 [point.value for point in points],
                 [point.standard_error for point in points],
                 fmt="o",
-                color=f"C{k}",
+                color=PALETTE[k % len(PALETTE)],
                 label="simulation" if len(measured) == 1 else label,
             )
         axes.set_yscale("log")

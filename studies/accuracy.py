@@ -349,7 +349,7 @@ def accuracy(study: Accuracy, out: OutputFolder, screen: Screen) -> tuple[dict[s
         from studies.accuracy_figure import figure
 
         with screen.working("drawing"):
-            out.save_figure("accuracy.png", figure(compared))
+            out.save_figure("accuracy.png", figure(compared), _in_words(study))
         failures = [
             f"packing fraction {each.fluid.packing_fraction:g}: {sentence}"
             for each in compared
@@ -524,6 +524,14 @@ def _state_summary(state: Compared) -> dict[str, Any]:
             "collisions": sum(h.collisions for h in state.horizons),
         },
     }
+
+
+def _in_words(study: Accuracy) -> str:
+    kind = "spheres" if study.dim == 3 else "discs"
+    return (
+        f"hard {kind}, periodic box: {FEW} for the distance from the true trajectory, {study.n} for everything else; packing "
+        f"fraction {', '.join(f'{eta:g}' for eta in study.packing_fractions)}"
+    )
 
 
 def _print(screen: Screen, study: Accuracy, compared: Sequence[Compared], summary: dict[str, Any]) -> None:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 import hardspheres as hs
 from analysis import theory
 from hardspheres.memory import require_room_for
-from studies.fluid import FREEZING, RELAXED, THEORY_UP_TO, is_dense, maker, two_species
+from studies.fluid import FREEZING, RELAXED, THEORY_UP_TO, Fluid, is_dense, maker, two_species
 
 __all__ = ["STARTS", "Gas"]
 
@@ -54,6 +54,12 @@ class Gas:
     diameter_ratio: float = 1.0
     fraction: float = 0.5
     start: str = "auto"
+
+    def __str__(self) -> str:
+        """Return the gas in words, whatever its number of particles and packing fraction."""
+        fluid = Fluid(self.n, self.dim, self.packing_fraction, self.boundary, self.diameter_ratio)
+        mixture = f", diameters 1:{self.diameter_ratio:g}" if fluid.mixed else ""
+        return fluid.kind.replace(",", f"{mixture},", 1)
 
     @property
     def plain(self) -> Gas:

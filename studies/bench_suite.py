@@ -118,12 +118,14 @@ def run_suite(suite: Suite, study: Bench, out: OutputFolder, screen: Screen) -> 
                 out.create()
             states.append(result)
             out.write_csv("bench.csv", _columns(states))
-            screen.note(f"{n} particles at packing fraction {packing_fraction:g}: {result['cpu']['median']:,.0f} /s")
+            screen.note(
+                f"{n} particles at packing fraction {packing_fraction:g}: {result['cpu']['median']:,.0f} /s"
+            )
     if not states:
         raise refused[0]
     from studies import bench_figure
 
-    out.save_figure("bench.png", bench_figure.rates(states))
+    out.save_figure("bench.png", bench_figure.rates(states), str(study.gas))
     passed = all(state["checks"]["passed"] for state in states)
     summary: dict[str, Any] = {
         "study": "bench",
@@ -192,6 +194,7 @@ _HEADER = (
     "ratio",
     "C est.",
 )
+
 
 def _cells(state: Mapping[str, Any]) -> tuple[str, ...]:
     cpu, peer = state["cpu"], state["against"] or {}

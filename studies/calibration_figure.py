@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from scipy import stats
 
 from studies.calibration import Row
-from studies.report import COLOURS, figure_style
+from studies.style import COLOURS, figure_style
 
 __all__ = ["figure"]
 

@@ -298,7 +298,7 @@ def self_diffusion(study: SelfDiffusion, out: OutputFolder, screen: Screen) -> t
         from studies.diffusion_figure import figure
 
         with screen.working("drawing"):
-            out.save_figure("diffusion.png", figure(states))
+            out.save_figure("diffusion.png", figure(states), f"{study.replicas} x {study.fluid}")
         summary = _summary(study, states, [walk for own in walks for walk in own], out)
         summary["seconds"] = seconds_taken(began, ready, ran, work="runs")
         out.write_json("summary.json", summary)

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from analysis import theory
 from studies.diffusion import WINDOW, DiffusionState
-from studies.report import COLOURS, figure_style
+from studies.style import COLOURS, falling, figure_style
 
 __all__ = ["figure"]
 
@@ -53,7 +53,7 @@ def _draw_displacement(axes: Axes, state: DiffusionState, colour: Any) -> None:
         ms=3.5,
         lw=1.2,
         color=colour,
-        label=f"{state.fluid.packing_fraction:.4g}",
+        label=f"packing fraction {state.fluid.packing_fraction:.4g}",
         zorder=3,
     )
     x = np.geomspace(state.lags[0] * state.rate, 1.2, 30)  # free flight: <v^2> t^2 with kT = m = 1
@@ -72,22 +72,13 @@ def _finish_displacement(axes: Axes) -> None:
     axes.set_ylabel(r"$\langle |x(t) - x(0)|^2 \rangle \,/\, 2 d D_\mathrm{E} t$")
     axes.set_title("Mean square displacement")
     place: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.07), "alignment": "left"}
-    axes.legend(title="packing fraction", title_fontsize=8, fontsize=8, **place)
+    axes.legend(fontsize=8, **place)
 
 
 def _draw_velocities(axes: Axes, state: DiffusionState, colour: Any) -> None:
     value, error = state.velocity_autocorrelation, state.velocity_autocorrelation_error
-    seen = value > 2.0 * error
-    axes.errorbar(
-        state.lags[seen] * state.rate,
-        value[seen],
-        error[seen],
-        fmt="o",
-        ms=3.5,
-        lw=1.2,
-        color=colour,
-        zorder=3,
-    )
+    axes.set_yscale("log")
+    falling(axes, state.lags * state.rate, value, error, ms=3.5, color=colour)
 
 
 def _finish_velocities(axes: Axes, dim: int) -> None:

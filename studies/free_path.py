@@ -322,7 +322,7 @@ def free_path(study: FreePaths, out: OutputFolder, screen: Screen) -> tuple[dict
         from studies.free_path_figure import figure
 
         with screen.working("drawing"):
-            out.save_figure("free_path.png", figure(states))
+            out.save_figure("free_path.png", figure(states), f"{study.replicas} x {study.fluid}")
         summary = _summary(study, states, [run for own in runs for run in own], out)
         summary["seconds"] = seconds_taken(began, ready, ran, work="runs")
         out.write_json("summary.json", summary)

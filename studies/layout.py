@@ -80,9 +80,7 @@ def table_blocks(
     if _total(widths, everything) <= width:
         return [_block(cells, widths, everything, width)]
     if wrap:
-        words = [
-            max((len(word) for row in cells for word in row[k].split()), default=0) for k in everything
-        ]
+        words = [max((len(word) for row in cells for word in row[k].split()), default=0) for k in everything]
         if _total(words, everything, gap=2) <= width:
             return [_wrapped_block(cells, _shared(words, widths, width))]
         return _records(cells, width, keys)

@@ -354,7 +354,7 @@ def mixture(study: Mixture, out: OutputFolder, screen: Screen) -> tuple[dict[str
         from studies.mixture_figure import figure
 
         with screen.working("drawing"):
-            out.save_figure("mixture.png", figure(result))
+            out.save_figure("mixture.png", figure(result), _in_words(study))
         summary = _summary(study, result, runs, out)
         summary["seconds"] = seconds_taken(began, ready, ran)
         out.write_json("summary.json", summary)
@@ -425,10 +425,14 @@ def _summary(study: Mixture, result: Result, runs: Sequence[_Run], out: OutputFo
     }
 
 
+def _in_words(study: Mixture) -> str:
+    return f"{study.replicas} x {study.fluid}, packing fraction {study.fluid.packing_fraction:.4g}"
+
+
 def _print(
     screen: Screen, study: Mixture, result: Result, summary: dict[str, Any], out: OutputFolder
 ) -> None:
-    screen.say(f"{study.replicas} x {study.fluid}, packing fraction {study.fluid.packing_fraction:.4g}")
+    screen.say(_in_words(study))
     screen.say("species: " + "; ".join(f"{k}: {label}" for k, label in enumerate(result.labels, 1)))
     screen.say()
     values, errors = result.decay.temperatures, result.decay.temperatures_error

@@ -382,7 +382,7 @@ def equation_of_state(
         from studies.pressure_figure import figure
 
         with screen.working("drawing"):
-            out.save_figure("equation_of_state.png", figure(states))
+            out.save_figure("equation_of_state.png", figure(states), f"{study.replicas} x {study.fluid}")
         summary = _summary(study, states, [run for own in runs for run in own], out)
         summary["seconds"] = seconds_taken(began, ready, ran, work="runs")
         out.write_json("summary.json", summary)

@@ -98,6 +98,13 @@ def load_all(suite: Suite) -> None:
         load_kernels(fluids, free_paths=fluids[0].mixed)
 
 
+def _in_words(suite: Suite) -> str:
+    sizes = {fluid.n for group in suite.groups.values() for fluid in group}
+    return (
+        f"{suite.study.replicas} x {' or '.join(str(n) for n in sorted(sizes))} particles each, periodic box"
+    )
+
+
 def run_suite(suite: Suite, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:
     """Run the suite, print its tables and write its files.
 
@@ -138,7 +145,7 @@ def run_suite(suite: Suite, out: OutputFolder, screen: Screen) -> tuple[dict[str
         from studies.pressure_suite_figure import figure
 
         with screen.working("drawing"):
-            out.save_figure("equation_of_state.png", figure(groups))
+            out.save_figure("equation_of_state.png", figure(groups), _in_words(suite))
         failures = [
             f"{state.fluid}, packing fraction {state.fluid.packing_fraction:g}: {failure}"
             for state in states

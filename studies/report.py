@@ -22,6 +22,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from studies.journal import Journal, OutputError, Shelf
 from studies.layout import table_blocks, wrapped
+from studies.style import COLOURS, figure_style, name_gas
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -45,15 +46,6 @@ __all__ = [
     "seconds_taken",
 ]
 
-COLOURS = {
-    "theory": "#1d2733",
-    "simulation": "#1f77b4",
-    "band": "#9aa7b5",
-    "warm": "#d1495b",
-    "other": "#e0a030",
-}
-"""Colours of all figures: theory is a dark line, simulation is blue points, a second species is red."""
-
 ALARM = 5.0
 """Deviation from theory, in standard errors, at which a study's check has failed."""
 _ALARM_P = 5.7e-7  # of as large a deviation by chance, when the error is known
@@ -67,40 +59,6 @@ RESTARTED = {
     "bytes_per_particle",
     "collisions_per_second",
 }  # of this process alone
-
-_STYLE: Any = {
-    "figure.dpi": 100,
-    "savefig.dpi": 160,
-    "font.family": "DejaVu Sans",
-    "font.size": 10,
-    "axes.titlesize": 10.5,
-    "axes.titlelocation": "left",
-    "axes.labelsize": 10,
-    "axes.labelcolor": "#1d2733",
-    "axes.edgecolor": "#6b7785",
-    "axes.linewidth": 0.8,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.prop_cycle": "cycler('color', ['#1f77b4', '#d1495b', '#e0a030', '#3a8f6b', '#7b5ea7'])",
-    "xtick.color": "#4a5562",
-    "ytick.color": "#4a5562",
-    "xtick.labelsize": 9,
-    "ytick.labelsize": 9,
-    "legend.frameon": False,
-    "legend.fontsize": 9,
-    "lines.linewidth": 1.6,
-    "errorbar.capsize": 0,
-    "mathtext.fontset": "dejavusans",
-}
-
-
-@contextlib.contextmanager
-def figure_style() -> Iterator[None]:
-    """Draw and save figures in the style of the package while the context lasts."""
-    import matplotlib
-
-    with matplotlib.rc_context(_STYLE):
-        yield
 
 
 def jsonable(value: Any) -> Any:
@@ -251,9 +209,10 @@ class OutputFolder:
             writer.writerow(arrays)
             writer.writerows(zip(*arrays.values(), strict=True))
 
-    def save_figure(self, name: str, figure: Figure) -> None:
-        """Write a figure as PNG."""
-        with self.partial(name) as path:
+    def save_figure(self, name: str, figure: Figure, gas: str) -> None:
+        """Write a figure as PNG, with the name of the gas above it."""
+        with self.partial(name) as path, figure_style():
+            name_gas(figure, gas)
             figure.savefig(path, format="png")
 
 

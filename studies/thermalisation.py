@@ -369,17 +369,27 @@ def thermalise(study: Thermalisation, out: OutputFolder, screen: Screen) -> tupl
         out.write_csv("relaxation.csv", _columns(curve, reference))
         from studies import thermalisation_figures as figures
 
+        gas = _in_words(study, first, len(results))
         with screen.working("drawing"):
-            out.save_figure("distributions.png", figures.distributions(curve))
-            out.save_figure("relaxation.png", figures.relaxation(curve, reference))
+            out.save_figure("distributions.png", figures.distributions(curve), gas)
+            out.save_figure("relaxation.png", figures.relaxation(curve, reference), gas)
             if results[0].movie is not None:
                 with out.partial("gas.gif") as path:
                     figures.animation(results[0].movie, first, curve, path)
         summary = _summary(study, first, curve, reference, results, out)
         summary["seconds"] = seconds_taken(began, ready, ran)
         out.write_json("summary.json", summary)
-    _print(screen, study, curve, reference, summary, out)
+    _print(screen, study, gas, curve, reference, summary, out)
     return summary, bool(summary["checks"]["passed"])
+
+
+def _in_words(study: Thermalisation, scene: hs.Scene, replicas: int) -> str:
+    """Return which gas this is."""
+    start = study.recipe.velocities or "the file's velocities"
+    kind, box = kind_of(scene).split(", ", 1)
+    return (
+        f"{replicas} x {scene.n} {kind}, packing fraction {scene.packing_fraction:.4g}, {box}, start: {start}"
+    )
 
 
 def _evenly(end: float, count: int) -> tuple[float, ...]:
@@ -513,21 +523,14 @@ def _theory_name(study: Thermalisation, curve: RelaxationCurve, reference: Compa
 def _print(
     screen: Screen,
     study: Thermalisation,
+    gas: str,
     curve: RelaxationCurve,
     reference: Comparison | None,
     summary: Mapping[str, Any],
     out: OutputFolder,
 ) -> None:
     recipe = study.recipe
-    words = ", ".join(
-        dict.fromkeys(summary["boundary"]) if len(set(summary["boundary"])) == 1 else summary["boundary"]
-    )
-    kind = "spheres" if curve.dim == 3 else "discs"
-    start = recipe.velocities or "the file's velocities"
-    screen.say(
-        f"{curve.n_replicas} x {curve.n_per_replica} hard {kind}, packing fraction "
-        f"{summary['packing_fraction']:.4g}, {words} box, start: {start}"
-    )
+    screen.say(gas)
     if len(curve.labels) > 1:
         screen.say("species: " + "; ".join(f"{k}: {label}" for k, label in enumerate(curve.labels, 1)))
     screen.say()

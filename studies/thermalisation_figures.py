@@ -14,11 +14,13 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from analysis import theory
 from analysis.relaxation import Comparison, RelaxationCurve
-from studies.report import COLOURS, figure_style
+from studies.style import COLOURS, deviations, falling, figure_style, species_look
 
 if TYPE_CHECKING:
     from hardspheres import Scene
@@ -48,7 +50,7 @@ def distributions(
     s = curve.s
     chosen = sorted({int(np.argmin(np.abs(s - moment))) for moment in moments} | {len(s) - 1})
     colours = colormaps["viridis"](np.linspace(0.12, 0.82, len(chosen)))
-    rows, thermal = len(curve.labels), curve.thermal_speeds
+    rows, thermal = len(curve.labels), curve.thermal_speeds / curve.thermal_speeds[0]
     with figure_style():
         figure = Figure(figsize=(1.0 + 1.85 * len(chosen), 0.85 + 1.9 * rows), layout="constrained")
         panels = figure.subplots(rows, len(chosen), sharey="row", sharex="row", squeeze=False)
@@ -64,17 +66,18 @@ def distributions(
                 axes.plot(v, law, color=COLOURS["theory"], lw=1.4)
                 axes.set_xlim(0.0, limit)
                 axes.set_ylim(0.0, 1.75 * law.max())
-                axes.set_yticks([])
-                axes.spines["left"].set_visible(False)
+                axes.yaxis.set_major_locator(MaxNLocator(4))
                 if row == 0:
                     axes.set_title(f"s = {s[index]:.3g}", color=COLOURS["theory"])
                 if row == rows - 1:
-                    axes.set_xlabel("speed")
+                    axes.set_xlabel(r"$v \,/\, \sqrt{kT/m_1}$" if rows > 1 else r"$v \,/\, \sqrt{kT/m}$")
                 if (density[row] / unit).max() > 1.75 * law.max():
                     _mark_spike(axes, edges * unit, density[row])
-            panels[row, 0].set_ylabel("probability density" if label == "all" else label)
-        panels[0, -1].plot([], [], color=COLOURS["theory"], lw=1.4, label="Maxwell\u2013\nBoltzmann")
-        panels[0, -1].legend(loc="upper right", borderaxespad=0.0, handlelength=1.2, fontsize=8)
+            panels[row, 0].set_ylabel(
+                "probability density" if label == "all" else f"{label}\nprobability density", fontsize=9
+            )
+        line = Line2D([], [], color=COLOURS["theory"], lw=1.4, label="Maxwell\u2013Boltzmann")
+        figure.legend(handles=[line], loc="outside upper right")
     return figure
 
 
@@ -127,17 +130,12 @@ def relaxation(curve: RelaxationCurve, reference: Comparison | None) -> Figure:
         for axes, z in zip(
             lower, (reference.a2_z, reference.h_z) if reference is not None else (), strict=True
         ):
-            axes.axhspan(-2, 2, color=COLOURS["band"], alpha=0.25, lw=0)
-            axes.axhline(0.0, color=COLOURS["theory"], lw=1.0)
-            axes.plot(s, z, "o", ms=3.5, color=COLOURS["simulation"])
+            deviations(axes, (s, z, {}))
             if np.isnan(z).all():
                 text = "no reference for the wide bins of so few particles"
                 axes.text(
                     0.5, 0.62, text, transform=axes.transAxes, ha="center", fontsize=8.5, color="#4a5562"
                 )
-            extent = max(3.5, float(np.nanmax(np.abs(z), initial=0.0)) * 1.15)
-            axes.set_ylim(-extent, extent)
-            axes.set_ylabel("deviation\nin std. errors", fontsize=8.5)
         for axes in lower if len(lower) else upper:
             axes.set_xlabel("collisions per particle s")
     return figure
@@ -164,11 +162,12 @@ def _draw_a2(axes: Axes, curve: RelaxationCurve, reference: Comparison | None) -
         )
     else:
         axes.axhline(0.0, color=COLOURS["theory"], lw=1.2, label="equilibrium")
-    name = "simulation" if len(curve.labels) == 1 else "all species"
-    _points(axes, curve.s, curve.a2, curve.a2_error, COLOURS["simulation"], name)
-    if len(curve.labels) > 1:
-        for label, a2, colour in zip(curve.labels, curve.a2_by_species.T, _species_colours(), strict=False):
-            axes.plot(curve.s, a2, "s", ms=3.5, mfc="none", color=colour, label=label)
+    if len(curve.labels) == 1:
+        _points(axes, curve.s, curve.a2, curve.a2_error, COLOURS["simulation"], "simulation")
+    else:
+        _points(axes, curve.s, curve.a2, curve.a2_error, COLOURS["words"], "all species")
+        for kind, (label, a2) in enumerate(zip(curve.labels, curve.a2_by_species.T, strict=True)):
+            axes.plot(curve.s, a2, ls="", ms=4.5, mfc="none", label=label, **species_look(kind))
     axes.set_ylabel("fourth cumulant $a_2$")
     axes.set_title("How far the speeds are from Maxwell\u2013Boltzmann")
     axes.legend(loc="best")
@@ -181,24 +180,10 @@ def _draw_h(axes: Axes, curve: RelaxationCurve, reference: Comparison | None) ->
         s = _fine(curve)
         table = theory.boltzmann_equal_speeds(s, curve.dim)
         axes.plot(s, table.h, color=COLOURS["theory"], label="Boltzmann equation", zorder=2)
-    seen = h > floor
-    low = np.minimum(np.nan_to_num(error), h * 0.9)
-    axes.errorbar(
-        curve.s[seen],
-        h[seen],
-        np.array([low[seen], np.nan_to_num(error[seen])]),
-        fmt="o",
-        ms=4,
-        lw=1.2,
-        color=COLOURS["simulation"],
-        label="simulation",
-        zorder=3,
-    )
+    falling(axes, curve.s, h, error, floor, color=COLOURS["simulation"], label="simulation")
     bottom = floor / 3
     axes.set_yscale("log")
-    axes.axhspan(
-        bottom, floor, color=COLOURS["band"], alpha=0.25, lw=0, label="noise of a gas at equilibrium"
-    )
+    axes.axhspan(bottom, floor, color=COLOURS["band"], alpha=0.25, lw=0, label="noise of $H$ at equilibrium")
     axes.set_ylim(bottom, max(float(h.max()), 10 * floor) * 2.5)
     axes.set_xlim(-0.02 * curve.s.max(), 1.02 * curve.s.max())
     axes.set_ylabel(r"$H - H_\mathrm{eq}$")
@@ -207,12 +192,8 @@ def _draw_h(axes: Axes, curve: RelaxationCurve, reference: Comparison | None) ->
 
 
 def _points(axes: Axes, x: FloatArray, y: FloatArray, error: FloatArray, colour: str, label: str) -> None:
-    axes.fill_between(x, y - 2 * error, y + 2 * error, color=colour, alpha=0.18, lw=0)
+    axes.fill_between(x, y - 2 * error, y + 2 * error, color=colour, alpha=0.18, lw=0, label="2 std. errors")
     axes.errorbar(x, y, error, fmt="o", ms=4, lw=1.2, color=colour, label=label, zorder=3)
-
-
-def _species_colours() -> list[str]:
-    return [COLOURS["warm"], COLOURS["other"], "#3a8f6b", "#7b5ea7"]
 
 
 _DARK, _PALE = "#10161f", "#c9d3de"
