@@ -30,8 +30,7 @@ __all__ = ["Recipe", "ReplicaResult", "Replicas", "Thermalisation", "sampling_po
 FloatArray = NDArray[np.float64]
 
 RATE_WINDOW = (2.0, 5.0)
-MOVIE_FRAMES = 96
-MOVIE_END = 6.0  # in collisions per particle
+MOVIE_FRAMES = 120
 
 
 @dataclass(frozen=True)
@@ -351,7 +350,7 @@ def thermalise(study: Thermalisation, out: OutputFolder, screen: Screen) -> tupl
         hs.Simulation(first).run(collisions=1)
     ready = time.perf_counter()
     s = sampling_points(study.collisions_per_particle, recipe.n)
-    movie_s = _evenly(min(MOVIE_END, study.collisions_per_particle), MOVIE_FRAMES) if study.animate else ()
+    movie_s = _evenly(study.collisions_per_particle, MOVIE_FRAMES) if study.animate else ()
     with out.running(study) as shelf:
         trajectory = shelf.folder / "trajectory.xyz" if study.frames > 0 else None
         task = Replicas(recipe, s, trajectory, _evenly(study.collisions_per_particle, study.frames), movie_s)
@@ -375,7 +374,7 @@ def thermalise(study: Thermalisation, out: OutputFolder, screen: Screen) -> tupl
             out.save_figure("relaxation.png", figures.relaxation(curve, reference), gas)
             if results[0].movie is not None:
                 with out.partial("gas.gif") as path:
-                    figures.animation(results[0].movie, first, curve, path)
+                    figures.animation(results[0].movie, first, curve, path, gas)
         summary = _summary(study, first, curve, reference, results, out)
         summary["seconds"] = seconds_taken(began, ready, ran)
         out.write_json("summary.json", summary)

@@ -10,12 +10,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from matplotlib import colormaps
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from rich.console import Console
 
+import hardspheres as hs
 from analysis.estimator import PALETTE
 from studies.bench import Bench, bench
 from studies.bench_gas import Gas
@@ -315,3 +317,48 @@ def test_a_terminal_of_80_columns_and_a_file(monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", "80")
     Screen().say(sentence)
     assert max(map(len, capsys.readouterr().out.split("\n"))) <= 80
+
+
+def contrast(colour, ground):
+    """WCAG contrast of two colours."""
+    light, dark = sorted((float(XYZ[1] @ linear(c)) for c in (colour, ground)), reverse=True)
+    return (light + 0.05) / (dark + 0.05)
+
+
+def test_slow_spheres_stand_out_from_the_ground():
+    """Also the farthest; sibling: the colours of before, whose slowest were nearly the ground."""
+    from studies.thermalisation_figures import _FARTHEST, _GROUND, _SPEEDS
+
+    def far(colour):
+        return _FARTHEST * np.array(colour[:3]) + (1 - _FARTHEST) * np.array(to_rgb(_GROUND))
+
+    speeds = [contrast(far(_SPEEDS(v)), _GROUND) for v in (0.0, 0.25, 0.5, 0.75, 1.0)]
+    assert speeds[0] > 3.0 and speeds == sorted(speeds)
+    assert contrast(colormaps["plasma"](0.0)[:3], _GROUND) < 1.5
+
+
+def test_a_film_says_what_it_leaves_out_and_how_large_spheres_are():
+    from studies.thermalisation_figures import View
+
+    whole = View.of(hs.lattice_gas(n=216, packing_fraction=0.1, seed=1))
+    assert whole.words == "the whole box, seen along z; spheres drawn to scale" and whole.scale == 1.0
+    corner = View.of(hs.lattice_gas(n=4000, packing_fraction=0.1, seed=1))
+    assert corner.words.startswith("a corner with 7.5 % of the box")
+    thin = hs.random_gas(n=100, packing_fraction=1e-4, dim=2, radii=np.repeat([0.5, 1.0], 50), seed=1)
+    seen = View.of(thin)
+    assert seen.words == f"the whole box; discs drawn {0.006 * thin.box[0] / 0.5:.2g} times too large"
+
+
+def test_a_film_shows_the_whole_run(tmp_path):
+    """Sibling: a film of six collisions per particle, as it was."""
+    study = Thermalisation(
+        Recipe(n=100), replicas=1, workers=1, frames=0, collisions_per_particle=9.0, animate=True
+    )
+    films = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            "studies.thermalisation_figures.animation",
+            lambda movie, scene, curve, path, gas: (films.append(movie), path.write_bytes(b""))[0],
+        )
+        thermalise(study, OutputFolder(tmp_path), Recording())
+    assert films[0].s[0] == 0.0 and films[0].s[-1] == pytest.approx(9.0, abs=0.03)
