@@ -282,7 +282,8 @@ class FreePath(Estimator):
         def beyond(at: float) -> Callable[[FloatArray], FloatArray]:
             def part(means: FloatArray) -> FloatArray:
                 flat = means.reshape(-1, means.shape[-1])
-                longer = np.cumsum(flat[:, :1:-1], axis=1)[:, ::-1]  # beyond each edge
+                # Without the one block that has the longest flights their number is 0 but for rounding.
+                longer = np.maximum(np.cumsum(flat[:, :1:-1], axis=1)[:, ::-1], 0.0)  # beyond each edge
                 with np.errstate(divide="ignore"):
                     logs = np.log(longer / flat[:, 1:2])
                 wanted = at * flat[:, 0] / flat[:, 1]

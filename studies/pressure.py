@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -15,10 +14,11 @@ import hardspheres as hs
 from analysis import theory
 from analysis.memory import remembered, variance_growth
 from analysis.pressure import Pressure
-from analysis.statistics import Estimate, ReplicaWarning, combine_replicas, pool_replicas
+from analysis.statistics import Estimate, combine_replicas, pool_replicas
 from analysis.theory import Prediction
 from studies.ensemble import available_cores
 from studies.fluid import THEORY_UP_TO, Fluid, broken, check_length, load_kernels, ordered, run_fluids
+from studies.noticing import Notices, too_short
 from studies.report import (
     ALARM,
     OutputFolder,
@@ -158,6 +158,8 @@ class _Run:
     order: float
     ordered: bool
     notes: tuple[str, ...]
+    times: float  # how many times longer it should have been, see `Notices`
+    length: float  # collisions per particle
     failure: str | None
     status: dict[str, Any]
     seconds: float
@@ -210,12 +212,12 @@ class States(Resumable[tuple[Fluid, np.random.SeedSequence], _Measuring, _Run]):
     def result(self, item: tuple[Fluid, np.random.SeedSequence], state: _Measuring, seconds: float) -> _Run:
         """Return what was measured."""
         fluid, simulation, pressure = item[0], state.simulation, state.pressure
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            measured = {"virial": pressure.virial, "rate": pressure.rate}
+        notices, measured = Notices(), {}
+        for name in ("virial", "rate") if fluid.periodic else ("virial", "rate", "walls"):
+            with notices.of(f"Z, {name}"):
+                measured[name] = getattr(pressure, name)
+        with notices.of("virial - rate"):
             difference = pressure.virial_minus_rate
-            if not fluid.periodic:
-                measured["walls"] = pressure.walls
         known = fluid.packing_fraction <= THEORY_UP_TO[fluid.dim]
         start, *ends = self._ends(fluid)
         dropped = pressure.discarded_rows * (ends[-1] - start) / len(ends)
@@ -226,7 +228,9 @@ class States(Resumable[tuple[Fluid, np.random.SeedSequence], _Measuring, _Run]):
             2.0 * (fluid.settled + dropped) / fluid.n,
             hs.bond_order(simulation.to_scene()).value,
             ordered(simulation),
-            tuple(dict.fromkeys(str(warning.message) for warning in caught)),
+            tuple(notices.notes),
+            notices.times,
+            self.study.length(fluid),
             broken(simulation),
             simulation.status(),
             seconds,
@@ -286,15 +290,13 @@ class State:
 
 def combine(fluid: Fluid, runs: Sequence[_Run]) -> State:
     """Return the replicas of one packing fraction as one state, with everything that is wrong with it."""
-    notes = list(dict.fromkeys(note for run in runs for note in run.notes))
+    notices = Notices(list(dict.fromkeys(note for run in runs for note in run.notes)))
     measured = {}
     for name in runs[0].measured:
         replicas = [run.measured[name] for run in runs]
         measured[name] = pool_replicas(replicas)
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always", ReplicaWarning)
+        with notices.of(f"Z, {name}"):
             combine_replicas(replicas)
-        notes += [f"{name}: {warning.message}" for warning in caught]
     state = State(
         fluid,
         measured,
@@ -302,7 +304,7 @@ def combine(fluid: Fluid, runs: Sequence[_Run]) -> State:
         runs[0].theories,
         float(np.mean([run.discarded for run in runs])),
         max(run.order for run in runs),
-        tuple(notes),
+        (*notices.notes, *too_short(max(run.times for run in runs), runs[0].length)),
         (),
         sum(run.status["collisions"] for run in runs),
     )

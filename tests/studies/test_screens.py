@@ -304,7 +304,7 @@ def test_a_cut_cell_and_a_broken_word_are_seen():
     assert cut(["density Z", "0.001234 1.523(4)"], tables) == set()
     assert cut(["density Z", "0.00\u2026 1.523(4)"], tables) == {"0.001234"}
     header, body = table_blocks(["density", "Z", "z"], [["0.001234", "1.523(4)", "+0.3"]], 18)[0]
-    assert header == [" density         Z"] and body == ["0.001234 1.523(4)"]
+    assert header == [" density         Z"] and body == ["0.001234  1.523(4)"]
     assert wrapped("measured beside theory", 10) == ["measured", "beside", "theory"]
     assert wrapped("measured beside theory", None) == ["measured beside theory"]
 
