@@ -59,8 +59,9 @@ class Estimator(ABC):
                 names.append(name)
             elif value is not None and value != 0:
                 numbers.append(f"{name} {value}")
-        seen = ", ".join(numbers or names) if numbers or not missing else "nothing added yet"
-        return f"<{type(self).__name__}: {seen}>"
+        seen = ", ".join(numbers or names) or "nothing added yet"
+        more = "; nothing more yet" if names and missing and not numbers else ""
+        return f"<{type(self).__name__}: {seen}{more}>"
 
     def _require(self, ready: bool, what: str, call: str) -> None:
         if not ready:

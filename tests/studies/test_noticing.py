@@ -23,7 +23,7 @@ def test_a_short_run_names_quantity_and_option():
     notes = {}
     for eta in (0.05, 0.25):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("analysis.pressure.remembered", lambda *_: 30.0 if eta == 0.25 else 0.0)
+            patch.setattr("analysis.pressure.remembered", lambda eta, dim: 30.0 if eta > 0.2 else 0.0)
             fluid = Fluid(n=200, packing_fraction=eta)
             notes[eta] = combine(fluid, [States(study)((fluid, seed))]).notes
     assert notes[0.05] == ()
@@ -48,10 +48,15 @@ def test_the_length_asked_for_is_enough():
 
 def test_ours_become_notes_and_others_pass_on():
     notices = Notices()
-    with pytest.warns(RuntimeWarning, match="divide by zero"), notices.of("the ratio"):
-        np.float64(1.0) / np.float64(0.0)
-        warnings.warn(hs_warning("spread too far"), stacklevel=1)
-        warnings.warn(hs_warning("spread too far"), stacklevel=1)
+
+    def measure():
+        with notices.of("the ratio"):
+            _ = np.float64(1.0) / np.float64(0.0)
+            for _ in range(2):
+                warnings.warn(hs_warning("spread too far"), stacklevel=1)
+
+    with pytest.warns(RuntimeWarning, match="divide by zero"):
+        measure()
     assert notices.notes == ["the ratio: spread too far"] and notices.times == 0.0
 
 
