@@ -136,14 +136,14 @@ def packing_fractions(text: str) -> tuple[float, ...]:
         values = []
     if not values:
         raise hs.SceneError(
-            f"--packing-fractions {text} is not understood; give first:last:count, as in 0.01:0.49:9, or "
+            f"--packing-fraction {text} is not understood; give first:last:count, as in 0.01:0.49:9, or "
             "numbers with commas between them"
         )
     if len(values) > MOST:
-        raise hs.SceneError(f"--packing-fractions {text} are too many; ask for at most {MOST}")
+        raise hs.SceneError(f"--packing-fraction {text} are too many; ask for at most {MOST}")
     for value in values:
         if not 0.0 < value < 1.0:
-            raise hs.SceneError(f"--packing-fractions {text} has {value:g}; expected numbers between 0 and 1")
+            raise hs.SceneError(f"--packing-fraction {text} has {value:g}; expected numbers between 0 and 1")
     return tuple(sorted(set(values)))
 
 

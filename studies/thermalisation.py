@@ -47,6 +47,8 @@ class Recipe:
         Mass and diameter of the second species over the first's.
     fraction : float
         Number fraction of the second species; without effect when both ratios are 1.
+    temperature_ratio : float
+        Of "two-temperatures".
     base : Scene or None
         Positions, radii, masses and box to use instead of making any.
     """
@@ -61,6 +63,7 @@ class Recipe:
     diameter_ratio: float = 1.0
     fraction: float = 0.5
     base: hs.Scene | None = None
+    temperature_ratio: float = 3.0
 
     @property
     def placement(self) -> str:
@@ -84,7 +87,7 @@ class Recipe:
             return self.base.replace(velocities=drawn)
         make = hs.random_gas if self.placement == "random" else hs.lattice_gas
         radii, masses = two_species(self.n, self.diameter_ratio, self.mass_ratio, self.fraction)
-        return make(
+        scene = make(
             n=self.n,
             packing_fraction=self.packing_fraction,
             dim=self.dim,
@@ -95,6 +98,16 @@ class Recipe:
             masses=masses,
             seed=seed,
         )
+        if self.velocities != "two-temperatures":
+            return scene
+        drawn = hs.draw_velocities(
+            scene,
+            self.velocities,
+            temperature=self.temperature,
+            temperature_ratio=self.temperature_ratio,
+            seed=seed,
+        )
+        return scene.replace(velocities=drawn)
 
 
 @dataclass(frozen=True)

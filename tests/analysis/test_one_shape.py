@@ -102,7 +102,8 @@ def test_memory_does_not_grow_with_the_blocks(kind):
 def test_repr_tells_results_or_that_there_are_none(kind):
     """Sibling: an estimator that has seen nothing; what cannot be told yet raises nothing."""
     name = kind.__name__
-    empty = "labels, predictions; nothing more yet" if kind is FreePath else "nothing added yet"
+    known = {FreePath: "labels, predictions", Pressure: "predictions"}
+    empty = f"{known[kind]}; nothing more yet" if kind in known else "nothing added yet"
     assert repr(new(kind)) == f"<{name}: {empty}>"
     scene = (
         random_gas("3d_mixture", 60, 0.02) if kind is TemperatureEquilibration else random_gas("3d", 32, 0.1)
