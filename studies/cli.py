@@ -220,6 +220,8 @@ def thermalise(
                 f"--{name.replace('_', '-')} has no effect with --from, which gives the whole structure"
             )
         study = Thermalisation.from_file(str(source), radius, start, temperature, **common)
+        if temperature_ratio is not None:
+            study = replace(study, recipe=replace(study.recipe, temperature_ratio=temperature_ratio))
     else:
         _require(radius is None, "--radius goes with --from; the spheres made here have diameter 1")
         two = "mass_ratio" in given or "diameter_ratio" in given

@@ -84,7 +84,7 @@ def table_blocks(
         if _total(words, everything, gap=2) <= width:
             return [_wrapped_block(cells, _shared(words, widths, width))]
         return _records(cells, width, keys)
-    blocks = _spread(columns, widths, width, keys)
+    blocks = _spread(columns, widths, width, keys, gap=2) or _spread(columns, widths, width, keys, gap=1)
     if blocks is None:
         return _records(cells, width, keys)
     return [_block(cells, widths, block, width) for block in blocks]
@@ -101,7 +101,9 @@ def _block(cells: list[list[str]], widths: list[int], chosen: Sequence[int], wid
     return [header], body
 
 
-def _spread(columns: Sequence[str], widths: list[int], width: int, keys: int) -> list[list[int]] | None:
+def _spread(
+    columns: Sequence[str], widths: list[int], width: int, keys: int, gap: int
+) -> list[list[int]] | None:
     """Return the columns of each block, the key columns first; None where one column beside them is too wide."""
     first = list(range(keys))
     groups: list[list[int]] = []
@@ -112,13 +114,13 @@ def _spread(columns: Sequence[str], widths: list[int], width: int, keys: int) ->
             groups.append([k])
     fitting: list[list[int]] = []
     for group in groups:
-        whole = _total(widths, [*first, *group]) <= width
+        whole = _total(widths, [*first, *group], gap) <= width
         fitting += [group] if whole else [[k] for k in group]
     blocks = [[*first]]
     for group in fitting:
-        if _total(widths, [*first, *group]) > width:
+        if _total(widths, [*first, *group], gap) > width:
             return None
-        if len(blocks[-1]) > keys and _total(widths, [*blocks[-1], *group]) > width:
+        if len(blocks[-1]) > keys and _total(widths, [*blocks[-1], *group], gap) > width:
             blocks.append([*first])
         blocks[-1] += group
     return blocks

@@ -81,10 +81,7 @@ class Recipe:
             If there is none.
         """
         if self.base is not None:
-            if self.velocities is None:
-                return self.base
-            drawn = hs.draw_velocities(self.base, self.velocities, temperature=self.temperature, seed=seed)
-            return self.base.replace(velocities=drawn)
+            return self.base if self.velocities is None else self._drawn(self.base, seed)
         make = hs.random_gas if self.placement == "random" else hs.lattice_gas
         radii, masses = two_species(self.n, self.diameter_ratio, self.mass_ratio, self.fraction)
         scene = make(
@@ -98,11 +95,13 @@ class Recipe:
             masses=masses,
             seed=seed,
         )
-        if self.velocities != "two-temperatures":
-            return scene
+        return self._drawn(scene, seed) if self.velocities == "two-temperatures" else scene
+
+    def _drawn(self, scene: hs.Scene, seed: np.random.SeedSequence) -> hs.Scene:
+        """Return a scene with new velocities."""
         drawn = hs.draw_velocities(
             scene,
-            self.velocities,
+            str(self.velocities),
             temperature=self.temperature,
             temperature_ratio=self.temperature_ratio,
             seed=seed,
