@@ -172,7 +172,7 @@ def words_of(figure):
     """Texts and legends of a figure with their boxes, as they are drawn."""
     renderer = FigureCanvasAgg(figure).get_renderer()
     figure.draw(renderer)
-    items = [*figure.legends, *([figure._suptitle] if figure._suptitle else [])]
+    items = [*figure.legends, *filter(None, (figure._suptitle, figure._supxlabel, figure._supylabel))]
     for axes in figure.axes:
         if axes.get_visible():
             items += [child for child in axes.get_children() if isinstance(child, Legend)]
