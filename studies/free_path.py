@@ -442,7 +442,7 @@ def _print(
     summary: dict[str, Any],
     out: OutputFolder,
 ) -> None:
-    screen.say(f"{study.replicas} x {study.fluid}, {len(states)} packing fractions")
+    screen.say(f"{study.replicas} x {study.fluid}, {len(states)} packing fraction{'s' * (len(states) > 1)}")
     if study.fluid.mixed:
         screen.say("species: " + "; ".join(f"{k}: {label}" for k, label in enumerate(states[0].labels, 1)))
     screen.say()
@@ -468,9 +468,9 @@ def _print(
         f"means and rates: Enskog{finite}; Z: {states[0].checks[-1].theory}; uncertainty in parentheses"
     )
     screen.say(
-        "<l^k>, <t^k> of all flights, counted exactly: Boltzmann, whose uncertainty is the packing fraction, what"
+        "<l^k>, <t^k> of all flights, counted exactly: Boltzmann, whose uncertainty is the packing fraction, what "
+        "meeting the same neighbours again may change in a denser gas"
     )
-    screen.say("meeting the same neighbours again may change in a denser gas")
     screen.say("z: deviation from theory in standard errors, the theory's own uncertainty in it")
     if any(check.better_than_theory for state in states for check in state.checks):
         screen.say(

@@ -455,9 +455,8 @@ def _print(
     screen.say()
     screen.say(
         "theory: two Maxwellians, exact at the start; its uncertainty in parentheses is what it is known "
-        "to miss later,"
+        "to miss later, when the species are no longer Maxwellian and the difference decays more slowly"
     )
-    screen.say("when the species are no longer Maxwellian and the difference decays more slowly")
     screen.say(
         "z: deviation in standard errors, the theory's uncertainty in it; errors from the spread of replicas"
     )

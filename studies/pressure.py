@@ -507,7 +507,11 @@ def _print(
     summary: dict[str, Any],
     out: OutputFolder,
 ) -> None:
-    print_states(screen, f"{study.replicas} x {study.fluid}, {len(states)} packing fractions", states)
+    print_states(
+        screen,
+        f"{study.replicas} x {study.fluid}, {len(states)} packing fraction{'s' * (len(states) > 1)}",
+        states,
+    )
     say_notes(screen, states)
     say_checks(screen, summary, out)
 

@@ -297,7 +297,7 @@ class Screen:
         if not self.errors.is_terminal:
             yield
             return
-        with self.errors.status(text):
+        with self.errors.status("\n".join(wrapped(text, max(self.errors.width - 3, NARROWEST)))):
             yield
 
     @contextlib.contextmanager
