@@ -16,6 +16,8 @@ from studies.style import COLOURS, falling, figure_style
 
 __all__ = ["figure"]
 
+LATEST = 12.0  # mean free times, of the velocity autocorrelation
+
 
 def figure(states: Sequence[DiffusionState]) -> Figure:
     """Draw mean square displacement, velocity autocorrelation and D over Enskog's theory.
@@ -78,14 +80,15 @@ def _finish_displacement(axes: Axes) -> None:
 def _draw_velocities(axes: Axes, state: DiffusionState, colour: Any) -> None:
     value, error = state.velocity_autocorrelation, state.velocity_autocorrelation_error
     axes.set_yscale("log")
-    falling(axes, state.lags * state.rate, value, error, ms=3.5, color=colour)
+    shown = state.lags * state.rate <= LATEST
+    falling(axes, (state.lags * state.rate)[shown], value[shown], error[shown], ms=3.5, color=colour)
 
 
 def _finish_velocities(axes: Axes, dim: int) -> None:
     axes.set_yscale("log")
-    s = np.linspace(0.0, 12.0, 100)
+    s = np.linspace(0.0, LATEST, 100)
     axes.plot(s, np.exp(-2 / dim * s), color=COLOURS["theory"], lw=1.2, label="Enskog")
-    axes.set_xlim(0.0, 12.0)
+    axes.set_xlim(0.0, 1.02 * LATEST)
     axes.set_ylim(5e-4, 1.2)
     axes.set_xlabel("mean free times")
     axes.set_ylabel(r"$\langle v(0) \cdot v(t) \rangle \,/\, \langle v^2 \rangle$")
