@@ -38,12 +38,13 @@ from studies.style import LIMIT, falling
 from studies.thermalisation import Recipe, Thermalisation, thermalise
 
 MIXED = Fluid(n=200, packing_fraction=0.02, mass_ratio=4.0, diameter_ratio=0.5)
+UNLIKE = Fluid(n=108, packing_fraction=0.3, diameter_ratio=1.25, mass_ratio=10.0)
 WALLS = Fluid(n=200, packing_fraction=0.1, boundary=("periodic", "wall", "periodic"))
 SUITE = Suite(
     EquationOfState(precision=0.02, replicas=2, workers=1),
     {
         "spheres": (Fluid(n=108, packing_fraction=0.01), Fluid(n=108, packing_fraction=0.2)),
-        "mixtures": (Fluid(n=108, packing_fraction=0.3, diameter_ratio=1.25, mass_ratio=10.0),),
+        "mixtures": (UNLIKE,),
     },
 )
 
@@ -71,7 +72,7 @@ STUDIES = {
     ),
     "pressure-suite": lambda *to: run_suite(SUITE, *to),
     "free-path": lambda *to: free_path(FreePaths((0.002, 0.05), Fluid(n=200), 50.0, workers=1), *to),
-    "free-path-mixture": lambda *to: free_path(FreePaths((0.02,), MIXED, 200.0, workers=1), *to),
+    "free-path-mixture": lambda *to: free_path(FreePaths((0.3,), UNLIKE, 200.0, workers=1), *to),
     "diffusion": lambda *to: self_diffusion(
         SelfDiffusion((0.1,), Fluid(n=64), 80.0, replicas=6, workers=1), *to
     ),
