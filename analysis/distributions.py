@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from analysis import theory
-from analysis.estimator import Estimator, axes_or_new
+from analysis.estimator import PALETTE, Estimator, axes_or_new
 from analysis.memory import FrameWeights
 from analysis.reduced import reduced_velocities, species_labels
 from analysis.statistics import ChiSquare
@@ -212,7 +212,7 @@ class _Histogram(Estimator):
         step = 1e-4
         law = (self._law(fine + step) - self._law(fine - step)) / (2 * step)
         for index, (thermal, label) in enumerate(zip(self._units(), self.labels, strict=True)):
-            colour = f"C{index}"
+            colour = PALETTE[index % len(PALETTE)]
             if self._sizes[index] < 1000 and self._freedom > self._dim:
                 share = self._momentum_shares[index]
                 finite = self._finite_law(fine + step, share) - self._finite_law(fine - step, share)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Any, Self
 
@@ -10,7 +11,15 @@ from hardspheres.errors import HardSpheresError
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["Estimator", "NoDataError"]
+__all__ = ["PALETTE", "Estimator", "NoDataError"]
+
+PALETTE = ("#1f77b4", "#c8403f", "#e8b23a", "#3d2466", "#7fc8d8")
+"""Colours of species and of series in all figures, told apart with any colour vision: the least distance in CIELAB is 26 with the
+deuteranopia, protanopia and tritanopia of Machado, Oliveira and Fernandes 2009 (doi 10.1109/TVCG.2009.113)."""
+
+
+NUMBERS = {"int", "Estimate", "Estimate | None", "ChiSquare"}
+"""Types of the results whose values `repr` tells."""
 
 
 class NoDataError(HardSpheresError, RuntimeError):
@@ -31,6 +40,28 @@ class Estimator(ABC):
     @abstractmethod
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the results beside their theory into `ax`, or into a new figure, and return the Axes."""
+
+    def __repr__(self) -> str:
+        """Return its name and its results: the values of those that are one number, else the names of those that are there."""
+        numbers, names, missing = [], [], False
+        for name in dict.fromkeys(name for kind in reversed(type(self).__mro__) for name in vars(kind)):
+            result = getattr(type(self), name)
+            if name.startswith("_") or not isinstance(result, property) or result.fget is None:
+                continue
+            try:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore")  # whoever asks for the result itself is warned
+                    value = getattr(self, name)
+            except (HardSpheresError, ValueError) as error:
+                missing |= isinstance(error, NoDataError)
+                continue
+            if result.fget.__annotations__["return"] not in NUMBERS:
+                names.append(name)
+            elif value is not None and value != 0:
+                numbers.append(f"{name} {value}")
+        seen = ", ".join(numbers or names) or "nothing added yet"
+        more = "; nothing more yet" if names and missing and not numbers else ""
+        return f"<{type(self).__name__}: {seen}{more}>"
 
     def _require(self, ready: bool, what: str, call: str) -> None:
         if not ready:

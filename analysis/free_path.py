@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from analysis import theory
-from analysis.estimator import Estimator, axes_or_new
+from analysis.estimator import PALETTE, Estimator, axes_or_new
 from analysis.memory import FORGOTTEN, velocity_memory, warn_if_frozen
 from analysis.pressure import Pressure
 from analysis.reduced import species_labels
@@ -301,8 +301,8 @@ class FreePath(Estimator):
         def beyond(at: float) -> Callable[[FloatArray], FloatArray]:
             def part(means: FloatArray) -> FloatArray:
                 flat = means.reshape(-1, means.shape[-1])
-                longer = np.cumsum(flat[:, :1:-1], axis=1)[:, ::-1]  # beyond each edge
-                longer = np.maximum(longer, 0.0)  # means without a block may round below
+                # Without the one block that has the longest flights their number is 0 but for rounding.
+                longer = np.maximum(np.cumsum(flat[:, :1:-1], axis=1)[:, ::-1], 0.0)  # beyond each edge
                 with np.errstate(divide="ignore"):
                     logs = np.log(longer / flat[:, 1:2])
                 wanted = at * flat[:, 0] / flat[:, 1]
@@ -490,13 +490,15 @@ class FreePath(Estimator):
         axes.plot(fine, np.exp(-fine), color="0.6", lw=1.0, ls="--", label="exponential")
         for k, (label, points) in enumerate(zip(self.labels, measured, strict=True)):
             law = self.flights_in_theory(k).path_survival(fine).value
-            axes.plot(fine, law, color=f"C{k}", label="Boltzmann" if len(measured) == 1 else None)
+            axes.plot(
+                fine, law, color=PALETTE[k % len(PALETTE)], label="Boltzmann" if len(measured) == 1 else None
+            )
             axes.errorbar(
                 x,
                 [point.value for point in points],
                 [point.standard_error for point in points],
                 fmt="o",
-                color=f"C{k}",
+                color=PALETTE[k % len(PALETTE)],
                 label="simulation" if len(measured) == 1 else label,
             )
         axes.set_yscale("log")

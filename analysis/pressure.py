@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from analysis import theory
-from analysis.estimator import Estimator, axes_or_new
+from analysis.estimator import PALETTE, Estimator, axes_or_new
 from analysis.memory import FORGOTTEN, remembered, velocity_memory, warn_if_frozen
 from analysis.order import CRYSTAL
 from analysis.series import BlockSeries, equilibration, estimate_from_series
@@ -515,14 +515,14 @@ class Pressure(Estimator):
         checks = self.checks
         axes = axes_or_new(ax)
         for index, (name, prediction) in enumerate(self.predictions.items()):
-            axes.axhline(prediction.value, color=f"C{index + 1}", lw=1.5, label=name)
+            axes.axhline(prediction.value, color=PALETTE[(index + 1) % len(PALETTE)], lw=1.5, label=name)
             low, high = prediction.value - prediction.uncertainty, prediction.value + prediction.uncertainty
-            axes.axhspan(low, high, color=f"C{index + 1}", alpha=0.2, lw=0)
+            axes.axhspan(low, high, color=PALETTE[(index + 1) % len(PALETTE)], alpha=0.2, lw=0)
         measured = {check.quantity: check.measured for check in checks}
         names = [quantity.removeprefix("Z from the ") for quantity in measured]
         values = [estimate.value for estimate in measured.values()]
         errors = [estimate.standard_error for estimate in measured.values()]
-        axes.errorbar(range(len(names)), values, errors, fmt="o", color="C0", label="simulation")
+        axes.errorbar(range(len(names)), values, errors, fmt="o", color=PALETTE[0], label="simulation")
         axes.set_xticks(range(len(names)), names)
         axes.set_xlim(-0.5, len(names) - 0.5)
         axes.set_xlabel("measured from the")

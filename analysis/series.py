@@ -52,7 +52,17 @@ class SeriesWarning(UserWarning):
 
 
 class ShortSeriesWarning(SeriesWarning):
-    """The series is too short for its correlation time."""
+    """The series is too short for its correlation time.
+
+    Attributes
+    ----------
+    times : float
+        How many times longer it should be.
+    """
+
+    def __init__(self, message: str, estimate: Estimate, times: float = math.nan) -> None:
+        super().__init__(message, estimate)
+        self.times = times
 
 
 class DriftWarning(SeriesWarning):
@@ -215,9 +225,9 @@ def estimate_from_series(
     elif too_short:
         message = (
             f"{n} samples are too few for an error bar, which needs {FEWEST_BLOCKS} blocks of {needed} "
-            f"({estimate} is a lower bound); take at least {FEWEST_BLOCKS * needed}"
+            f"(that of {estimate} is a lower bound); take at least {FEWEST_BLOCKS * needed} samples"
         )
-        warnings.warn(ShortSeriesWarning(message, estimate), stacklevel=2)
+        warnings.warn(ShortSeriesWarning(message, estimate, FEWEST_BLOCKS * needed / n), stacklevel=2)
     elif drift_p_value(values) < DRIFT_ALARM:
         message = f"the series drifts ({estimate} is no average of a steady state); equilibrate longer"
         warnings.warn(DriftWarning(message, estimate), stacklevel=2)

@@ -57,12 +57,22 @@ class Estimate:
     '9.404(8)'
     >>> str(Estimate(-1.25e-7, 3e-9, 20))
     '-1.25(3)e-7'
+    >>> f"{Estimate(9.404114, 0.0083, 20):.3f}"
+    '9.404'
     """
 
     value: float
     standard_error: float
     n_effective: float = math.nan
     degrees_of_freedom: float = math.inf
+
+    def __float__(self) -> float:
+        """Return the value."""
+        return float(self.value)
+
+    def __format__(self, form: str) -> str:
+        """Return the value in this form; without one, or padded as text, value and error as `str` does."""
+        return format(str(self), form) if form.endswith("s") or not form else format(float(self), form)
 
     def __str__(self) -> str:
         """Return the value with its error in parentheses, in units of the last printed digit.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from analysis import theory
-from analysis.estimator import Estimator, axes_or_new
+from analysis.estimator import PALETTE, Estimator, axes_or_new
 from analysis.series import BlockSeries, block_length, estimate_from_series
 from analysis.statistics import Estimate, TheoryCheck
 
@@ -351,8 +351,18 @@ class PairDistribution(Estimator):
             )
         for index, (i, j) in enumerate(self._pairs):
             label = "simulation" if len(self._pairs) == 1 else f"species {i}, {j}"
-            axes.errorbar(r[index], g[index], error[index], fmt=".", ms=3, color=f"C{index}", label=label)
-            axes.plot(self._contact(i, j), expected[i, j], "D", color=f"C{index}", mfc="none")
+            axes.errorbar(
+                r[index],
+                g[index],
+                error[index],
+                fmt=".",
+                ms=3,
+                color=PALETTE[index % len(PALETTE)],
+                label=label,
+            )
+            axes.plot(
+                self._contact(i, j), expected[i, j], "D", color=PALETTE[index % len(PALETTE)], mfc="none"
+            )
         axes.plot([], [], "D", color="0.4", mfc="none", label="theory at contact")
         axes.axhline(1.0, color="0.7", lw=1, zorder=0)
         axes.set_xlabel("distance r")

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis import theory
-from analysis.estimator import Estimator, axes_or_new
+from analysis.estimator import PALETTE, Estimator, axes_or_new
 from analysis.statistics import Estimate, TheoryCheck, estimate_from_jackknife, replica_mean
 from analysis.theory import Prediction
 from hardspheres.scene import drift
@@ -271,15 +271,17 @@ class TemperatureEquilibration(_Replicas):
         expected = self._theory(fine)
         for kind in range(values.shape[1]):
             low, high = (expected.value + sign * expected.uncertainty for sign in (-1, 1))
-            axes.fill_between(fine, low[:, kind], high[:, kind], color=f"C{kind}", alpha=0.2, lw=0)
-            axes.plot(fine, expected.value[:, kind], color=f"C{kind}", lw=1.5)
+            axes.fill_between(
+                fine, low[:, kind], high[:, kind], color=PALETTE[kind % len(PALETTE)], alpha=0.2, lw=0
+            )
+            axes.plot(fine, expected.value[:, kind], color=PALETTE[kind % len(PALETTE)], lw=1.5)
             axes.errorbar(
                 time,
                 values[:, kind],
                 errors[:, kind],
                 fmt="o",
                 ms=4,
-                color=f"C{kind}",
+                color=PALETTE[kind % len(PALETTE)],
                 label=f"species {kind}",
             )
         axes.plot([], [], color="0.4", lw=1.5, label="two Maxwellians")

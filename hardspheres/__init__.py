@@ -80,4 +80,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    """Return what a user needs, without the names that this file is made of."""
+    return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})

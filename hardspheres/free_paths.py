@@ -83,6 +83,13 @@ class FreePaths:
             if isinstance(value, np.ndarray):
                 read_only(value)
 
+    def __repr__(self) -> str:
+        """Return how much was counted."""
+        return (
+            f"<FreePaths of a time of {self.time:.6g}: {', '.join(str(n) for n in self.flights)} flights of "
+            f"{', '.join(str(n) for n in self.particles)} particles, by species>"
+        )
+
 
 def kinds_of(scene: Scene) -> NDArray[np.int32]:
     """Species of each particle as flights tell them apart: where there are too many species, all are one."""

@@ -138,6 +138,13 @@ class Frame:
     scene: Scene
     unwound: tuple[Floats, NDArray[np.integer[Any]]] | None = field(default=None, repr=False)
 
+    def __repr__(self) -> str:
+        """Return when it is, and of what."""
+        return (
+            f"<Frame of {self.scene}: time {self.time:.6g}, {self.collisions} collisions "
+            f"({self.collisions_per_particle:.4g} per particle)>"
+        )
+
     @property
     def unwrapped_positions(self) -> Floats:
         """Positions followed through the periodic boundaries from the start, shape (N, d).
@@ -184,6 +191,13 @@ class Tallies:
     wall_impulses: Floats
     wall_radius_impulses: Floats
 
+    def __repr__(self) -> str:
+        """Return how much was counted, and the traces and sums of it."""
+        return (
+            f"<Tallies of a time of {self.time:.6g}: {self.collisions} collisions, {self.wall_collisions} with walls, "
+            f"virial {np.trace(self.virial):.6g}, kinetic {np.trace(self.kinetic):.6g}>"
+        )
+
 
 class Simulation:
     """The event-driven dynamics of a scene.
@@ -223,6 +237,8 @@ class Simulation:
     >>> sim.collisions
     1000
     """
+
+    _timed = (0, 0.0)  # collisions in this process, and seconds that they took
 
     def __init__(
         self,
@@ -323,10 +339,13 @@ class Simulation:
 
     def _slice(self, epoch: int, moment: float, pairs: int) -> bool:
         """Run for about SLICE seconds; True when the goal is reached."""
+        ready = getattr(self._engine.kernels.run, "signatures", True)  # else it is loaded or compiled first
+        budget, before = self._budget, self.collisions
         began = time.perf_counter()
-        budget = self._budget
         reached = self._engine.run(epoch, moment, pairs, budget)
         took = time.perf_counter() - began
+        if ready:
+            self._timed = (self._timed[0] + self.collisions - before, self._timed[1] + took)
         if self._engine.paused:
             self._budget = int(budget * min(max(SLICE / max(took, 1e-6), 0.5), 2.0)) + 1
         return reached
@@ -906,7 +925,10 @@ class Simulation:
 
     @at_rest
     def status(self) -> dict[str, Any]:
-        """Return where the simulation is, how it searches, and how exact it has been."""
+        """Return where the simulation is, how it searches, and how exact and fast it has been.
+
+        "collisions_per_second" is of the event loop alone in this process; NaN before anything was timed.
+        """
         from hardspheres import __version__
 
         at, count, number = self._at, self._engine.arrays.counter, self._engine.arrays.number
@@ -933,11 +955,12 @@ class Simulation:
             "list_renewals": int(count[at.RENEWALS]),
             "epoch_length": self._length,
             "bytes_per_particle": self._engine.bytes / self.scene.n,
+            "collisions_per_second": self._timed[0] / self._timed[1] if self._timed[0] else math.nan,
         }
 
     def __repr__(self) -> str:
-        lines = (
-            f"  {name}: {value:.6g}" if isinstance(value, float) else f"  {name}: {value}"
-            for name, value in self.status().items()
+        scene = self.scene
+        return (
+            f"<Simulation of {scene}: time {self.time:.6g}, {self.collisions} collisions "
+            f"({self.collisions_per_particle:.4g} per particle), energy drift {self.energy_drift:.1e}>"
         )
-        return "Simulation\n" + "\n".join(lines)

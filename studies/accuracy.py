@@ -336,7 +336,7 @@ def accuracy(study: Accuracy, out: OutputFolder, screen: Screen) -> tuple[dict[s
     began = time.perf_counter()
     study.check()
     out.check(study)
-    with screen.working("compiling (once for each kind of gas on this machine)"):
+    with screen.compiling(f"{study.fluid(0.3, FEW).kind}, and the time steppers"):
         load_kernels([study.fluid(eta, FEW) for eta in study.packing_fractions])
         Stepper(study.fluid(0.05, 50).scene(replica_seeds(0, 1)[0]), 0.01).run(0.01)
     ready = time.perf_counter()
@@ -349,7 +349,7 @@ def accuracy(study: Accuracy, out: OutputFolder, screen: Screen) -> tuple[dict[s
         from studies.accuracy_figure import figure
 
         with screen.working("drawing"):
-            out.save_figure("accuracy.png", figure(compared))
+            out.save_figure("accuracy.png", figure(compared), _in_words(study))
         failures = [
             f"packing fraction {each.fluid.packing_fraction:g}: {sentence}"
             for each in compared
@@ -526,6 +526,14 @@ def _state_summary(state: Compared) -> dict[str, Any]:
     }
 
 
+def _in_words(study: Accuracy) -> str:
+    kind = "spheres" if study.dim == 3 else "discs"
+    return (
+        f"hard {kind}, periodic box: {FEW} for the distance from the true trajectory, {study.n} for everything else; packing "
+        f"fraction {', '.join(f'{eta:g}' for eta in study.packing_fractions)}"
+    )
+
+
 def _print(screen: Screen, study: Accuracy, compared: Sequence[Compared], summary: dict[str, Any]) -> None:
     kind = "spheres" if study.dim == 3 else "discs"
     screen.say(
@@ -547,7 +555,7 @@ def _print(screen: Screen, study: Accuracy, compared: Sequence[Compared], summar
     for state in compared:
         screen.say()
         rows = [_cells(_row(state, key)) for key in state.keys]
-        screen.table(f"packing fraction {state.fluid.packing_fraction:g}", header, rows)
+        screen.table(f"packing fraction {state.fluid.packing_fraction:g}", header, rows, keys=2)
     screen.say()
     screen.say(
         f"trajectory: rms distance from the true one after {COLLISIONS_PER_PARTICLE:g} collision per particle, in diameters, "

@@ -13,7 +13,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from studies.accuracy import METHODS, Compared
 from studies.accuracy_few import ENGINE, REFERENCE
-from studies.report import COLOURS, figure_style
+from studies.style import COLOURS, figure_style
 from studies.time_stepping import BACK_UP, BOUNCE
 
 __all__ = ["figure"]
@@ -22,7 +22,7 @@ LOOKS = {
     ENGINE: ("*", COLOURS["simulation"], 13.0),
     REFERENCE: ("D", COLOURS["other"], 5.5),
     BOUNCE: ("o", COLOURS["warm"], 4.5),
-    BACK_UP: ("s", "#3a8f6b", 4.5),
+    BACK_UP: ("s", COLOURS["dark"], 4.5),
 }
 DASHES = ["-", (0, (5, 2)), (0, (1.5, 1.5)), (0, (5, 1.5, 1, 1.5))]
 LEAST = 2e-17  # where an error of exactly 0 is drawn

@@ -173,7 +173,8 @@ def measure(study: Bench) -> tuple[dict[str, Any], dict[str, FloatArray]]:
         "packing_fraction": scene.packing_fraction,
         "boundary": list(scene.boundary),
         "diameter_ratio": gas.diameter_ratio,
-        "fraction": gas.fraction if gas.diameter_ratio != 1.0 else None,
+        "mass_ratio": gas.mass_ratio,
+        "fraction": gas.fraction if (gas.diameter_ratio, gas.mass_ratio) != (1.0, 1.0) else None,
         "start": gas.describe_start(),
         "method": status["method"],
         "discarded_collisions": discarded,
@@ -219,8 +220,6 @@ def check(study: Bench) -> None:
         raise hs.SceneError(f"--collisions {study.collisions} must be at least 1")
     if study.discard is not None and not 0 <= study.discard <= LONGEST:
         raise hs.SceneError(f"--discard {study.discard:g} must be at least 0, and at most {LONGEST:g}")
-    if not study.gas.diameter_ratio > 0:
-        raise hs.SceneError(f"--diameter-ratio {study.gas.diameter_ratio:g} must be positive")
     if study.against is not None:
         require_peer(study.against, study.gas)
 
@@ -303,7 +302,10 @@ def _print(screen: Screen, summary: Mapping[str, Any]) -> None:
     kind = "spheres" if summary["dim"] == 3 else "discs"
     words = summary["boundary"]
     box = words[0] if len(set(words)) == 1 else ", ".join(words)
-    mixture = f", diameters 1:{summary['diameter_ratio']:g}" if summary["diameter_ratio"] != 1.0 else ""
+    mixture = ""
+    for name in ("diameter", "mass"):
+        ratio = summary[f"{name}_ratio"]
+        mixture += f", {name}{'es' if name == 'mass' else 's'} 1:{ratio:g}" if ratio != 1.0 else ""
     screen.say(
         f"{summary['n']} hard {kind}{mixture}, packing fraction {summary['packing_fraction']:.4g}, {box} "
         "box, "

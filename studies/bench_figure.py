@@ -11,7 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from studies.report import COLOURS, figure_style
+from studies.style import COLOURS, figure_style
 
 __all__ = ["rates"]
 

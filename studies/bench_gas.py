@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 import hardspheres as hs
 from analysis import theory
 from hardspheres.memory import require_room_for
-from studies.fluid import FREEZING, RELAXED, THEORY_UP_TO, is_dense, maker, two_species
+from studies.fluid import FREEZING, RELAXED, THEORY_UP_TO, Fluid, is_dense, maker, two_species
 
 __all__ = ["STARTS", "Gas"]
 
@@ -38,11 +38,11 @@ class Gas:
     Attributes
     ----------
     n, dim, packing_fraction, boundary
-        As in `hardspheres.random_gas`; the first species has diameter 1, all masses are 1, kT = 1.
-    diameter_ratio : float
-        Diameter of the second species over the first's.
+        As in `hardspheres.random_gas`; the first species has diameter 1 and mass 1, kT = 1.
+    diameter_ratio, mass_ratio : float
+        Diameter and mass of the second species over the first's.
     fraction : float
-        Number fraction of the second species; without effect when the ratio is 1.
+        Number fraction of the second species; without effect when both ratios are 1.
     start : {"auto", "lattice", "fluid"}
         Where the particles start; "auto" is a lattice above freezing, and a fluid below.
     """
@@ -54,6 +54,17 @@ class Gas:
     diameter_ratio: float = 1.0
     fraction: float = 0.5
     start: str = "auto"
+    mass_ratio: float = 1.0
+
+    def __str__(self) -> str:
+        """Return the gas in words, whatever its number of particles and packing fraction."""
+        fluid = Fluid(
+            self.n, self.dim, self.packing_fraction, self.boundary, self.diameter_ratio, self.mass_ratio
+        )
+        mixture = ""
+        for name, ratio in (("diameters", self.diameter_ratio), ("masses", self.mass_ratio)):
+            mixture += f", {name} 1:{ratio:g}" if ratio != 1.0 else ""
+        return fluid.kind.replace(",", f"{mixture},", 1)
 
     @property
     def plain(self) -> Gas:
@@ -100,9 +111,9 @@ class Gas:
         made = "random, compressed" if self.dense else "random"
         return f"{made}, a relaxed box repeated" if self.repeated else made
 
-    def radii(self, n: int) -> Any:
-        """Return the radii of n particles."""
-        return two_species(n, self.diameter_ratio, fraction=self.fraction)[0]
+    def species(self, n: int) -> tuple[Any, Any]:
+        """Return radii and masses of n particles."""
+        return two_species(n, self.diameter_ratio, self.mass_ratio, self.fraction)
 
     def scene(self, seed: int) -> hs.Scene:
         """Return the start that belongs to a seed.
@@ -117,12 +128,14 @@ class Gas:
 
     def _piece(self, n: int, packing_fraction: float, seed: int) -> hs.Scene:
         make = hs.lattice_gas if self.on_lattice else maker(self.dim, self.packing_fraction)
+        radii, masses = self.species(n)
         return make(
             n=n,
             packing_fraction=packing_fraction,
             dim=self.dim,
             boundary=self.boundary,
-            radii=self.radii(n),
+            radii=radii,
+            masses=masses,
             seed=seed,
         )
 
@@ -133,7 +146,9 @@ class Gas:
         """
         copies = max(2, round((self.n / PIECE) ** (1 / self.dim)))
         piece = math.ceil(self.n / copies**self.dim)
-        radii = np.tile(np.broadcast_to(self.radii(piece), piece), copies**self.dim)
+        radii, masses = (
+            np.tile(np.broadcast_to(each, piece), copies**self.dim) for each in self.species(piece)
+        )
         kept = np.random.default_rng([seed, copies]).permutation(len(radii))[: self.n]
         surplus = np.sum(radii**self.dim) / np.sum(radii[kept] ** self.dim)
         relaxed = hs.Simulation(self._piece(piece, self.packing_fraction * float(surplus), seed))
@@ -141,7 +156,7 @@ class Gas:
         box = relaxed.scene.box
         corners = np.indices((copies,) * self.dim).reshape(self.dim, -1).T * box
         positions = (corners[:, None, :] + relaxed.positions).reshape(-1, self.dim)[kept]
-        scene = hs.Scene(positions, np.zeros_like(positions), radii[kept], 1.0, copies * box)
+        scene = hs.Scene(positions, np.zeros_like(positions), radii[kept], masses[kept], copies * box)
         return scene.with_state(scene.positions, hs.draw_velocities(scene, "maxwell", seed=seed))
 
     def theory(self, scene: hs.Scene) -> theory.Prediction | None:

@@ -30,7 +30,7 @@ def require_peer(name: str, gas: Gas) -> None:
         raise hs.HardSpheresError(f"--against {name} is not known; it can be {' or '.join(PEERS)}")
     if name == "spheropack":
         require_spheropack()
-        if gas.dim != 3 or not gas.periodic or gas.diameter_ratio != 1.0:
+        if gas.dim != 3 or not gas.periodic or (gas.diameter_ratio, gas.mass_ratio) != (1.0, 1.0):
             raise hs.HardSpheresError(
                 "--against spheropack compares periodic gases of one kind of sphere in 3D; others run "
                 "--against plain"

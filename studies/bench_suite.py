@@ -116,15 +116,16 @@ def run_suite(suite: Suite, study: Bench, out: OutputFolder, screen: Screen) -> 
                 continue
             if not states:
                 out.create()
-                screen.say(_line(_HEADER))
             states.append(result)
             out.write_csv("bench.csv", _columns(states))
-            screen.say(_line(_cells(result)))
+            screen.note(
+                f"{n} particles at packing fraction {packing_fraction:g}: {result['cpu']['median']:,.0f} /s"
+            )
     if not states:
         raise refused[0]
     from studies import bench_figure
 
-    out.save_figure("bench.png", bench_figure.rates(states))
+    out.save_figure("bench.png", bench_figure.rates(states), str(study.gas))
     passed = all(state["checks"]["passed"] for state in states)
     summary: dict[str, Any] = {
         "study": "bench",
@@ -193,11 +194,6 @@ _HEADER = (
     "ratio",
     "C est.",
 )
-_WIDTHS = (7, 8, 10, 10, 21, 6, 12, 8, 8, 6, 6)
-
-
-def _line(cells: Sequence[str]) -> str:
-    return " ".join(f"{cell:>{width}}" for cell, width in zip(cells, _WIDTHS, strict=True)).rstrip()
 
 
 def _cells(state: Mapping[str, Any]) -> tuple[str, ...]:
@@ -221,6 +217,7 @@ def _cells(state: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _print_end(screen: Screen, summary: Mapping[str, Any], states: Sequence[Mapping[str, Any]]) -> None:
+    screen.table("", _HEADER, [_cells(state) for state in states], keys=2)
     screen.say()
     screen.say(
         "collisions per second of processor time, medians of 20 windows, event loop alone, in equilibrium, "

@@ -147,7 +147,7 @@ def calibration(study: Calibrations, out: OutputFolder, screen: Screen) -> tuple
     began = time.perf_counter()
     study.check()
     out.check(study)
-    with screen.working("compiling the engine (once for each kind of gas on this machine)"):
+    with screen.compiling("the gases of all estimators"):
         for name in study.families:
             calibration_runs.FAMILIES[name].load()
     ready = time.perf_counter()
@@ -172,7 +172,7 @@ def calibration(study: Calibrations, out: OutputFolder, screen: Screen) -> tuple
         from studies.calibration_figure import figure
 
         with screen.working("drawing"):
-            out.save_figure("calibration.png", figure(rows))
+            out.save_figure("calibration.png", figure(rows), _in_words(study))
         failures = [f"{row.family}, {row.name}: {row.result}" for row in rows if not row.result.passed]
         summary = {
             "study": "calibration",
@@ -215,6 +215,10 @@ def _columns(rows: Sequence[Row]) -> dict[str, Any]:
 def _row_summary(row: Row) -> dict[str, Any]:
     columns = _columns([row])
     return {name: values[0] for name, values in columns.items()}
+
+
+def _in_words(study: Calibrations) -> str:
+    return "; ".join(f"{study.runs} x {calibration_runs.FAMILIES[name].text}" for name in study.families)
 
 
 def _print(

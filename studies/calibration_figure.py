@@ -7,10 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from scipy import stats
 
 from studies.calibration import Row
-from studies.report import COLOURS, figure_style
+from studies.style import COLOURS, figure_style
 
 __all__ = ["figure"]
 
@@ -42,11 +43,13 @@ def figure(rows: Sequence[Row]) -> Figure:
             axes.stairs(density, edges, fill=True, color=colour, alpha=0.45)
             axes.plot(x, stats.t.pdf(x, min(row.degrees_of_freedom, 1e9)), color=COLOURS["theory"], lw=1.2)
             axes.set_title(f"{row.name}\n{row.family}, KS p = {row.result.p_value:.2g}", fontsize=7.5)
-            axes.set_yticks([])
-            axes.spines["left"].set_visible(False)
+            axes.yaxis.set_major_locator(MaxNLocator(3))
             axes.tick_params(labelsize=7)
         for axes in grid.flat[len(rows) :]:
             axes.set_visible(False)
+        for axes in grid.flat[max(len(rows) - COLUMNS, 0) : len(rows)]:  # the lowest of each column
+            axes.tick_params(labelbottom=True)
+        result.supylabel("probability density", fontsize=9)
         result.supxlabel(
             "(value \u2212 truth) / standard error; line: Student's t with the degrees of freedom quoted",
             fontsize=9,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import shutil
 import signal
 import sys
 from dataclasses import replace
@@ -18,25 +19,33 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from hardspheres.errors import HardSpheresError, SceneError
+from studies.layout import wrapped
+from studies.options import App, OptionError, at_most, boundary, one_number, positive, word
 
 __all__ = ["app", "main"]
 
-app = typer.Typer(
+app = App(
     name="hardspheres",
     help="Gases of hard spheres: ask a question, get numbers with error bars beside their theory.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
 )
 
 
 ENDED = {129: "hung up, as a terminal does when it is closed", 130: "interrupted", 143: "terminated"}
+GROUPS = (
+    "galperin",
+    "cradle",
+    "ratios",
+    "grazing",
+    "packing",
+    "distances",
+    "reversal",
+    "symmetries",
+    "exactly-solved",
+)
+"""Of hard cases, as in `studies.hard_cases`, which is too heavy to be imported for this."""
 MOST = 1_000_000  # replicas, frames or runs: a slip of the finger shall not fill the memory
-
-
-class OptionError(HardSpheresError):
-    """An option that makes no sense."""
 
 
 class Units(StrEnum):
@@ -72,7 +81,8 @@ def _version(wanted: bool) -> None:
 @app.callback()
 def _everywhere(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
+        bool,
+        typer.Option("--version", "-V", callback=_version, is_eager=True, help="Show the version and exit."),
     ] = False,
 ) -> None:
     pass
@@ -135,6 +145,11 @@ OfLabels = Annotated[
         metavar="NUMBER|LABEL=NUMBER,...",
     ),
 ]
+OVER = "of a second species over the first's"
+MASS = positive("--mass-ratio", f"the mass {OVER}")
+DIAMETER = positive("--diameter-ratio", f"the diameter {OVER}")
+MassRatio = Annotated[float, typer.Option(**MASS, help=f"Mass {OVER}; 1: the same.")]
+DiameterRatio = Annotated[float, typer.Option(**DIAMETER, help=f"Diameter {OVER}; 1: the same.")]
 
 
 @app.command()
@@ -151,27 +166,31 @@ def thermalise(
             show_default="3",
         ),
     ] = None,
-    packing_fraction: Annotated[
-        float | None, typer.Option(help="Share of the box that the spheres fill.", show_default="0.005")
-    ] = None,
-    boundary: Annotated[
-        str | None,
+    packing_fraction: Annotated[float | None, typer.Option(**one_number, show_default="0.005")] = None,
+    boundary: Annotated[str | None, typer.Option(**boundary, show_default="periodic")] = None,
+    velocities: Annotated[
+        Velocities | None,
         typer.Option(
-            help="periodic, wall, or one word per axis, as in periodic,periodic,wall.",
-            show_default="periodic",
+            help="Start of the velocities. maxwell: in equilibrium. equal-speeds: one speed, in all directions. two-temperatures: "
+            "half of the particles hotter, or the first species. beams: half of them along one direction, half against it.",
+            show_default="equal-speeds",
+            metavar="WORD",
         ),
     ] = None,
-    velocities: Annotated[
-        Velocities | None, typer.Option(help="Start of the velocities.", show_default="equal-speeds")
-    ] = None,
     temperature: Annotated[float | None, typer.Option(help="kT of the gas.", show_default="1")] = None,
-    mass_ratio: Annotated[
+    temperature_ratio: Annotated[
         float | None,
-        typer.Option(help="Mass of a second species over the first's.", show_default="one species"),
+        typer.Option(
+            **positive("--temperature-ratio", "kT of the hot particles over that of the cold ones"),
+            help="With --velocities two-temperatures: kT of the hot over that of the cold.",
+            show_default="3",
+        ),
+    ] = None,
+    mass_ratio: Annotated[
+        float | None, typer.Option(**MASS, help=f"Mass {OVER}.", show_default="one species")
     ] = None,
     diameter_ratio: Annotated[
-        float | None,
-        typer.Option(help="Diameter of a second species over the first's.", show_default="one species"),
+        float | None, typer.Option(**DIAMETER, help=f"Diameter {OVER}.", show_default="one species")
     ] = None,
     fraction: Annotated[
         float | None,
@@ -180,7 +199,9 @@ def thermalise(
     collisions_per_particle: Annotated[
         float, typer.Option(help="How long to run, s = 2 collisions / n.")
     ] = 10.0,
-    replicas: Annotated[int, typer.Option(min=1, max=MOST, help="Independent gases to average over.")] = 100,
+    replicas: Annotated[
+        int, typer.Option(min=1, callback=at_most(MOST), help="Independent gases to average over.")
+    ] = 100,
     until_error: UntilError = None,
     seed: Seed = 1,
     workers: Workers = None,
@@ -210,7 +231,8 @@ def thermalise(
         ),
     ] = None,
     frames: Annotated[
-        int, typer.Option(min=0, max=MOST, help="Frames in trajectory.xyz, of the first replica.")
+        int,
+        typer.Option(min=0, callback=at_most(MOST), help="Frames in trajectory.xyz, of the first replica."),
     ] = 21,
     animate: Annotated[
         bool, typer.Option("--animate", help="Write gas.gif, the first replica in motion.")
@@ -245,7 +267,11 @@ def thermalise(
         "seed": seed,
     }
     common |= {"workers": workers, "frames": frames, "animate": animate}
-    word = velocities.value if velocities else None
+    start = velocities.value if velocities else None
+    _require(
+        temperature_ratio is None or start == "two-temperatures",
+        "--temperature-ratio goes with --velocities two-temperatures",
+    )
     if source is not None:
         from hardspheres.files import Reading
 
@@ -262,7 +288,9 @@ def thermalise(
             _boundary(boundary),
             dim,
         )
-        study = Thermalisation.from_file(str(source), reading, word, temperature, **common)
+        study = Thermalisation.from_file(str(source), reading, start, temperature, **common)
+        if temperature_ratio is not None:
+            study = replace(study, recipe=replace(study.recipe, temperature_ratio=temperature_ratio))
     else:
         for name, value in for_files.items():
             _require(
@@ -270,8 +298,9 @@ def thermalise(
             )
         two = "mass_ratio" in given or "diameter_ratio" in given
         _require(two or fraction is None, "--fraction needs --mass-ratio or --diameter-ratio")
-        given |= {} if word is None else {"velocities": word}
+        given |= {} if start is None else {"velocities": start}
         given |= {} if temperature is None else {"temperature": temperature}
+        given |= {} if temperature_ratio is None else {"temperature_ratio": temperature_ratio}
         study = Thermalisation(recipe=Recipe(**given), **common)  # type: ignore[arg-type]
     screen = Screen(json)
     folder = _folder(out, "thermalise", seed, checkpoint_every, resume, force)
@@ -286,23 +315,26 @@ def bench(
     ] = None,
     dim: Annotated[int, typer.Option(min=2, max=3, help="Dimension.")] = 3,
     packing_fraction: Annotated[
-        list[float] | None,
+        list[str] | None,
         typer.Option(
-            help="Share of the box that the spheres fill; with --suite may be given several times.",
+            help="Share of the box that the spheres fill; with --suite several: first:last:count, or numbers with commas.",
             show_default="0.3",
+            metavar="NUMBER|LIST",
         ),
     ] = None,
-    boundary: Annotated[
-        str, typer.Option(help="periodic, wall, or one word per axis, as in periodic,periodic,wall.")
-    ] = "periodic",
-    diameter_ratio: Annotated[
-        float, typer.Option(help="Diameter of a second species over the first's; 1: one species.")
-    ] = 1.0,
+    boundary: Annotated[str, typer.Option(**boundary)] = "periodic",
+    diameter_ratio: DiameterRatio = 1.0,
+    mass_ratio: MassRatio = 1.0,
     fraction: Annotated[
         float, typer.Option(min=0, max=1, help="Number fraction of the second species.")
     ] = 0.5,
     start: Annotated[
-        str, typer.Option(help="lattice, fluid, or auto: a fluid where that is the state in equilibrium.")
+        str,
+        typer.Option(
+            **word("--start", "auto", "lattice", "fluid"),
+            help="lattice: a crystal with random velocities. fluid: at random, grown where it is dense. auto: a fluid where that "
+            "is the state in equilibrium.",
+        ),
     ] = "auto",
     collisions: Annotated[
         int | None, typer.Option(help="Collisions to time, in 20 windows.", show_default="4 s worth")
@@ -317,14 +349,16 @@ def bench(
     against: Annotated[
         str | None,
         typer.Option(
+            **word("--against", "spheropack", "plain"),
             help="spheropack: run it in turn with us and compare; plain: our own engine on as many spheres of one kind, "
-            "periodic, in 3D."
+            "periodic, in 3D.",
         ),
     ] = None,
     suite: Annotated[
         str | None,
         typer.Option(
-            help="quick (3 min) or full (10 to 20 min): a table over N and packing fraction, with a figure."
+            **word("--suite", "quick", "full"),
+            help="quick (3 min) or full (10 to 20 min): a table over N and packing fraction, with a figure.",
         ),
     ] = None,
     seed: Seed = 1,
@@ -341,18 +375,24 @@ def bench(
     from studies.bench import bench as run
     from studies.bench_gas import Gas
     from studies.bench_suite import run_suite, suite_named
+    from studies.pressure import packing_fractions as parsed
     from studies.report import OutputFolder, Screen
 
     folder = OutputFolder(out or _next_folder(Path("runs") / f"bench-{seed}", force), force=force)
     screen = Screen(json)
-    sizes, densities = n or [4000], packing_fraction or [0.3]
+    sizes = n or [4000]
+    densities = [eta for text in packing_fraction or ["0.3"] for eta in parsed(text)]
     walls = _boundary(boundary) or "periodic"
     study = Bench(
-        Gas(sizes[0], dim, densities[0], walls, diameter_ratio, fraction, start), collisions, discard
+        Gas(sizes[0], dim, densities[0], walls, diameter_ratio, fraction, start, mass_ratio),
+        collisions,
+        discard,
     )
     study = replace(study, against=against, seed=seed)
     if suite is not None:
-        summary, sound = run_suite(suite_named(suite, n, packing_fraction), study, folder, screen)
+        summary, sound = run_suite(
+            suite_named(suite, n, densities if packing_fraction else None), study, folder, screen
+        )
     else:
         for name, given in (("--n", sizes), ("--packing-fraction", densities)):
             _require(
@@ -367,10 +407,11 @@ def bench(
 Densities = Annotated[
     str,
     typer.Option(
-        help="first:last:count, or numbers with commas between them.", metavar="FIRST:LAST:COUNT|LIST"
+        "--packing-fraction",
+        help="Shares of the box that the spheres fill: one, several with commas, or first:last:count.",
+        metavar="NUMBER|LIST",
     ),
 ]
-Ratio = Annotated[float, typer.Option(help="Of a second species over the first's; 1: the same.")]
 Fraction = Annotated[
     float | None,
     typer.Option(min=0, max=1, help="Number fraction of the second species.", show_default="0.5"),
@@ -382,11 +423,9 @@ def pressure(
     packing_fractions: Densities = "0.01:0.49:9",
     n: Annotated[int, typer.Option(min=2, help="Particles in each replica.")] = 4000,
     dim: Annotated[int, typer.Option(min=2, max=3, help="Dimension.")] = 3,
-    boundary: Annotated[
-        str, typer.Option(help="periodic, wall, or one word per axis, as in periodic,periodic,wall.")
-    ] = "periodic",
-    diameter_ratio: Ratio = 1.0,
-    mass_ratio: Ratio = 1.0,
+    boundary: Annotated[str, typer.Option(**boundary)] = "periodic",
+    diameter_ratio: DiameterRatio = 1.0,
+    mass_ratio: MassRatio = 1.0,
     fraction: Fraction = None,
     collisions_per_particle: Annotated[
         float | None,
@@ -404,7 +443,7 @@ def pressure(
         ),
     ] = False,
     replicas: Annotated[
-        int, typer.Option(min=1, max=MOST, help="Independent gases at each packing fraction.")
+        int, typer.Option(min=1, callback=at_most(MOST), help="Independent gases at each packing fraction.")
     ] = 2,
     until_error: UntilError = None,
     seed: Seed = 1,
@@ -452,14 +491,14 @@ def free_path(
     packing_fractions: Densities = "0.001,0.01,0.1,0.3",
     n: Annotated[int, typer.Option(min=2, help="Particles in each replica.")] = 4000,
     dim: Annotated[int, typer.Option(min=2, max=3, help="Dimension.")] = 3,
-    diameter_ratio: Ratio = 1.0,
-    mass_ratio: Ratio = 1.0,
+    diameter_ratio: DiameterRatio = 1.0,
+    mass_ratio: MassRatio = 1.0,
     fraction: Fraction = None,
     collisions_per_particle: Annotated[
         float, typer.Option(help="How long to measure in each replica, s = 2 collisions / n.")
     ] = 300.0,
     replicas: Annotated[
-        int, typer.Option(min=1, max=MOST, help="Independent gases at each packing fraction.")
+        int, typer.Option(min=1, callback=at_most(MOST), help="Independent gases at each packing fraction.")
     ] = 2,
     until_error: UntilError = None,
     seed: Seed = 1,
@@ -504,7 +543,7 @@ def diffusion(
         ),
     ] = None,
     replicas: Annotated[
-        int, typer.Option(min=1, max=MOST, help="Independent gases at each packing fraction.")
+        int, typer.Option(min=1, callback=at_most(MOST), help="Independent gases at each packing fraction.")
     ] = 12,
     until_error: UntilError = None,
     seed: Seed = 1,
@@ -534,19 +573,25 @@ def diffusion(
 
 @app.command()
 def mixture(
-    packing_fraction: Annotated[float, typer.Option(help="Share of the box that the spheres fill.")] = 0.01,
+    packing_fraction: Annotated[float, typer.Option(**one_number)] = 0.01,
     n: Annotated[int, typer.Option(min=2, help="Particles in each replica.")] = 2000,
     dim: Annotated[int, typer.Option(min=2, max=3, help="Dimension.")] = 3,
-    diameter_ratio: Ratio = 2.0,
-    mass_ratio: Ratio = 10.0,
+    diameter_ratio: DiameterRatio = 2.0,
+    mass_ratio: MassRatio = 10.0,
     fraction: Fraction = None,
     temperature_ratio: Annotated[
-        float, typer.Option(help="kT of the first species over the second's at the start.")
+        float,
+        typer.Option(
+            **positive("--temperature-ratio", "kT of the first species over the second's at the start"),
+            help="kT of the first species over the second's at the start.",
+        ),
     ] = 3.0,
     relaxation_times: Annotated[
         float, typer.Option(help="How long to run, in initial decay times of the difference.")
     ] = 4.0,
-    replicas: Annotated[int, typer.Option(min=1, max=MOST, help="Independent gases to average over.")] = 100,
+    replicas: Annotated[
+        int, typer.Option(min=1, callback=at_most(MOST), help="Independent gases to average over.")
+    ] = 100,
     until_error: UntilError = None,
     seed: Seed = 1,
     workers: Workers = None,
@@ -617,7 +662,9 @@ def _precisely(
 
 @app.command()
 def calibration(
-    runs: Annotated[int, typer.Option(max=MOST, help="Independent short runs of each estimator.")] = 200,
+    runs: Annotated[
+        int, typer.Option(callback=at_most(MOST), help="Independent short runs of each estimator.")
+    ] = 200,
     seed: Seed = 1,
     workers: Workers = None,
     out: Out = None,
@@ -642,11 +689,19 @@ def calibration(
 @app.command("hard-cases")
 def hard_cases(
     size: Annotated[
-        str, typer.Option(help="small (a minute), full (some minutes) or long (hours).")
+        str,
+        typer.Option(
+            **word("--size", "small", "full", "long"),
+            help="small (a minute), full (some minutes) or long (hours).",
+        ),
     ] = "full",
     only: Annotated[
         list[str] | None,
-        typer.Option(help="One group of cases; may be given several times.", show_default="all nine"),
+        typer.Option(
+            **word("--only", *GROUPS),
+            help=f"One group of cases: {', '.join(GROUPS)}; may be given several times.",
+            show_default="all nine",
+        ),
     ] = None,
     out: Annotated[
         Path | None,
@@ -807,9 +862,10 @@ def main() -> None:
 
 
 def _leave(code: int, sentence: str) -> NoReturn:
-    """Say why, if there is still somebody to say it to, and exit."""
+    """Say why, on a terminal broken between words, if there is still somebody to say it to, and exit."""
+    width = shutil.get_terminal_size().columns if sys.stderr.isatty() else None
     try:
-        print(sentence, file=sys.stderr, flush=True)
+        print("\n".join(wrapped(sentence, width)), file=sys.stderr, flush=True)
     except OSError:  # a terminal that was closed
         os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
     raise SystemExit(code) from None

@@ -28,6 +28,7 @@ from studies.report import (
     alarming,
     checks_of,
     engine_of,
+    engine_rate,
     estimate_json,
     say_checks,
     seconds_taken,
@@ -373,7 +374,7 @@ def self_diffusion(study: SelfDiffusion, out: OutputFolder, screen: Screen) -> t
     study.check()
     out.check(study)
     fluids = study.fluids
-    with screen.working("compiling the engine (once for each kind of gas on this machine)"):
+    with screen.compiling(study.fluid.kind):
         load_kernels(fluids)
     ready = time.perf_counter()
     with out.running(study) as shelf:
@@ -397,7 +398,7 @@ def self_diffusion(study: SelfDiffusion, out: OutputFolder, screen: Screen) -> t
         from studies.diffusion_figure import figure
 
         with screen.working("drawing"):
-            out.save_figure("diffusion.png", figure(states))
+            out.save_figure("diffusion.png", figure(states), f"{study.replicas} x {study.fluid}")
         summary = _summary(study, states, [walk for own in walks for walk in own], out)
         summary["seconds"] = seconds_taken(began, ready, ran, work="runs")
         out.write_json("summary.json", summary)
@@ -470,6 +471,7 @@ def _summary(
         "states": [_state_summary(state) for state in states],
         "collisions": collisions,
         "collisions_per_second_and_core": collisions / sum(walk.seconds for walk in walks),
+        "engine_collisions_per_second": engine_rate(statuses),
         "checks": checks_of(statuses, failures) | {"alarm_in_standard_errors": ALARM},
         "engine": engine_of(statuses[0]),
         "files": sorted({*out.files, "summary.json"}),

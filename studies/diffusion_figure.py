@@ -12,9 +12,11 @@ from matplotlib.figure import Figure
 
 from analysis import theory
 from studies.diffusion import DiffusionState
-from studies.report import COLOURS, figure_style
+from studies.style import COLOURS, falling, figure_style
 
 __all__ = ["figure"]
+
+LATEST = 12.0  # mean free times, of the velocity autocorrelation
 
 
 def figure(states: Sequence[DiffusionState]) -> Figure:
@@ -54,7 +56,7 @@ def _draw_displacement(axes: Axes, state: DiffusionState, colour: Any) -> None:
         ms=3.5,
         lw=1.2,
         color=colour,
-        label=f"{state.fluid.packing_fraction:.4g}",
+        label=f"packing fraction {state.fluid.packing_fraction:.4g}",
         zorder=3,
     )
     x = np.geomspace(state.lags[0] * state.rate, 1.2, 30)  # free flight: <v^2> t^2 with kT = m = 1
@@ -76,24 +78,16 @@ def _finish_displacement(axes: Axes) -> None:
 
 def _draw_velocities(axes: Axes, state: DiffusionState, colour: Any) -> None:
     value, error = state.velocity_autocorrelation, state.velocity_autocorrelation_error
-    seen = value > 2.0 * error
-    axes.errorbar(
-        state.lags[seen] * state.rate,
-        value[seen],
-        error[seen],
-        fmt="o",
-        ms=3.5,
-        lw=1.2,
-        color=colour,
-        zorder=3,
-    )
+    axes.set_yscale("log")
+    shown = state.lags * state.rate <= LATEST
+    falling(axes, (state.lags * state.rate)[shown], value[shown], error[shown], ms=3.5, color=colour)
 
 
 def _finish_velocities(axes: Axes, dim: int) -> None:
     axes.set_yscale("log")
-    s = np.linspace(0.0, 12.0, 100)
+    s = np.linspace(0.0, LATEST, 100)
     axes.plot(s, np.exp(-2 / dim * s), color=COLOURS["theory"], lw=1.2, label="Enskog")
-    axes.set_xlim(0.0, 12.0)
+    axes.set_xlim(0.0, 1.02 * LATEST)
     axes.set_ylim(5e-4, 1.2)
     axes.set_xlabel("mean free times")
     axes.set_ylabel(r"$\langle v(0) \cdot v(t) \rangle \,/\, \langle v^2 \rangle$")

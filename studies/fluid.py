@@ -32,6 +32,7 @@ __all__ = [
     "Fluid",
     "broken",
     "is_dense",
+    "kind_of",
     "load_kernels",
     "maker",
     "ordered",
@@ -142,6 +143,11 @@ class Fluid:
         """Collisions per particle to throw away before anything is measured."""
         return max(RELAXED, remembered(self.packing_fraction, self.dim)) if self.dense else SETTLED
 
+    @property
+    def kind(self) -> str:
+        """What the engine is compiled for, in words."""
+        return _kind(self.dim, 2 if self.mixed else 1, self.boundary)
+
     def check(self) -> None:
         """Raise SceneError where this is no fluid, or has more particles than there is room for."""
         require_room_for(self.n)
@@ -198,8 +204,22 @@ class Fluid:
         if self.mixed:
             text += f", diameters 1:{self.diameter_ratio:g}, masses 1:{self.mass_ratio:g}"
             text += f", {self.fraction:g} of them of the second species"
-        words = self.boundary if isinstance(self.boundary, str) else ", ".join(self.boundary)
-        return f"{text}, {words} box"
+        return f"{text}, {_box(self.boundary)}"
+
+
+def _box(boundary: Boundary) -> str:
+    words = [boundary] if isinstance(boundary, str) else boundary
+    return f"{words[0] if len(set(words)) == 1 else ', '.join(words)} box"
+
+
+def _kind(dim: int, species: int, boundary: Boundary) -> str:
+    mixture = "" if species == 1 else f" of {'two' if species == 2 else species} species"
+    return f"hard {'spheres' if dim == 3 else 'discs'}{mixture}, {_box(boundary)}"
+
+
+def kind_of(scene: hs.Scene) -> str:
+    """Return what the engine is compiled for, in words."""
+    return _kind(scene.dim, int(scene.species.max()) + 1, scene.boundary)
 
 
 def ordered(simulation: hs.Simulation) -> bool:

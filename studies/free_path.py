@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import math
 import time
-import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -15,9 +14,10 @@ from numpy.typing import NDArray
 
 import hardspheres as hs
 from analysis.free_path import SURVIVAL_AT, FreePath
-from analysis.statistics import Estimate, ReplicaWarning, TheoryCheck, combine_replicas, pool_replicas
+from analysis.statistics import Estimate, TheoryCheck, combine_replicas, pool_replicas
 from studies.ensemble import available_cores
 from studies.fluid import Fluid, broken, check_length, load_kernels, run_fluids
+from studies.noticing import Notices, too_short
 from studies.report import (
     ALARM,
     Z_MEANS,
@@ -26,6 +26,7 @@ from studies.report import (
     alarming,
     checks_of,
     engine_of,
+    engine_rate,
     estimate_json,
     say_checks,
     seconds_taken,
@@ -110,6 +111,8 @@ class _Run:
     labels: list[str]
     flights: int
     notes: tuple[str, ...]
+    times: float  # how many times longer it should have been, see `Notices`
+    length: float  # collisions per particle
     failure: str | None
     status: dict[str, Any]
     seconds: float
@@ -147,7 +150,7 @@ class _Measuring:
 
     simulation: hs.Simulation
     paths: FreePath
-    notes: list[str]
+    notices: Notices = field(default_factory=Notices)
     done: int = 0
 
 
@@ -167,7 +170,7 @@ class Runs(Resumable[tuple[Fluid, np.random.SeedSequence], _Measuring, _Run]):
         """Make the gas."""
         fluid, seed = item
         simulation = hs.Simulation(fluid.scene(seed), free_paths=True)
-        return _Measuring(simulation, FreePath(simulation.scene), [])
+        return _Measuring(simulation, FreePath(simulation.scene))
 
     def steps(self, item: tuple[Fluid, np.random.SeedSequence], state: _Measuring) -> Iterator[None]:
         """Let it settle, then measure block by block."""
@@ -176,25 +179,26 @@ class Runs(Resumable[tuple[Fluid, np.random.SeedSequence], _Measuring, _Run]):
         ends = fluid.settled + np.linspace(0, total, min(BLOCKS, total // 8) + 1).round().astype(int)
 
         def add() -> None:
-            with warnings.catch_warnings(record=True) as caught:
-                warnings.simplefilter("always")
+            with state.notices.of("free paths"):
                 state.paths.add(state.simulation.free_paths)
-            state.notes.extend(str(warning.message) for warning in caught)
 
         return in_blocks(state, [int(end) for end in ends], add)
 
     def result(self, item: tuple[Fluid, np.random.SeedSequence], state: _Measuring, seconds: float) -> _Run:
         """Return what was measured."""
-        paths, simulation = state.paths, state.simulation
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            checks, curves = paths.checks, curves_of(paths)
+        paths, simulation, notices = state.paths, state.simulation, state.notices
+        with notices.of("free paths"):
+            checks = paths.checks
+        with notices.of("distributions of free paths"):
+            curves = curves_of(paths)
         return _Run(
             checks,
             curves,
             paths.labels,
             paths.flights,
-            tuple(dict.fromkeys(state.notes + [str(warning.message) for warning in caught])),
+            tuple(notices.notes),
+            notices.times,
+            self.collisions_per_particle,
             broken(simulation),
             simulation.status(),
             seconds,
@@ -251,14 +255,12 @@ def _pooled(curves: Sequence[Curve]) -> Curve:
 
 def combine(fluid: Fluid, runs: Sequence[_Run]) -> FreePathState:
     """Return the replicas of one packing fraction as one state, with everything that is wrong with it."""
-    notes = list(dict.fromkeys(note for run in runs for note in run.notes))
+    notices = Notices(list(dict.fromkeys(note for run in runs for note in run.notes)))
     checks, failures = [], [run.failure for run in runs if run.failure]
     for k, check in enumerate(runs[0].checks):
         replicas = [run.checks[k].measured for run in runs]
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always", ReplicaWarning)
+        with notices.of(check.quantity):
             combine_replicas(replicas)
-        notes += [f"{check.quantity}: {warning.message}" for warning in caught]
         pooled = replace(check, measured=pool_replicas(replicas))
         checks.append(pooled)
         if alarming(pooled.measured, pooled.expected, pooled.uncertainty):
@@ -270,7 +272,8 @@ def combine(fluid: Fluid, runs: Sequence[_Run]) -> FreePathState:
         for name in runs[0].curves
     }
     flights = sum(run.flights for run in runs)
-    return FreePathState(fluid, checks, curves, runs[0].labels, flights, tuple(notes), tuple(failures))
+    notes = (*notices.notes, *too_short(max(run.times for run in runs), runs[0].length))
+    return FreePathState(fluid, checks, curves, runs[0].labels, flights, notes, tuple(failures))
 
 
 def free_path(study: FreePaths, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:
@@ -301,7 +304,7 @@ def free_path(study: FreePaths, out: OutputFolder, screen: Screen) -> tuple[dict
     study.check()
     out.check(study)
     fluids = study.fluids
-    with screen.working("compiling the engine (once for each kind of gas on this machine)"):
+    with screen.compiling(study.fluid.kind):
         load_kernels(fluids, free_paths=True)
     ready = time.perf_counter()
     with out.running(study) as shelf:
@@ -322,7 +325,7 @@ def free_path(study: FreePaths, out: OutputFolder, screen: Screen) -> tuple[dict
         from studies.free_path_figure import figure
 
         with screen.working("drawing"):
-            out.save_figure("free_path.png", figure(states))
+            out.save_figure("free_path.png", figure(states), f"{study.replicas} x {study.fluid}")
         summary = _summary(study, states, [run for own in runs for run in own], out)
         summary["seconds"] = seconds_taken(began, ready, ran, work="runs")
         out.write_json("summary.json", summary)
@@ -404,6 +407,7 @@ def _summary(
         "states": [_state_summary(state) for state in states],
         "collisions": collisions,
         "collisions_per_second_and_core": collisions / sum(run.seconds for run in runs),
+        "engine_collisions_per_second": engine_rate(statuses),
         "checks": checks_of(statuses, failures) | {"alarm_in_standard_errors": ALARM},
         "engine": engine_of(statuses[0]),
         "files": sorted({*out.files, "summary.json"}),
@@ -439,7 +443,7 @@ def _print(
     summary: dict[str, Any],
     out: OutputFolder,
 ) -> None:
-    screen.say(f"{study.replicas} x {study.fluid}, {len(states)} packing fractions")
+    screen.say(f"{study.replicas} x {study.fluid}, {len(states)} packing fraction{'s' * (len(states) > 1)}")
     if study.fluid.mixed:
         screen.say("species: " + "; ".join(f"{k}: {label}" for k, label in enumerate(states[0].labels, 1)))
     screen.say()
@@ -458,7 +462,7 @@ def _print(
                 ]
             )
             before = eta
-    screen.table("", ["packing fraction", "quantity", "measured", "theory", "z", ""], rows)
+    screen.table("", ["packing fraction", "quantity", "measured", "theory", "z", ""], rows, keys=2)
     screen.say()
     screen.say(
         f"means and rates: Enskog for {study.fluid.n} particles at fixed energy and momentum; Z: "

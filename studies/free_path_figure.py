@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Sequence
 from typing import Any
 
@@ -15,14 +14,11 @@ from numpy.typing import NDArray
 from analysis.theory import FreeFlights
 from studies.fluid import Fluid
 from studies.free_path import FreePathState
-from studies.report import COLOURS, figure_style
+from studies.style import COLOURS, MARKS, SPECIES, figure_style
 
 __all__ = ["figure"]
 
 FloatArray = NDArray[np.float64]
-
-SPECIES = ("simulation", "warm")  # colours
-MARKS = ("o", "s")
 
 
 def figure(states: Sequence[FreePathState]) -> Figure:
@@ -48,9 +44,6 @@ def figure(states: Sequence[FreePathState]) -> Figure:
         for upper, lower in grid.T:
             upper.tick_params(labelbottom=False)
             lower.sharex(upper)
-        result.suptitle(
-            textwrap.fill(f"Free paths of {states[0].fluid}", 110), x=0.01, ha="left", fontsize=10.5
-        )
     return result
 
 
@@ -80,9 +73,9 @@ def _draw_means(axes: Axes, states: Sequence[FreePathState]) -> None:
             eta,
             [mean.measured.value for mean in means],
             [mean.measured.standard_error for mean in means],
-            fmt=MARKS[k % 2],
+            fmt=MARKS[k % len(MARKS)],
             ms=5,
-            color=COLOURS[SPECIES[k % 2]],
+            color=SPECIES[k % len(SPECIES)],
             label="simulation" if len(labels) == 1 else label,
         )
     axes.set_xscale("log")
@@ -117,7 +110,14 @@ def _draw_mean_residuals(axes: Axes, states: Sequence[FreePathState]) -> None:
             label="uncertainty of theory" if k == 0 else None,
         )
         axes.errorbar(
-            shifted, residual, error, fmt=MARKS[k % 2], ms=4, lw=1.2, color=COLOURS[SPECIES[k % 2]], zorder=3
+            shifted,
+            residual,
+            error,
+            fmt=MARKS[k % len(MARKS)],
+            ms=4,
+            lw=1.2,
+            color=SPECIES[k % len(SPECIES)],
+            zorder=3,
         )
         largest = max(largest, float(np.max(np.abs(residual) + error)), float(doubt.max()))
     axes.set_xscale("log")
@@ -141,8 +141,8 @@ def _draw_survival(axes: Axes, below: Axes, states: Sequence[FreePathState], sha
         for k, curve in enumerate(state.curves["path"]):
             values = np.array([point.value for point in curve.measured])
             errors = np.array([point.standard_error for point in curve.measured])
-            marks: Any = {"fmt": MARKS[k % 2], "ms": 4, "lw": 1.2, "color": shade, "zorder": 3}
-            label = f"{state.fluid.packing_fraction:.4g}" if k == 0 else None
+            marks: Any = {"fmt": MARKS[k % len(MARKS)], "ms": 4, "lw": 1.2, "color": shade, "zorder": 3}
+            label = f"packing fraction {state.fluid.packing_fraction:.4g}" if k == 0 else None
             axes.errorbar(curve.x, values, errors, label=label, **marks)
             below.errorbar(
                 curve.x, 100 * (values / curve.expected - 1), 100 * errors / curve.expected, **marks
@@ -150,7 +150,7 @@ def _draw_survival(axes: Axes, below: Axes, states: Sequence[FreePathState], sha
     axes.set_yscale("log")
     axes.set_title("Free paths longer than x")
     axes.set_ylabel("part of the flights")
-    axes.legend(fontsize=7.5, title="packing fraction", title_fontsize=7.5)
+    axes.legend(fontsize=7.5)
     below.set_xlabel("x / mean free path")
     below.set_ylabel("ratio to theory \u2212 1\nin per cent", fontsize=8.5)
 
@@ -170,7 +170,7 @@ def _draw_speeds(axes: Axes, below: Axes, states: Sequence[FreePathState], shade
         for k, found in enumerate(state.curves["speed"]):
             values = np.array([point.value for point in found.measured])
             errors = np.array([point.standard_error for point in found.measured])
-            marks: Any = {"fmt": MARKS[k % 2], "ms": 3.5, "lw": 1.1, "color": shade, "zorder": 3}
+            marks: Any = {"fmt": MARKS[k % len(MARKS)], "ms": 3.5, "lw": 1.1, "color": shade, "zorder": 3}
             axes.errorbar(found.x, values, errors, **marks)
             residual, error = 100 * (values / found.expected - 1), 100 * errors / found.expected
             sharp = error < 3.0

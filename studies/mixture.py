@@ -28,6 +28,7 @@ from studies.report import (
     alarming,
     checks_of,
     engine_of,
+    engine_rate,
     estimate_json,
     say_checks,
     seconds_taken,
@@ -338,7 +339,7 @@ def mixture(study: Mixture, out: OutputFolder, screen: Screen) -> tuple[dict[str
     study.check()
     out.check(study)
     seeds = replica_seeds(study.seed, study.replicas)
-    with screen.working("compiling the engine (once for each kind of gas on this machine)"):
+    with screen.compiling(study.fluid.kind):
         first = study.start(seeds[0])
     times = study.times(first)
     ready = time.perf_counter()
@@ -354,7 +355,7 @@ def mixture(study: Mixture, out: OutputFolder, screen: Screen) -> tuple[dict[str
         from studies.mixture_figure import figure
 
         with screen.working("drawing"):
-            out.save_figure("mixture.png", figure(result))
+            out.save_figure("mixture.png", figure(result), _in_words(study))
         summary = _summary(study, result, runs, out)
         summary["seconds"] = seconds_taken(began, ready, ran)
         out.write_json("summary.json", summary)
@@ -417,6 +418,7 @@ def _summary(study: Mixture, result: Result, runs: Sequence[_Run], out: OutputFo
         ],
         "collisions": collisions,
         "collisions_per_second_and_core": collisions / sum(run.seconds for run in runs),
+        "engine_collisions_per_second": engine_rate(statuses),
         "checks": checks_of(statuses, [*failures, *result.failures]) | {"alarm_in_standard_errors": ALARM},
         "engine": engine_of(statuses[0]),
         "files": sorted({*out.files, "summary.json"}),
@@ -424,10 +426,14 @@ def _summary(study: Mixture, result: Result, runs: Sequence[_Run], out: OutputFo
     }
 
 
+def _in_words(study: Mixture) -> str:
+    return f"{study.replicas} x {study.fluid}, packing fraction {study.fluid.packing_fraction:.4g}"
+
+
 def _print(
     screen: Screen, study: Mixture, result: Result, summary: dict[str, Any], out: OutputFolder
 ) -> None:
-    screen.say(f"{study.replicas} x {study.fluid}, packing fraction {study.fluid.packing_fraction:.4g}")
+    screen.say(_in_words(study))
     screen.say("species: " + "; ".join(f"{k}: {label}" for k, label in enumerate(result.labels, 1)))
     screen.say()
     values, errors = result.decay.temperatures, result.decay.temperatures_error
@@ -450,9 +456,8 @@ def _print(
     screen.say()
     screen.say(
         "theory: two Maxwellians, exact at the start; its uncertainty in parentheses is what it is known "
-        "to miss later,"
+        "to miss later, when the species are no longer Maxwellian and the difference decays more slowly"
     )
-    screen.say("when the species are no longer Maxwellian and the difference decays more slowly")
     screen.say(f"{Z_MEANS}; errors from the spread of replicas")
     if any(row[-1] for row in rows):
         screen.say(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -15,10 +14,11 @@ import hardspheres as hs
 from analysis import theory
 from analysis.memory import remembered, variance_growth
 from analysis.pressure import Pressure
-from analysis.statistics import Estimate, ReplicaWarning, combine_replicas, pool_replicas
+from analysis.statistics import Estimate, combine_replicas, pool_replicas
 from analysis.theory import Prediction
 from studies.ensemble import available_cores
 from studies.fluid import THEORY_UP_TO, Fluid, broken, check_length, load_kernels, ordered, run_fluids
+from studies.noticing import Notices, too_short
 from studies.report import (
     ALARM,
     Z_MEANS,
@@ -27,6 +27,7 @@ from studies.report import (
     alarming,
     checks_of,
     engine_of,
+    engine_rate,
     estimate_json,
     say_checks,
     seconds_taken,
@@ -136,14 +137,14 @@ def packing_fractions(text: str) -> tuple[float, ...]:
         values = []
     if not values:
         raise hs.SceneError(
-            f"--packing-fractions {text} is not understood; give first:last:count, as in 0.01:0.49:9, or "
+            f"--packing-fraction {text} is not understood; give first:last:count, as in 0.01:0.49:9, or "
             "numbers with commas between them"
         )
     if len(values) > MOST:
-        raise hs.SceneError(f"--packing-fractions {text} are too many; ask for at most {MOST}")
+        raise hs.SceneError(f"--packing-fraction {text} are too many; ask for at most {MOST}")
     for value in values:
         if not 0.0 < value < 1.0:
-            raise hs.SceneError(f"--packing-fractions {text} has {value:g}; expected numbers between 0 and 1")
+            raise hs.SceneError(f"--packing-fraction {text} has {value:g}; expected numbers between 0 and 1")
     return tuple(sorted(set(values)))
 
 
@@ -158,6 +159,8 @@ class _Run:
     order: float
     ordered: bool
     notes: tuple[str, ...]
+    times: float  # how many times longer it should have been, see `Notices`
+    length: float  # collisions per particle
     failure: str | None
     status: dict[str, Any]
     seconds: float
@@ -210,12 +213,12 @@ class States(Resumable[tuple[Fluid, np.random.SeedSequence], _Measuring, _Run]):
     def result(self, item: tuple[Fluid, np.random.SeedSequence], state: _Measuring, seconds: float) -> _Run:
         """Return what was measured."""
         fluid, simulation, pressure = item[0], state.simulation, state.pressure
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            measured = {"virial": pressure.virial, "rate": pressure.rate}
+        notices, measured = Notices(), {}
+        for name in ("virial", "rate") if fluid.periodic else ("virial", "rate", "walls"):
+            with notices.of(f"Z, {name}"):
+                measured[name] = getattr(pressure, name)
+        with notices.of("virial - rate"):
             difference = pressure.virial_minus_rate
-            if not fluid.periodic:
-                measured["walls"] = pressure.walls
         known = fluid.packing_fraction <= THEORY_UP_TO[fluid.dim]
         start, *ends = self._ends(fluid)
         dropped = pressure.discarded_rows * (ends[-1] - start) / len(ends)
@@ -226,7 +229,9 @@ class States(Resumable[tuple[Fluid, np.random.SeedSequence], _Measuring, _Run]):
             2.0 * (fluid.settled + dropped) / fluid.n,
             hs.bond_order(simulation.to_scene()).value,
             ordered(simulation),
-            tuple(dict.fromkeys(str(warning.message) for warning in caught)),
+            tuple(notices.notes),
+            notices.times,
+            self.study.length(fluid),
             broken(simulation),
             simulation.status(),
             seconds,
@@ -286,15 +291,13 @@ class State:
 
 def combine(fluid: Fluid, runs: Sequence[_Run]) -> State:
     """Return the replicas of one packing fraction as one state, with everything that is wrong with it."""
-    notes = list(dict.fromkeys(note for run in runs for note in run.notes))
+    notices = Notices(list(dict.fromkeys(note for run in runs for note in run.notes)))
     measured = {}
     for name in runs[0].measured:
         replicas = [run.measured[name] for run in runs]
         measured[name] = pool_replicas(replicas)
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always", ReplicaWarning)
+        with notices.of(f"Z, {name}"):
             combine_replicas(replicas)
-        notes += [f"{name}: {warning.message}" for warning in caught]
     state = State(
         fluid,
         measured,
@@ -302,7 +305,7 @@ def combine(fluid: Fluid, runs: Sequence[_Run]) -> State:
         runs[0].theories,
         float(np.mean([run.discarded for run in runs])),
         max(run.order for run in runs),
-        tuple(notes),
+        (*notices.notes, *too_short(max(run.times for run in runs), runs[0].length)),
         (),
         sum(run.status["collisions"] for run in runs),
     )
@@ -362,7 +365,7 @@ def equation_of_state(
     study.check()
     out.check(study)
     fluids = study.fluids
-    with screen.working("compiling the engine (once for each kind of gas on this machine)"):
+    with screen.compiling(study.fluid.kind):
         load_kernels(fluids, free_paths=study.fluid.mixed)
     ready = time.perf_counter()
     with out.running(study) as shelf:
@@ -382,7 +385,7 @@ def equation_of_state(
         from studies.pressure_figure import figure
 
         with screen.working("drawing"):
-            out.save_figure("equation_of_state.png", figure(states))
+            out.save_figure("equation_of_state.png", figure(states), f"{study.replicas} x {study.fluid}")
         summary = _summary(study, states, [run for own in runs for run in own], out)
         summary["seconds"] = seconds_taken(began, ready, ran, work="runs")
         out.write_json("summary.json", summary)
@@ -467,6 +470,7 @@ def _summary(
         "states": [state_summary(state) for state in states],
         "collisions": collisions,
         "collisions_per_second_and_core": collisions / sum(run.seconds for run in runs),
+        "engine_collisions_per_second": engine_rate(statuses),
         "checks": checks_of(statuses, failures) | {"alarm_in_standard_errors": ALARM},
         "engine": engine_of(statuses[0]),
         "files": sorted({*out.files, "summary.json"}),
@@ -504,7 +508,11 @@ def _print(
     summary: dict[str, Any],
     out: OutputFolder,
 ) -> None:
-    print_states(screen, f"{study.replicas} x {study.fluid}, {len(states)} packing fractions", states)
+    print_states(
+        screen,
+        f"{study.replicas} x {study.fluid}, {len(states)} packing fraction{'s' * (len(states) > 1)}",
+        states,
+    )
     say_notes(screen, states)
     say_checks(screen, summary, out)
 

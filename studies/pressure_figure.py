@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from analysis import theory
 from studies.fluid import THEORY_UP_TO
 from studies.pressure import State
-from studies.report import COLOURS, figure_style
+from studies.style import COLOURS, deviations, figure_style
 
 __all__ = ["figure"]
 
@@ -92,7 +91,7 @@ def _draw_z(axes: Axes, states: Sequence[State]) -> None:
                 zorder=3,
             )
     axes.set_ylabel("compressibility factor $PV/NkT$")
-    axes.set_title(textwrap.fill(f"Equation of state of {fluid}", 72))
+    axes.set_title("Equation of state")
     axes.legend(loc="upper left")
 
 
@@ -139,20 +138,16 @@ def _draw_residuals(axes: Axes, states: Sequence[State]) -> None:
             ls=(0, (4, 2)),
             label=label,
         )
-    axes.set_ylim(-1.15 * largest, 1.15 * largest)
+    axes.set_ylim(-1.15 * largest, 2.0 * largest)  # room for the legend
     axes.set_ylabel(f"$Z$ / {SHORT.get(name, 'theory')} \u2212 1\nin parts per 1000", fontsize=8.5)
-    axes.legend(loc="best", fontsize=8)
+    axes.legend(loc="upper center", ncols=2, fontsize=8)
 
 
 def _draw_deviations(axes: Axes, states: Sequence[State]) -> None:
     eta = np.array([state.fluid.packing_fraction for state in states])
-    axes.axhspan(-2, 2, color=COLOURS["band"], alpha=0.25, lw=0)
-    axes.axhline(0.0, color=COLOURS["theory"], lw=1.0)
-    extent = 3.5
+    series = []
     for way, shift in _spread(states).items():
         mark, colour = MARKS[way]
-        z = np.array([state.deviation(way) for state in states])
-        axes.plot(eta + shift, z, mark, ms=4, color=COLOURS[colour])
-        extent = max(extent, 1.15 * float(np.nanmax(np.abs(z), initial=0.0)))
-    axes.set_ylim(-extent, extent)
-    axes.set_ylabel("deviation\nin std. errors", fontsize=8.5)
+        z = [state.deviation(way) for state in states]
+        series.append((eta + shift, z, {"marker": mark, "color": COLOURS[colour], "ms": 4}))
+    deviations(axes, *series)

@@ -27,7 +27,7 @@ from studies.pressure import (
     say_notes,
     state_summary,
 )
-from studies.report import ALARM, OutputFolder, Screen, checks_of, say_checks, seconds_taken
+from studies.report import ALARM, OutputFolder, Screen, checks_of, engine_rate, say_checks, seconds_taken
 
 __all__ = ["GROUPS", "Suite", "run_suite", "states_of"]
 
@@ -98,6 +98,13 @@ def load_all(suite: Suite) -> None:
         load_kernels(fluids, free_paths=fluids[0].mixed)
 
 
+def _in_words(suite: Suite) -> str:
+    sizes = {fluid.n for group in suite.groups.values() for fluid in group}
+    return (
+        f"{suite.study.replicas} x {' or '.join(str(n) for n in sorted(sizes))} particles each, periodic box"
+    )
+
+
 def run_suite(suite: Suite, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:
     """Run the suite, print its tables and write its files.
 
@@ -127,7 +134,7 @@ def run_suite(suite: Suite, out: OutputFolder, screen: Screen) -> tuple[dict[str
     study = suite.study
     study.check()
     out.check(suite)
-    with screen.working("compiling the engine (once for each kind of gas on this machine)"):
+    with screen.compiling("spheres, discs and mixtures"):
         load_all(suite)
     ready = time.perf_counter()
     with out.running(suite) as shelf:
@@ -138,7 +145,7 @@ def run_suite(suite: Suite, out: OutputFolder, screen: Screen) -> tuple[dict[str
         from studies.pressure_suite_figure import figure
 
         with screen.working("drawing"):
-            out.save_figure("equation_of_state.png", figure(groups))
+            out.save_figure("equation_of_state.png", figure(groups), _in_words(suite))
         failures = [
             f"{state.fluid}, packing fraction {state.fluid.packing_fraction:g}: {failure}"
             for state in states
@@ -165,6 +172,7 @@ def run_suite(suite: Suite, out: OutputFolder, screen: Screen) -> tuple[dict[str
             },
             "collisions": collisions,
             "collisions_per_second_and_core": collisions / sum(run.seconds for run in runs),
+            "engine_collisions_per_second": engine_rate(statuses),
             "checks": checks_of(statuses, failures) | {"alarm_in_standard_errors": ALARM},
             "files": sorted({*out.files, "summary.json"}),
             "seconds": seconds_taken(began, ready, ran, work="runs"),

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from studies.fluid import Fluid
 from studies.pressure import State
 from studies.pressure_figure import MARKS, WORDS
-from studies.report import COLOURS, figure_style
+from studies.style import COLOURS, figure_style
 
 __all__ = ["figure"]
 

@@ -19,11 +19,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
 
 from hardspheres.temporary import remove_leftovers, temporary_beside
 from studies.journal import FOLDER, Journal, OutputError, Shelf, unfinished_run
+from studies.layout import table_blocks, wrapped
 from studies.ownership import SUMMARY, WRITTEN, files_of_finished_run, is_ordinary, load_object, strange_file
+from studies.style import COLOURS, figure_style, name_gas
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -40,21 +41,13 @@ __all__ = [
     "alarming",
     "checks_of",
     "engine_of",
+    "engine_rate",
     "estimate_json",
     "figure_style",
     "jsonable",
     "say_checks",
     "seconds_taken",
 ]
-
-COLOURS = {
-    "theory": "#1d2733",
-    "simulation": "#1f77b4",
-    "band": "#9aa7b5",
-    "warm": "#d1495b",
-    "other": "#e0a030",
-}
-"""Colours of all figures: theory is a dark line, simulation is blue points, a second species is red."""
 
 Z_MEANS = "z: deviation from theory in standard errors, the theory's own in them, few replicas allowed for (Student's t)"
 """What the column z of all tables is: `Estimate.z`."""
@@ -63,45 +56,15 @@ ALARM = 5.0
 """Deviation from theory, in standard errors, at which a study's check has failed."""
 _ALARM_P = 5.7e-7  # of as large a deviation by chance, when the error is known
 
+WORTH_SAYING = 1.0  # seconds of compilation
+NARROWEST, IN_FILES = 20, 120  # characters in a line: the least of a terminal, and of tables in files
+
 RESTARTED = {
     "stale_events",
     "list_renewals",
     "bytes_per_particle",
-}  # which the search begins anew after a restart
-
-_STYLE: Any = {
-    "figure.dpi": 100,
-    "savefig.dpi": 160,
-    "font.family": "DejaVu Sans",
-    "font.size": 10,
-    "axes.titlesize": 10.5,
-    "axes.titlelocation": "left",
-    "axes.labelsize": 10,
-    "axes.labelcolor": "#1d2733",
-    "axes.edgecolor": "#6b7785",
-    "axes.linewidth": 0.8,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.prop_cycle": "cycler('color', ['#1f77b4', '#d1495b', '#e0a030', '#3a8f6b', '#7b5ea7'])",
-    "xtick.color": "#4a5562",
-    "ytick.color": "#4a5562",
-    "xtick.labelsize": 9,
-    "ytick.labelsize": 9,
-    "legend.frameon": False,
-    "legend.fontsize": 9,
-    "lines.linewidth": 1.6,
-    "errorbar.capsize": 0,
-    "mathtext.fontset": "dejavusans",
-}
-
-
-@contextlib.contextmanager
-def figure_style() -> Iterator[None]:
-    """Draw and save figures in the style of the package while the context lasts."""
-    import matplotlib
-
-    with matplotlib.rc_context(_STYLE):
-        yield
+    "collisions_per_second",
+}  # of this process alone
 
 
 def jsonable(value: Any) -> Any:
@@ -328,9 +291,10 @@ class OutputFolder:
             writer.writerow(arrays)
             writer.writerows(zip(*arrays.values(), strict=True))
 
-    def save_figure(self, name: str, figure: Figure) -> None:
-        """Write a figure as PNG."""
-        with self.partial(name) as path:
+    def save_figure(self, name: str, figure: Figure, gas: str) -> None:
+        """Write a figure as PNG, with the name of the gas above it."""
+        with self.partial(name) as path, figure_style():
+            name_gas(figure, gas)
             figure.savefig(path, format="png")
 
 
@@ -340,48 +304,79 @@ def _module(study: Any) -> str:
 
 
 def _console(stderr: bool = False) -> Console:
-    """Return a console that never breaks lines, wide enough for any table where it writes into a file."""
-    console = Console(stderr=stderr, highlight=False, soft_wrap=True)
-    return (
-        console if console.is_terminal else Console(stderr=stderr, highlight=False, soft_wrap=True, width=120)
-    )
+    """Return a console that leaves line breaks to us."""
+    return Console(stderr=stderr, highlight=False, soft_wrap=True)
+
+
+def _width(console: Console) -> int | None:
+    """Return how wide a person's window is; None where nobody looks (a file or a pipe, and no $COLUMNS)."""
+    looked_at = console.is_terminal or os.environ.get("COLUMNS", "").isdigit()
+    return max(console.width, NARROWEST) if looked_at else None
 
 
 class Screen:
     """Where a study talks to a person: results on standard output, progress and notes on standard error.
 
+    Sentences are broken between words, and tables laid out so that no cell is cut, see `studies.layout`.
+
     Parameters
     ----------
     json_output : bool, default False
         Keep standard output free for one JSON object; then everything else goes to standard error.
+    width : int, optional
+        Characters in a line; by default those of the terminal. Into files sentences go whole and tables 120 wide.
     """
 
-    def __init__(self, json_output: bool = False) -> None:
+    def __init__(self, json_output: bool = False, width: int | None = None) -> None:
         self.json_output = json_output
         self.errors = _console(stderr=True)
         self.results = self.errors if json_output else _console()
+        self._given = width
+
+    def _print(self, console: Console, text: str, style: str = "") -> None:
+        for line in wrapped(text, self._given or _width(console)):
+            console.print(line, markup=False, style=style)
 
     def say(self, text: str = "") -> None:
         """Print a line of results."""
-        self.results.print(text, markup=False)
+        self._print(self.results, text)
 
     def note(self, text: str) -> None:
         """Print a line about what is going on."""
-        self.errors.print(text, markup=False, style="dim")
+        self._print(self.errors, text, style="dim")
 
     def table(
-        self, title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], wrap: bool = False
+        self,
+        title: str,
+        columns: Sequence[str],
+        rows: Sequence[Sequence[str]],
+        *,
+        keys: int = 1,
+        wrap: bool = False,
     ) -> None:
-        """Print a table of right-aligned columns; where it is too wide, text is cut, or wrapped if asked for."""
-        gap = 2 if self.results.width >= 100 else 1
-        table = Table(
-            title=title or None, title_justify="left", box=None, pad_edge=False, padding=(0, gap, 0, 0)
-        )
-        for column in columns:
-            table.add_column(column, justify="right", no_wrap=not wrap)
-        for row in rows:
-            table.add_row(*row)
-        self.results.print(table)
+        """Print a table; where it is too wide, in several blocks.
+
+        Parameters
+        ----------
+        title : str
+            A line above it, or "".
+        columns, rows : sequences
+            Titles and cells.
+        keys : int, default 1
+            How many of the first columns name a row: they are repeated in every block.
+        wrap : bool, default False
+            Break cells between words instead.
+        """
+        if title:
+            self.say(title)
+        width = self._given or _width(self.results) or IN_FILES
+        for index, (header, body) in enumerate(table_blocks(columns, rows, width, keys, wrap)):
+            if index:
+                self.results.print()
+            for line in header:
+                self.results.print(line, markup=False, style="bold")
+            for line in body:
+                self.results.print(line, markup=False)
 
     @contextlib.contextmanager
     def working(self, text: str) -> Iterator[None]:
@@ -389,8 +384,29 @@ class Screen:
         if not self.errors.is_terminal:
             yield
             return
-        with self.errors.status(text):
+        with self.errors.status("\n".join(wrapped(text, max(self.errors.width - 3, NARROWEST)))):
             yield
+
+    @contextlib.contextmanager
+    def compiling(self, what: str) -> Iterator[None]:
+        """Say what the engine is compiled for while the context lasts, and afterwards how long that has taken, if it had to be.
+
+        Parameters
+        ----------
+        what : str
+            The gases, in words.
+        """
+        from numba.core import event
+
+        seconds: list[float] = []
+        text = f"compiling the engine for {what}: about 10 s, once for each kind of gas on this machine"
+        with self.working(text), event.install_timer("numba:compile", seconds.append):
+            yield
+        if sum(seconds) > WORTH_SAYING:
+            self.note(
+                f"compiled the engine for {what} in {sum(seconds):.0f} s; it is kept, so that the next gas of this kind starts "
+                "at once (a kind: dimension, boundaries, one species or more, thin or dense)"
+            )
 
     @contextlib.contextmanager
     def progress(self, text: str, total: int) -> Iterator[Callable[[], None]]:
@@ -454,18 +470,34 @@ def checks_of(statuses: Sequence[Mapping[str, Any]], failures: Sequence[str]) ->
     }
 
 
+def engine_rate(statuses: Sequence[Mapping[str, Any]]) -> float:
+    """Return the collisions per second of the event loop alone, over all runs at whose end these statuses were; NaN if untimed."""
+    timed = [status for status in statuses if status["collisions_per_second"] > 0.0]
+    seconds = sum(status["collisions"] / status["collisions_per_second"] for status in timed)
+    return sum(status["collisions"] for status in timed) / seconds if timed else math.nan
+
+
 def engine_of(status: Mapping[str, Any]) -> dict[str, Any]:
     """Return what a summary tells of the engine: nothing that depends on where a run was interrupted."""
     return {name: value for name, value in status.items() if name not in RESTARTED}
+
+
+def _round(rate: float) -> str:
+    """Return a rate to two digits."""
+    return f"{float(f'{rate:.2g}'):,.0f}".replace(",", " ")
 
 
 def say_checks(screen: Screen, summary: Mapping[str, Any], out: OutputFolder) -> None:
     """Print how much was done, what failed, and where the files are."""
     checks = summary["checks"]
     screen.say(
-        f"{summary['collisions']} collisions in {summary['seconds']['total']:.0f} s "
-        f"({summary['collisions_per_second_and_core']:.2g} per second and core); "
-        f"worst energy drift {checks['worst_energy_drift']:.1e}, late events {checks['late_events']}"
+        f"{summary['collisions']} collisions in {summary['seconds']['total']:.0f} s; worst energy drift "
+        f"{checks['worst_energy_drift']:.1e}, late events {checks['late_events']}"
+    )
+    engine, study = summary["engine_collisions_per_second"], summary["collisions_per_second_and_core"]
+    known = f"{_round(engine)} of the engine's event loop alone, " if math.isfinite(engine) else ""
+    screen.say(
+        f"collisions per second and core: {known}{_round(study)} of the study, gases and measurements included"
     )
     for failure in checks["failures"]:
         screen.say(f"CHECK FAILED, {failure}")

@@ -18,7 +18,7 @@ from studies.bench_clock import machine
 from studies.encoding import encode
 from studies.ensemble import available_cores, replica_seeds, run_replicas
 from studies.fluid import Fluid, broken
-from studies.report import OutputFolder, Screen, checks_of, engine_of, say_checks, seconds_taken
+from studies.report import OutputFolder, Screen, checks_of, engine_of, engine_rate, say_checks, seconds_taken
 from studies.resuming import Resumable, until
 
 __all__ = ["Gas", "Soak", "Soaking", "growth_exponent", "soak"]
@@ -201,7 +201,7 @@ def soak(study: Soak, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any]
         gas.fluid.check()
     out.check(study)
     seeds = replica_seeds(study.seed, len(study.gases))
-    with screen.working("compiling the engine (once for each kind of gas on this machine)"):
+    with screen.compiling("a fluid, and a mixture between walls"):
         for gas, seed in zip(study.gases, seeds, strict=True):
             hs.Simulation(gas.fluid.scene(seed)).run(collisions=1)
     ready = time.perf_counter()
@@ -257,6 +257,7 @@ def _summary(study: Soak, runs: Sequence[Soaked], out: OutputFolder) -> dict[str
         ],
         "collisions": collisions,
         "collisions_per_second_and_core": collisions / sum(run.seconds for run in runs),
+        "engine_collisions_per_second": engine_rate(statuses),
         "checks": checks_of(statuses, failures),
         "engine": engine_of(statuses[0]),
         "files": sorted({*out.files, "summary.json"}),

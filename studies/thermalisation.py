@@ -21,8 +21,8 @@ from analysis.statistics import Estimate, deviates
 from analysis.velocities import reduced_velocities
 from hardspheres.files import Reading, read_scene
 from studies.ensemble import available_cores, replica_seeds, run_replicas
-from studies.fluid import broken, is_dense, two_species
-from studies.report import Z_MEANS, OutputFolder, Screen, engine_of, say_checks, seconds_taken
+from studies.fluid import broken, is_dense, kind_of, two_species
+from studies.report import Z_MEANS, OutputFolder, Screen, engine_of, engine_rate, say_checks, seconds_taken
 from studies.resuming import Resumable, until
 
 __all__ = ["Recipe", "ReplicaResult", "Replicas", "Thermalisation", "sampling_points", "thermalise"]
@@ -30,8 +30,7 @@ __all__ = ["Recipe", "ReplicaResult", "Replicas", "Thermalisation", "sampling_po
 FloatArray = NDArray[np.float64]
 
 RATE_WINDOW = (2.0, 5.0)
-MOVIE_FRAMES = 96
-MOVIE_END = 6.0  # in collisions per particle
+MOVIE_FRAMES = 120
 
 
 @dataclass(frozen=True)
@@ -48,6 +47,8 @@ class Recipe:
         Mass and diameter of the second species over the first's.
     fraction : float
         Number fraction of the second species; without effect when both ratios are 1.
+    temperature_ratio : float
+        Of "two-temperatures".
     base : Scene or None
         Positions, radii, masses and box to use instead of making any.
     """
@@ -62,6 +63,7 @@ class Recipe:
     diameter_ratio: float = 1.0
     fraction: float = 0.5
     base: hs.Scene | None = None
+    temperature_ratio: float = 3.0
 
     @property
     def placement(self) -> str:
@@ -79,13 +81,10 @@ class Recipe:
             If there is none.
         """
         if self.base is not None:
-            if self.velocities is None:
-                return self.base
-            drawn = hs.draw_velocities(self.base, self.velocities, temperature=self.temperature, seed=seed)
-            return self.base.replace(velocities=drawn)
+            return self.base if self.velocities is None else self._drawn(self.base, seed)
         make = hs.random_gas if self.placement == "random" else hs.lattice_gas
         radii, masses = two_species(self.n, self.diameter_ratio, self.mass_ratio, self.fraction)
-        return make(
+        scene = make(
             n=self.n,
             packing_fraction=self.packing_fraction,
             dim=self.dim,
@@ -96,6 +95,18 @@ class Recipe:
             masses=masses,
             seed=seed,
         )
+        return self._drawn(scene, seed) if self.velocities == "two-temperatures" else scene
+
+    def _drawn(self, scene: hs.Scene, seed: np.random.SeedSequence) -> hs.Scene:
+        """Return a scene with new velocities."""
+        drawn = hs.draw_velocities(
+            scene,
+            str(self.velocities),
+            temperature=self.temperature,
+            temperature_ratio=self.temperature_ratio,
+            seed=seed,
+        )
+        return scene.replace(velocities=drawn)
 
 
 @dataclass(frozen=True)
@@ -348,11 +359,11 @@ def thermalise(study: Thermalisation, out: OutputFolder, screen: Screen) -> tupl
     out.check(study)
     seeds = replica_seeds(study.seed, study.replicas)
     first = recipe.scene(seeds[0])
-    with screen.working("compiling the engine (once for each kind of gas on this machine)"):
+    with screen.compiling(kind_of(first)):
         hs.Simulation(first).run(collisions=1)
     ready = time.perf_counter()
     s = sampling_points(study.collisions_per_particle, recipe.n)
-    movie_s = _evenly(min(MOVIE_END, study.collisions_per_particle), MOVIE_FRAMES) if study.animate else ()
+    movie_s = _evenly(study.collisions_per_particle, MOVIE_FRAMES) if study.animate else ()
     with out.running(study) as shelf:
         trajectory = shelf.folder / "trajectory.xyz" if study.frames > 0 else None
         task = Replicas(recipe, s, trajectory, _evenly(study.collisions_per_particle, study.frames), movie_s)
@@ -370,17 +381,27 @@ def thermalise(study: Thermalisation, out: OutputFolder, screen: Screen) -> tupl
         out.write_csv("relaxation.csv", _columns(curve, reference))
         from studies import thermalisation_figures as figures
 
+        gas = _in_words(study, first, len(results))
         with screen.working("drawing"):
-            out.save_figure("distributions.png", figures.distributions(curve))
-            out.save_figure("relaxation.png", figures.relaxation(curve, reference))
+            out.save_figure("distributions.png", figures.distributions(curve), gas)
+            out.save_figure("relaxation.png", figures.relaxation(curve, reference), gas)
             if results[0].movie is not None:
                 with out.partial("gas.gif") as path:
-                    figures.animation(results[0].movie, first, curve, path)
+                    figures.animation(results[0].movie, first, curve, path, gas)
         summary = _summary(study, first, curve, reference, results, out)
         summary["seconds"] = seconds_taken(began, ready, ran)
         out.write_json("summary.json", summary)
-    _print(screen, study, curve, reference, summary, out)
+    _print(screen, study, gas, curve, reference, summary, out)
     return summary, bool(summary["checks"]["passed"])
+
+
+def _in_words(study: Thermalisation, scene: hs.Scene, replicas: int) -> str:
+    """Return which gas this is."""
+    start = study.recipe.velocities or "the file's velocities"
+    kind, box = kind_of(scene).split(", ", 1)
+    return (
+        f"{replicas} x {scene.n} {kind}, packing fraction {scene.packing_fraction:.4g}, {box}, start: {start}"
+    )
 
 
 def _evenly(end: float, count: int) -> tuple[float, ...]:
@@ -497,6 +518,7 @@ def _summary(
         "particles_in_all": curve.n_replicas * curve.n_per_replica,
         "collisions": collisions,
         "collisions_per_second_and_core": collisions / seconds,
+        "engine_collisions_per_second": engine_rate(statuses),
         "theory": _theory_name(study, curve, reference),
         "relaxation": _columns(curve, reference),
         "a2_chi_square": None if chi_square is None else asdict(chi_square),
@@ -569,21 +591,14 @@ def _theory_name(study: Thermalisation, curve: RelaxationCurve, reference: Compa
 def _print(
     screen: Screen,
     study: Thermalisation,
+    gas: str,
     curve: RelaxationCurve,
     reference: Comparison | None,
     summary: Mapping[str, Any],
     out: OutputFolder,
 ) -> None:
     recipe = study.recipe
-    words = ", ".join(
-        dict.fromkeys(summary["boundary"]) if len(set(summary["boundary"])) == 1 else summary["boundary"]
-    )
-    kind = "spheres" if curve.dim == 3 else "discs"
-    start = recipe.velocities or "the file's velocities"
-    screen.say(
-        f"{curve.n_replicas} x {curve.n_per_replica} hard {kind}, packing fraction "
-        f"{summary['packing_fraction']:.4g}, {words} box, start: {start}"
-    )
+    screen.say(gas)
     if len(curve.labels) > 1:
         screen.say("species: " + "; ".join(f"{k}: {label}" for k, label in enumerate(curve.labels, 1)))
     screen.say()

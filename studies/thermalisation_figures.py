@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,12 +14,15 @@ from matplotlib.animation import PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import EllipseCollection
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from analysis import theory
 from analysis.relaxation import Comparison, RelaxationCurve
-from studies.report import COLOURS, figure_style
+from studies.style import COLOURS, deviations, falling, figure_style, species_look
 
 if TYPE_CHECKING:
     from hardspheres import Scene
@@ -48,7 +52,7 @@ def distributions(
     s = curve.s
     chosen = sorted({int(np.argmin(np.abs(s - moment))) for moment in moments} | {len(s) - 1})
     colours = colormaps["viridis"](np.linspace(0.12, 0.82, len(chosen)))
-    rows, thermal = len(curve.labels), curve.thermal_speeds
+    rows, thermal = len(curve.labels), curve.thermal_speeds / curve.thermal_speeds[0]
     with figure_style():
         figure = Figure(figsize=(1.0 + 1.85 * len(chosen), 0.85 + 1.9 * rows), layout="constrained")
         panels = figure.subplots(rows, len(chosen), sharey="row", sharex="row", squeeze=False)
@@ -64,17 +68,18 @@ def distributions(
                 axes.plot(v, law, color=COLOURS["theory"], lw=1.4)
                 axes.set_xlim(0.0, limit)
                 axes.set_ylim(0.0, 1.75 * law.max())
-                axes.set_yticks([])
-                axes.spines["left"].set_visible(False)
+                axes.yaxis.set_major_locator(MaxNLocator(4))
                 if row == 0:
                     axes.set_title(f"s = {s[index]:.3g}", color=COLOURS["theory"])
                 if row == rows - 1:
-                    axes.set_xlabel("speed")
+                    axes.set_xlabel(r"$v \,/\, \sqrt{kT/m_1}$" if rows > 1 else r"$v \,/\, \sqrt{kT/m}$")
                 if (density[row] / unit).max() > 1.75 * law.max():
                     _mark_spike(axes, edges * unit, density[row])
-            panels[row, 0].set_ylabel("probability density" if label == "all" else label)
-        panels[0, -1].plot([], [], color=COLOURS["theory"], lw=1.4, label="Maxwell\u2013\nBoltzmann")
-        panels[0, -1].legend(loc="upper right", borderaxespad=0.0, handlelength=1.2, fontsize=8)
+            panels[row, 0].set_ylabel(
+                "probability density" if label == "all" else f"{label}\nprobability density", fontsize=9
+            )
+        line = Line2D([], [], color=COLOURS["theory"], lw=1.4, label="Maxwell\u2013Boltzmann")
+        figure.legend(handles=[line], loc="outside upper right")
     return figure
 
 
@@ -133,9 +138,7 @@ def relaxation(curve: RelaxationCurve, reference: Comparison | None) -> Figure:
         for axes, z in zip(
             lower, (reference.a2_z, reference.h_z) if reference is not None else (), strict=True
         ):
-            axes.axhspan(-2, 2, color=COLOURS["band"], alpha=0.25, lw=0)
-            axes.axhline(0.0, color=COLOURS["theory"], lw=1.0)
-            axes.plot(s, z, "o", ms=3.5, color=COLOURS["simulation"])
+            deviations(axes, (s, z, {}))
             if np.isnan(z).all():
                 text = "no reference for the wide bins of so few particles"
                 axes.text(
@@ -144,7 +147,7 @@ def relaxation(curve: RelaxationCurve, reference: Comparison | None) -> Figure:
             extent = max(3.5, float(np.nanmax(np.abs(z), initial=0.0)) * 1.15)
             axes.set_ylim(-extent, extent)
             axes.set_ylabel("deviation\nin std. errors", fontsize=8.5)
-        for axes in lower if len(lower) else figure.axes:
+        for axes in lower if len(lower) else upper:
             axes.set_xlabel("collisions per particle s")
     return figure
 
@@ -176,11 +179,12 @@ def _draw_a2(axes: Axes, curve: RelaxationCurve, reference: Comparison | None) -
         )
     else:
         axes.axhline(0.0, color=COLOURS["theory"], lw=1.2, label="equilibrium")
-    name = "simulation" if len(curve.labels) == 1 else "all species"
-    _points(axes, curve.s, curve.a2, curve.a2_error, COLOURS["simulation"], name)
-    if len(curve.labels) > 1:
-        for label, a2, colour in zip(curve.labels, curve.a2_by_species.T, _species_colours(), strict=False):
-            axes.plot(curve.s, a2, "s", ms=3.5, mfc="none", color=colour, label=label)
+    if len(curve.labels) == 1:
+        _points(axes, curve.s, curve.a2, curve.a2_error, COLOURS["simulation"], "simulation")
+    else:
+        _points(axes, curve.s, curve.a2, curve.a2_error, COLOURS["words"], "all species")
+        for kind, (label, a2) in enumerate(zip(curve.labels, curve.a2_by_species.T, strict=True)):
+            axes.plot(curve.s, a2, ls="", ms=4.5, mfc="none", label=label, **species_look(kind))
     axes.set_ylabel("fourth cumulant $a_2$")
     axes.set_title("How far the speeds are from Maxwell\u2013Boltzmann")
     axes.legend(loc="best")
@@ -212,24 +216,10 @@ def _draw_h(axes: Axes, curve: RelaxationCurve, reference: Comparison | None) ->
         s = _fine(curve)
         table = theory.boltzmann_equal_speeds(s, curve.dim)
         axes.plot(s, table.h, color=COLOURS["theory"], label="Boltzmann equation", zorder=2)
-    seen = h > floor
-    low = np.minimum(np.nan_to_num(error), h * 0.9)
-    axes.errorbar(
-        curve.s[seen],
-        h[seen],
-        np.array([low[seen], np.nan_to_num(error[seen])]),
-        fmt="o",
-        ms=4,
-        lw=1.2,
-        color=COLOURS["simulation"],
-        label="simulation",
-        zorder=3,
-    )
+    falling(axes, curve.s, h, error, floor, color=COLOURS["simulation"], label="simulation")
     bottom = floor / 3
     axes.set_yscale("log")
-    axes.axhspan(
-        bottom, floor, color=COLOURS["band"], alpha=0.25, lw=0, label="noise of a gas at equilibrium"
-    )
+    axes.axhspan(bottom, floor, color=COLOURS["band"], alpha=0.25, lw=0, label="noise of $H$ at equilibrium")
     axes.set_ylim(bottom, max(float(h.max()), 10 * floor) * 2.5)
     axes.set_xlim(-0.02 * curve.s.max(), 1.02 * curve.s.max())
     axes.set_ylabel(r"$H - H_\mathrm{eq}$")
@@ -238,18 +228,52 @@ def _draw_h(axes: Axes, curve: RelaxationCurve, reference: Comparison | None) ->
 
 
 def _points(axes: Axes, x: FloatArray, y: FloatArray, error: FloatArray, colour: str, label: str) -> None:
-    axes.fill_between(x, y - 2 * error, y + 2 * error, color=colour, alpha=0.18, lw=0)
+    axes.fill_between(x, y - 2 * error, y + 2 * error, color=colour, alpha=0.18, lw=0, label="2 std. errors")
     axes.errorbar(x, y, error, fmt="o", ms=4, lw=1.2, color=colour, label=label, zorder=3)
 
 
-def _species_colours() -> list[str]:
-    return [COLOURS["warm"], COLOURS["other"], "#3a8f6b", "#7b5ea7"]
+_DARK, _PALE, _GROUND = "#10161f", "#c9d3de", "#0b1017"
+_SPEEDS = LinearSegmentedColormap.from_list("speeds", ["#5f8ce0", "#d072b4", "#ff9a5c", "#ffe76e"])
+"""Colours of speeds from 0 to `_TOP` thermal speeds: ever lighter, and the slowest well above the ground."""
+_TOP = 3.0
+_FARTHEST = 0.75  # opacity of the sphere farthest away
+_OUTLINES = ("none", "#ffffff", "#7fc8d8", "#e8b23a", "#c8403f")  # of species
+_CROWD = 300  # particles that can be told apart
+_LEAST = 0.006  # radius of a sphere that can be seen, over the width of the view
 
 
-_DARK, _PALE = "#10161f", "#c9d3de"
+@dataclass(frozen=True)
+class View:
+    """What of a gas a film shows.
+
+    Attributes
+    ----------
+    window : (d,) array
+        Edges of what is shown, from the origin of the box.
+    scale : float
+        How much larger spheres are drawn than they are.
+    words : str
+        Both, said to whoever looks.
+    """
+
+    window: FloatArray
+    scale: float
+    words: str
+
+    @classmethod
+    def of(cls, scene: Scene) -> View:
+        """Return a view of the whole box, or of a corner with some 300 particles, in which the smallest sphere can be seen."""
+        share = min(1.0, (_CROWD / scene.n) ** (1 / scene.dim))
+        window = np.asarray(scene.box) * share
+        scale = max(1.0, _LEAST * float(window.max()) / float(scene.radii.min()))
+        part = "the whole box" if share == 1.0 else f"a corner with {100 * share**scene.dim:.2g} % of the box"
+        size = "drawn to scale" if scale == 1.0 else f"drawn {scale:.2g} times too large"
+        if scene.dim == 3:
+            part += ", seen along z"
+        return cls(window, scale, f"{part}; {'spheres' if scene.dim == 3 else 'discs'} {size}")
 
 
-def animation(movie: Movie, scene: Scene, curve: RelaxationCurve, path: Path) -> None:
+def animation(movie: Movie, scene: Scene, curve: RelaxationCurve, path: Path, gas: str) -> None:
     """Write the first replica as an animated GIF, coloured by speed, beside the histogram of its speeds.
 
     Parameters
@@ -262,38 +286,41 @@ def animation(movie: Movie, scene: Scene, curve: RelaxationCurve, path: Path) ->
         For labels.
     path : Path
         Where to write.
+    gas : str
+        Its name.
 
     Notes
     -----
-    Of a large gas a corner with some 300 particles is shown, in 3D a cube seen along z whose far and near
-    faces fade; in a dilute 2D gas discs are drawn larger than they are. The histogram is of the whole
-    replica.
+    What is shown is told below the film, see `View`. In 3D spheres that are farther away are a little darker, and nearer ones
+    cover them. The second species and further ones have outlines. The histogram is of the whole replica.
     """
     dim, n = scene.dim, scene.n
-    share = min(1.0, (300 / n) ** (1 / dim))
-    window = np.asarray(scene.box) * share
-    colours = colormaps["plasma"]
-    top = 3.0
+    view_of = View.of(scene)
     with figure_style():
-        figure = Figure(figsize=(8.0, 4.1), facecolor=_DARK)
+        figure = Figure(figsize=(8.0, 4.6), facecolor=_DARK)
         FigureCanvasAgg(figure)
-        view = figure.add_axes((0.02, 0.04, 0.46, 0.9))
-        graph = figure.add_axes((0.57, 0.16, 0.4, 0.68))
+        figure.text(0.02, 0.955, gas, color=_PALE, fontsize=9)
+        figure.text(0.02, 0.03, view_of.words, color=_PALE, fontsize=9)
+        view = figure.add_axes((0.02, 0.1, 0.46, 0.82))
+        graph = figure.add_axes((0.57, 0.25, 0.4, 0.55))
         view.set(
-            xlim=(0.0, window[0]),
-            ylim=(0.0, window[1]),
+            xlim=(0.0, view_of.window[0]),
+            ylim=(0.0, view_of.window[1]),
             aspect="equal",
             xticks=[],
             yticks=[],
-            facecolor="#0b1017",
+            facecolor=_GROUND,
         )
         for spine in view.spines.values():
             spine.set(visible=True, color="#33404f")
-        radii = np.maximum(scene.radii, 0.006 * window.max())
         bins = np.linspace(0.0, 4.2, 43 if n >= 1000 else 22)
         middle = (bins[1:] + bins[:-1]) / 2
         bars = graph.bar(
-            middle, np.zeros_like(middle), np.diff(bins), color=colours(np.clip(middle / top, 0, 1)), lw=0
+            middle,
+            np.zeros_like(middle),
+            np.diff(bins),
+            color=_SPEEDS(np.clip(middle / _TOP, 0, 1)),
+            lw=0,
         )
         v = np.linspace(0.0, 4.2, 300)
         law = theory.speed_pdf(v, dim)
@@ -301,12 +328,16 @@ def animation(movie: Movie, scene: Scene, curve: RelaxationCurve, path: Path) ->
         graph.text(
             v[np.argmax(law)] + 0.75, law.max() * 0.93, "Maxwell\u2013Boltzmann", color=_PALE, fontsize=9
         )
-        graph.set(xlim=(0.0, 4.2), ylim=(0.0, 1.9 * law.max()), facecolor=_DARK, yticks=[])
-        graph.set_xlabel("speed / thermal speed", color=_PALE)
+        graph.set(xlim=(0.0, 4.2), ylim=(0.0, 1.9 * law.max()), facecolor=_DARK)
+        graph.yaxis.set_major_locator(MaxNLocator(4))
+        graph.set_xlabel(r"colour: speed $v \,/\, \sqrt{kT/m}$", color=_PALE)
+        graph.set_ylabel("probability density, all particles", color=_PALE, fontsize=9)
         graph.tick_params(colors=_PALE)
-        graph.spines["left"].set_visible(False)
-        graph.spines["bottom"].set_color("#55626f")
-        clock = graph.text(0.0, 1.1, "", transform=graph.transAxes, color="white", fontsize=12)
+        for side in ("left", "bottom"):
+            graph.spines[side].set_color("#55626f")
+        if len(curve.labels) > 1:
+            _name_species(figure, curve.labels)
+        clock = graph.text(0.0, 1.08, "", transform=graph.transAxes, color="white", fontsize=12)
         clock.set_path_effects([patheffects.withStroke(linewidth=2, foreground=_DARK)])
         writer = PillowWriter(fps=16)
         writer.setup(figure, str(path), dpi=80)
@@ -314,38 +345,45 @@ def animation(movie: Movie, scene: Scene, curve: RelaxationCurve, path: Path) ->
         for s, positions, speeds in zip(movie.s, movie.positions, movie.speeds, strict=True):
             if spheres is not None:
                 spheres.remove()
-            spheres = _spheres(view, positions, speeds, radii, window, colours, top)
+            spheres = _spheres(view, positions, speeds, scene, view_of)
             heights = np.histogram(speeds, bins=bins)[0] / n / np.diff(bins)
             for bar, height in zip(bars, heights, strict=True):
                 bar.set_height(height)
-            clock.set_text(f"{s:.1f} collisions per particle")
+            clock.set_text(f"{s:.1f} of {movie.s[-1]:.4g} collisions per particle")
             writer.grab_frame(facecolor=_DARK)
         for _ in range(16):  # rest a second on the last frame
             writer.grab_frame(facecolor=_DARK)
         writer.finish()
 
 
+def _name_species(figure: Figure, labels: Sequence[str]) -> None:
+    """Say which outline is which species."""
+    handles = [
+        Line2D([], [], ls="", marker="o", ms=7, mfc="#d072b4", mec=outline, mew=1.2, label=label)
+        for label, outline in zip(labels, _OUTLINES, strict=False)
+    ]
+    legend = figure.legend(
+        handles=handles, loc="lower right", bbox_to_anchor=(0.98, 0.0), ncols=2, labelcolor=_PALE
+    )
+    legend.set_frame_on(False)
+
+
 def _spheres(
-    axes: Axes,
-    positions: NDArray[np.float32],
-    speeds: NDArray[np.float32],
-    radii: FloatArray,
-    window: FloatArray,
-    colours: Any,
-    top: float,
+    axes: Axes, positions: NDArray[np.float32], speeds: NDArray[np.float32], scene: Scene, view: View
 ) -> EllipseCollection:
     """Draw the spheres within the window, far ones first, as discs in units of the axes."""
-    near = np.all(positions < window + 2 * radii.max(), axis=1)
-    shown = np.flatnonzero(near)
-    alpha = np.ones(len(shown))
+    radii = view.scale * scene.radii
+    shown = np.flatnonzero(np.all(positions < view.window + radii[:, None], axis=1))
+    opacity = np.ones(len(shown))
     if positions.shape[1] == 3:
-        depth = positions[shown, 2] / window[2]
+        depth = positions[shown, 2] / view.window[2]
         order = np.argsort(depth)
         shown, depth = shown[order], depth[order]
-        alpha = np.clip(8.0 * depth * (1.0 - depth), 0.0, 1.0) * (0.45 + 0.55 * np.clip(depth, 0, 1))
-    face = colours(np.clip(speeds[shown] / top, 0.0, 1.0))
-    face[:, 3] = alpha
+        opacity = _FARTHEST + (1.0 - _FARTHEST) * np.clip(depth, 0.0, 1.0)
+    face = _SPEEDS(np.clip(speeds[shown] / _TOP, 0.0, 1.0))
+    face[:, 3] = opacity
     diameters = 2 * radii[shown]
+    kinds = scene.species[shown] % len(_OUTLINES)
     spheres = EllipseCollection(
         diameters,
         diameters,
@@ -354,7 +392,8 @@ def _spheres(
         offsets=positions[shown, :2],
         offset_transform=axes.transData,
         facecolors=face,
-        linewidths=0,
+        edgecolors=[_OUTLINES[kind] for kind in kinds],
+        linewidths=0.8,
     )
     axes.add_collection(spheres)
     return spheres

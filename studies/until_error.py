@@ -134,7 +134,7 @@ class _Quiet(Screen):
     def say(self, text: str = "") -> None:
         """Say nothing."""
 
-    def table(self, *_: Any) -> None:
+    def table(self, *_: Any, **__: Any) -> None:
         """Show nothing."""
 
 

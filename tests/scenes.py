@@ -66,9 +66,9 @@ def flight_bits(tallies):
 
 
 def everything(sim):
-    """All that a user can see of a simulation, to the last bit, but what the search for events alone decides."""
+    """All that a user can see of a simulation, to the last bit, but what the search for events alone decides, and the clock."""
     t = sim.tallies
-    own = ("stale_events", "list_renewals", "bytes_per_particle")
+    own = ("stale_events", "list_renewals", "bytes_per_particle", "collisions_per_second")
     return (
         state(sim),
         sim.time,

@@ -348,7 +348,7 @@ CLI = {
     "n absurd, soak": (["soak", "--n", "1000000000000"], "300 TB of memory"),
     "eta tiny": (["thermalise", "--packing-fraction", "1e-300"], "take a smaller box (a higher packing fraction)"),
     "eta nan": (["thermalise", "--packing-fraction", "nan"], "packing_fraction is nan"),
-    "etas nonsense": (["pressure", "--packing-fractions", "a:b"], "--packing-fractions a:b is not understood"),
+    "etas nonsense": (["pressure", "--packing-fractions", "a:b"], "--packing-fraction a:b is not understood"),
     "etas above one": (["diffusion", "--packing-fractions", "0.1,1.5"], "has 1.5; expected numbers between 0 and 1"),
     "out empty": (["thermalise", "--out", ""], "--out is empty; name a folder"),
     "out blank": (["pressure", "--out", " "], "--out is empty"),

@@ -96,3 +96,30 @@ def test_memory_does_not_grow_with_the_blocks(kind):
     block = sim.tallies if kind is Pressure else sim.free_paths
     first, last = sizes(new(kind), lambda index: block, lambda estimator, block: estimator.add(block))
     assert last - first < 1000
+
+
+@pytest.mark.parametrize("kind", [*STREAMING, *REPLICAS, Pressure, FreePath])
+def test_repr_tells_results_or_that_there_are_none(kind):
+    """Sibling: an estimator that has seen nothing; what cannot be told yet raises nothing."""
+    name = kind.__name__
+    known = {FreePath: "labels, predictions", Pressure: "predictions"}
+    empty = f"{known[kind]}; nothing more yet" if kind in known else "nothing added yet"
+    assert repr(new(kind)) == f"<{name}: {empty}>"
+    scene = (
+        random_gas("3d_mixture", 60, 0.02) if kind is TemperatureEquilibration else random_gas("3d", 32, 0.1)
+    )
+    estimator = kind(scene) if kind in (Pressure, FreePath) else new(kind)
+    sim = hs.Simulation(scene, free_paths=kind is FreePath)
+    sim.run(collisions=400)
+    sim.reset_tallies()
+    for frame in sim.frames(every=3.0, count=21):
+        if kind in (Pressure, FreePath):
+            if sim.tallies.collisions:
+                estimator.add(sim.tallies if kind is Pressure else sim.free_paths)
+                sim.reset_tallies()
+        else:
+            estimator.add(frame)
+    text = repr(estimator)
+    assert text.startswith(f"<{name}: ") and "nothing" not in text and "\n" not in text and len(text) < 300
+    if kind is Pressure:
+        assert f"virial {estimator.virial}" in text and "n_blocks 20" in text

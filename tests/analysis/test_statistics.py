@@ -193,3 +193,13 @@ def test_hotelling_refuses_what_it_cannot_do():
         compare_with_theory(samples, np.zeros(3))
     with pytest.raises(ValueError, match="no fluctuation"):
         compare_with_theory(np.ones((20, 2)), np.ones(2))
+
+
+def test_an_estimate_is_a_number():
+    """In sums, in formats, and in words; sibling: its error is not lost where no form is given."""
+    z = Estimate(9.404114, 0.0083, 20)
+    assert float(z) == 9.404114 and math.sqrt(z) == math.sqrt(9.404114)
+    assert f"{z:.3f}" == "9.404" and f"{z:+.1e}" == "+9.4e+00" and f"{z:8.2f}" == "    9.40"
+    assert f"{z}" == str(z) == "9.404(8)" and f"{z:>10s}" == "  9.404(8)"
+    with pytest.raises(ValueError, match="format"):
+        f"{z:q}"

@@ -379,3 +379,27 @@ def test_a_drift_without_heat_has_no_pressure():
     sim.run(time=1.0)
     with pytest.raises(hs.SimulationError):
         _ = sim.compressibility_factor
+
+
+def test_an_obstacle_is_a_sphere_of_mass_1e18():
+    """It stays where it is to the last bit, and the others keep their energy; sibling: one of mass 100 is pushed."""
+    first = np.arange(60) == 0
+    for mass in (1e18, 100.0):
+        gas = hs.random_gas(
+            n=60,
+            packing_fraction=0.02,
+            radii=np.where(first, 2.0, 0.5),
+            masses=np.where(first, mass, 1.0),
+            seed=1,
+        )
+        scene = gas.replace(velocities=np.where(first[:, None], 0.0, gas.velocities))
+        sim = hs.Simulation(scene)
+        sim.run(collisions=3000)
+        sim.check()
+        moved = np.abs(sim.unwrapped_positions[0] - scene.positions[0]).max()
+        assert np.all(sim.velocities[0] != 0.0)  # it was hit
+        energy = (sim.velocities[1:] ** 2).sum() / (scene.velocities[1:] ** 2).sum()
+        if mass == 1e18:
+            assert moved < 1e-12 and energy == pytest.approx(1.0, rel=1e-13)
+        else:
+            assert moved > 0.1 and energy != pytest.approx(1.0, rel=1e-4)

@@ -59,5 +59,21 @@ def test_every_public_name_is_there_and_no_other():
     for name in hardspheres.__all__:
         assert getattr(hardspheres, name) is not None
         assert name in dir(hardspheres)
+    assert {name for name in dir(hardspheres) if not name.startswith("_")} == set(hardspheres.__all__)
     with pytest.raises(AttributeError, match="has no attribute 'Scenery'"):
         _ = hardspheres.Scenery
+
+
+def test_python_m_hardspheres_is_the_command():
+    """Found as pip recorded it; sibling: where it did not, the command says so."""
+    for module, option in (("hardspheres", "--version"), ("studies", "--version")):
+        done = subprocess.run(
+            [sys.executable, "-m", module, option], capture_output=True, text=True, check=False
+        )
+        assert (done.returncode, done.stdout) == (0, f"hardspheres {hardspheres.__version__}\n"), done.stderr
+    code = (
+        "import importlib.metadata as m, runpy; m.entry_points = lambda **_: ()\n"
+        "runpy.run_module('hardspheres', run_name='__main__')"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 1 and done.stderr.startswith("error: the command line is not installed")

@@ -289,7 +289,7 @@ def test_status_tells_method_and_exactness(sim):
     assert abs(status["energy_drift"]) < 1e-14
     assert status["bytes_per_particle"] > 100
     assert status["method"] == "windows of time"
-    assert "windows of time" in repr(sim)
+    assert status["collisions_per_second"] > 1e3
     dense = hs.Simulation(gas("3d", 100, 0.3)).status()
     assert "neighbour lists" in dense["method"]
     assert sim.status()["version"] == hs.__version__
@@ -307,3 +307,21 @@ def test_check_names_what_broke(sim):
     other._engine.arrays.row[0:3] = other._engine.arrays.row[8:11] + 0.3
     with pytest.raises(hs.InvariantError, match="overlap"):
         other.check()
+
+
+def test_reprs_are_a_line_that_tells_what_a_person_would_ask(sim):
+    """`status` has the rest; sibling: the repr is another at another moment."""
+    before = repr(sim)
+    sim.run(collisions=1000)
+    text, frame = repr(sim), sim.frame()
+    assert text.startswith("<Simulation of Scene(") and "\n" not in text and text != before
+    assert f"time {sim.time:.6g}, 1000 collisions" in text and "energy drift" in text
+    assert repr(frame).startswith("<Frame of Scene(") and "1000 collisions" in repr(frame)
+    assert "1000 collisions" in repr(sim.tallies)
+    assert all(len(line) < 250 for line in (text, repr(frame), repr(sim.tallies)))
+
+
+def test_flights_are_told_in_a_line():
+    sim = hs.Simulation(gas("3d", 100, 0.1), free_paths=True)
+    sim.run(collisions=500)
+    assert len(repr(sim.free_paths)) < 100 and "flights of 100 particles" in repr(sim.free_paths)

@@ -241,7 +241,7 @@ def test_the_horizon_is_that_of_the_lyapunov_exponent(dim, eta):
         (["--packing-fractions", "0.55"], "0.55 is above 0.494"),
         (["--packing-fractions", "1e-6"], "ask for at least 1e-4"),
         (["--n", "50"], "--n 50 is too few for an exact pressure"),
-        (["--packing-fractions", "x"], "--packing-fractions x is not understood"),
+        (["--packing-fractions", "x"], "--packing-fraction x is not understood"),
     ],
 )
 def test_bad_input_is_one_sentence(options, sentence, tmp_path, monkeypatch, capsys):

@@ -247,7 +247,7 @@ def test_suites_take_other_sizes():
         (["--collisions", 0], "--collisions 0 must be at least 1"),
         (["--discard", -1], "--discard -1 must be at least 0"),
         (["--diameter-ratio", 0], "--diameter-ratio 0 must be positive"),
-        (["--boundary", "sticky"], "boundary is 'sticky'"),
+        (["--boundary", "sticky"], "--boundary sticky is not known; it can be periodic or wall"),
         (["--n", 100, "--n", 200], "--n is given 2 times"),
     ],
 )

@@ -1,14 +1,21 @@
 """The command line as a person meets it: exit codes, one sentence for each mistake, JSON alone on standard output."""
 
 import json
+import os
+import re
 import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
+import numpy as np
 import pytest
 from ase.build import bulk
 from ase.io import write
+from typer.testing import CliRunner
+
+from studies.cli import GROUPS, app
 
 COMMAND = [sys.executable, "-m", "studies.cli"]
 
@@ -39,7 +46,7 @@ def test_help_and_version_load_nothing_heavy():
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        (["--boundary", "sticky"], "boundary is 'sticky'"),
+        (["--boundary", "sticky"], "--boundary sticky is not known; it can be periodic or wall"),
         (["--packing-fraction", "0.8"], "0.8 is above close packing"),
         (["--n", "1"], "there is one particle only"),
         (["--temperature", "0"], "no particle moves"),
@@ -61,7 +68,20 @@ def test_help_and_version_load_nothing_heavy():
             "--boundary has no effect with --from",
         ),
         (["--fraction", "0.2"], "--fraction needs --mass-ratio or --diameter-ratio"),
-        (["--mass-ratio", "-1"], "must be positive"),
+        (
+            ["--mass-ratio", "-1"],
+            "--mass-ratio -1 must be positive and finite: it is the mass of a second species",
+        ),
+        (["--diameter-ratio", "x"], "--diameter-ratio x must be positive and finite"),
+        (["--boundary", ""], "--boundary  is not known"),
+        (["--packing-fraction", "0.1,0.2"], "names several, but this study is of one gas; give one number"),
+        (["--packing-fractions", "much"], "--packing-fraction much is not a number"),
+        (["--temperature-ratio", "2"], "--temperature-ratio goes with --velocities two-temperatures"),
+        (
+            ["--velocities", "two-temperatures", "--temperature-ratio", "-2"],
+            "--temperature-ratio -2 must be positive",
+        ),
+        (["--replicas", "2000000"], "--replicas 2000000 is too many; ask for at most 1000000"),
         (["--collisions-per-particle", "0"], "--collisions-per-particle 0 must be positive"),
         (["--from", "absent.xyz"], "there is no file absent.xyz"),
         (["--from", "text.txt"], "cannot be read by ASE"),
@@ -153,3 +173,127 @@ def test_an_interrupted_study_ends_quietly(number, code, tmp_path):
     assert run.returncode == code
     assert "Traceback" not in errors
     assert not list((tmp_path / "out").glob(".partial*"))
+
+
+COMMANDS = [
+    "thermalise",
+    "bench",
+    "pressure",
+    "free-path",
+    "diffusion",
+    "mixture",
+    "accuracy",
+    "calibration",
+    "hard-cases",
+    "soak",
+]
+
+
+def helped(command, monkeypatch, columns):
+    monkeypatch.setenv("COLUMNS", str(columns))
+    done = CliRunner().invoke(app, [command, "--help"])
+    assert done.exit_code == 0
+    return done.output
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_cuts_no_option_and_groups_them(command, monkeypatch):
+    """Every option whole at 80 columns, in a panel, with choices listed; sibling: 40 columns, where some are cut."""
+    text = helped(command, monkeypatch, 80)
+    assert "\u2026" not in text and max(map(len, text.split("\n"))) <= 80
+    own = text.split(" Options ")[1].split("\u256f")[0]
+    assert own.count("--") == 1  # --help: all others stand in panels of their own
+    assert "The gas" in text or command in ("calibration", "hard-cases")
+    assert "Results" in text
+    if command == "thermalise":
+        assert "\u2026" in helped(command, monkeypatch, 40)
+        flat = " ".join(text.replace("\u2502", " ").split())
+        for words in ("maxwell: in equilibrium", "equal-speeds: one speed", "beams: half of them"):
+            assert words in re.sub(r"(--\S+|NUMBER|WORD)\s", "", flat)
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["hard-cases", "--size", "tiny"], "--size tiny is not known; it can be small, full or long"),
+        (["hard-cases", "--only", "pi"], "--only pi is not known; it can be galperin, cradle, "),
+        (["bench", "--start", "warm"], "--start warm is not known; it can be auto, lattice or fluid"),
+        (["bench", "--against", "lammps"], "--against lammps is not known; it can be spheropack or plain"),
+        (["bench", "--suite", "all"], "--suite all is not known; it can be quick or full"),
+        (["bench", "--mass-ratio", "0"], "--mass-ratio 0 must be positive"),
+        (["pressure", "--boundary", "wall,sticky"], "--boundary wall,sticky is not known"),
+        (["mixture", "--packing-fractions", "0.1:0.2:3"], "names several, but this study is of one gas"),
+    ],
+)
+def test_words_are_checked_before_anything_heavy(options, sentence):
+    """In a process of its own, where nothing heavy was imported when the sentence was said."""
+    code = (
+        "import sys, studies.cli as cli\n"
+        f"sys.argv = ['hardspheres', *{options!r}]\n"
+        "try: cli.main()\n"
+        "except SystemExit as end: assert end.code == 2, end.code\n"
+        "heavy = {'numba', 'ase', 'matplotlib', 'scipy', 'numpy'} & set(sys.modules)\n"
+        "assert not heavy, heavy\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and done.stderr.startswith("error: ") and done.stderr.count("\n") == 1
+    assert sentence in done.stderr
+
+
+def test_the_groups_of_hard_cases_are_all_there():
+    from studies import hard_cases
+
+    assert tuple(hard_cases.GROUPS) == GROUPS
+
+
+def test_both_spellings_of_the_packing_fraction_are_one_option(monkeypatch):
+    """A list where a study takes several; sibling: another option of that kind has one spelling."""
+    seen = []
+    monkeypatch.setattr(
+        "studies.pressure.equation_of_state", lambda study, *_: (seen.append(study), ({}, True))[1]
+    )
+    for option in ("--packing-fraction", "--packing-fractions"):
+        done = CliRunner().invoke(app, ["pressure", option, "0.1,0.3"])
+        assert done.exit_code == 0, done.output
+    assert [study.packing_fractions for study in seen] == [(0.1, 0.3)] * 2
+    assert CliRunner().invoke(app, ["pressure", "--mass-ratios", "2"]).exit_code == 2
+
+
+def test_a_ratio_of_temperatures_reaches_the_gas():
+    """Hot over cold, exactly; sibling: the ratio that is the default."""
+    from studies.thermalisation import Recipe
+
+    for ratio in (3.0, 9.0):
+        recipe = Recipe(n=200, velocities="two-temperatures", mass_ratio=4.0, temperature_ratio=ratio)
+        made = recipe.scene(np.random.SeedSequence(1))
+        for scene in (made, replace(recipe, base=made).scene(np.random.SeedSequence(2))):
+            energy = scene.masses * (scene.velocities**2).sum(axis=1)
+            hot, cold = energy[scene.masses == 1.0].mean(), energy[scene.masses == 4.0].mean()
+            assert hot / cold == pytest.approx(ratio)
+
+
+def test_a_mixture_of_masses_can_be_timed():
+    from studies.bench_gas import Gas
+
+    gas = Gas(n=100, packing_fraction=0.05, mass_ratio=5.0)
+    assert set(gas.scene(1).masses) == {1.0, 5.0} and set(gas.scene(1).radii) == {0.5}
+    assert "masses 1:5" in str(gas) and "masses" not in str(Gas(n=100))
+
+
+def test_version_and_completion():
+    """-V, and what the shell asks for: words of an option."""
+    assert CliRunner().invoke(app, ["-V"]).output == CliRunner().invoke(app, ["--version"]).output
+    assert "--install-completion" in CliRunner().invoke(app, ["--help"]).output
+    asked = {
+        "_HARDSPHERES_COMPLETE": "complete_bash",
+        "COMP_WORDS": "hardspheres bench --start ",
+        "COMP_CWORD": "3",
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", "from studies.cli import app; app(prog_name='hardspheres')"],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | asked,
+    )
+    assert done.stdout.split() == ["auto", "lattice", "fluid"], done.stderr

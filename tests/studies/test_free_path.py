@@ -95,7 +95,7 @@ def test_a_mixture(tmp_path, capsys):
             ["--packing-fractions", "0.67", "--dim", "2"],
             "0.67 is above 0.66, where the theory of this study ends",
         ),
-        (["--packing-fractions", "x"], "--packing-fractions x is not understood"),
+        (["--packing-fractions", "x"], "--packing-fraction x is not understood"),
         (["--collisions-per-particle", "0.4"], "no error bar for 4000 particles; ask for at least 0.5"),
         (["--collisions-per-particle", "nan"], "--collisions-per-particle nan gives no error bar"),
         (["--diameter-ratio", "-1"], "must be positive"),

@@ -164,10 +164,10 @@ def test_two_species_are_dealt_out():
     [
         (["--packing-fractions", "0.3,0.55"], "0.55 is above 0.494, where hard spheres freeze"),
         (["--packing-fractions", "0.71", "--dim", "2"], "0.71 is above 0.7, where hard discs freeze"),
-        (["--packing-fractions", "x"], "--packing-fractions x is not understood"),
+        (["--packing-fractions", "x"], "--packing-fraction x is not understood"),
         (["--collisions-per-particle", "0.01"], "ask for at least 0.064"),
         (["--collisions-per-particle", "nan"], "--collisions-per-particle nan gives no error bar"),
-        (["--boundary", "sticky"], "boundary is 'sticky'"),
+        (["--boundary", "sticky"], "--boundary sticky is not known; it can be periodic or wall"),
         (["--diameter-ratio", "-1"], "must be positive"),
         (["--fraction", "0.2"], "--fraction needs --mass-ratio or --diameter-ratio"),
         (["--n", "3", "--packing-fractions", "0.3"], "ask for more particles or a lower packing fraction"),

@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 
 from hardspheres import HardSpheresError
-from studies.report import OutputError, OutputFolder, Screen, figure_style, jsonable
+from studies.report import (
+    OutputError,
+    OutputFolder,
+    Screen,
+    engine_rate,
+    figure_style,
+    jsonable,
+    say_checks,
+)
 
 
 def test_jsonable_is_strict_json(tmp_path):
@@ -84,3 +92,50 @@ def test_figures_have_one_style():
     with figure_style():
         assert matplotlib.rcParams["axes.spines.top"] is False
     assert matplotlib.rcParams["axes.spines.top"] == before
+
+
+def test_the_rate_of_the_engine_stands_beside_that_of_the_study(capsys):
+    """Both named; sibling: a run too short to be timed tells the study's alone."""
+    summary = {
+        "collisions": 1000,
+        "seconds": {"total": 2.0},
+        "collisions_per_second_and_core": 12_345.0,
+        "engine_collisions_per_second": 1_234_567.0,
+        "checks": {"worst_energy_drift": 1e-16, "late_events": 0, "failures": []},
+        "files": ["summary.json"],
+    }
+    say_checks(Screen(), summary, OutputFolder("x"))
+    told = capsys.readouterr().out
+    assert "1 200 000 of the engine's event loop alone, 12 000 of the study" in told
+    say_checks(Screen(), summary | {"engine_collisions_per_second": math.nan}, OutputFolder("x"))
+    told = capsys.readouterr().out
+    assert "engine" not in told and "collisions per second and core: 12 000 of the study" in told
+
+
+def test_the_engine_s_rate_is_of_all_runs_that_were_timed():
+    """1000 collisions in 1 s and 3000 in 1 s; sibling: the mean of both rates."""
+    statuses = [
+        {"collisions": 1000, "collisions_per_second": 1000.0},
+        {"collisions": 3000, "collisions_per_second": 3000.0},
+        {"collisions": 5, "collisions_per_second": math.nan},
+    ]
+    assert engine_rate(statuses) == pytest.approx(2000.0)
+    statuses[0]["collisions_per_second"] = 500.0
+    assert engine_rate(statuses) == pytest.approx(4000.0 / 3.0) != pytest.approx(1750.0)
+    assert math.isnan(engine_rate(statuses[2:]))
+
+
+def test_compiling_is_told_when_it_took_time(capsys):
+    """Numba's own clock; sibling: nothing is compiled, and nothing said."""
+    from numba.core import event
+
+    screen = Screen()
+    with screen.compiling("hard discs, wall box"):
+        pass
+    assert capsys.readouterr().err == ""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("studies.report.WORTH_SAYING", 0.0)
+        with screen.compiling("hard discs, wall box"), event.trigger_event("numba:compile"):
+            pass
+    told = capsys.readouterr().err
+    assert told.startswith("compiled the engine for hard discs, wall box in 0 s") and "kind:" in told

@@ -76,7 +76,7 @@ def bits(result):
     parts["status"] = {
         k: v
         for k, v in result.status.items()
-        if k not in ("stale_events", "list_renewals", "bytes_per_particle")
+        if k not in ("stale_events", "list_renewals", "bytes_per_particle", "collisions_per_second")
     }
     if "samples" in parts:
         parts["samples"] = parts["samples"][:, :-1]  # the last column is the memory of the machine

@@ -1,0 +1,16 @@
+"""`python -m hardspheres`: the console script, found as pip recorded it, since this package imports nothing that is built on it."""
+
+import sys
+from importlib.metadata import entry_points
+
+
+def main() -> None:
+    """Run the console script `hardspheres`."""
+    for script in entry_points(group="console_scripts", name="hardspheres"):
+        script.load()()
+        return
+    sys.exit("error: the command line is not installed; install this package with pip")
+
+
+if __name__ == "__main__":
+    main()
