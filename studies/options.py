@@ -119,7 +119,7 @@ def at_most(limit: int) -> Callable[[typer.CallbackParam, int], int]:
 
 PANELS = {
     "The gas": "n dim packing_fraction packing_fractions boundary start velocities temperature temperature_ratio mass_ratio "
-    "diameter_ratio fraction source radius box units velocities_are",
+    "diameter_ratio fraction source radius mass box units velocities_are",
     "What and how long": "collisions collisions_per_particle relaxation_times discard replicas runs until_error suite quick size "
     "only against",
     "Results": "out force json frames animate",

@@ -144,10 +144,7 @@ def relaxation(curve: RelaxationCurve, reference: Comparison | None) -> Figure:
                 axes.text(
                     0.5, 0.62, text, transform=axes.transAxes, ha="center", fontsize=8.5, color="#4a5562"
                 )
-            extent = max(3.5, float(np.nanmax(np.abs(z), initial=0.0)) * 1.15)
-            axes.set_ylim(-extent, extent)
-            axes.set_ylabel("deviation\nin std. errors", fontsize=8.5)
-        for axes in lower if len(lower) else upper:
+        for axes in lower if len(lower) else figure.axes:
             axes.set_xlabel("collisions per particle s")
     return figure
 

@@ -1,5 +1,6 @@
 """Settings that every test shares."""
 
+import os
 import signal
 
 import pytest
@@ -7,6 +8,9 @@ from hypothesis import settings
 
 settings.register_profile("hardspheres", derandomize=True, deadline=None, print_blob=True)
 settings.load_profile("hardspheres")
+
+for name in ("COLUMNS", "LINES"):  # readline, which pytest's debugger loads, invents a window where there is none
+    os.environ.pop(name, None)
 
 
 @pytest.fixture
