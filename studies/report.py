@@ -54,7 +54,7 @@ COLOURS = {
 }
 """Colours of all figures: theory is a dark line, simulation is blue points, a second species is red."""
 
-Z_MEANS = "z: deviation from theory in standard errors, the theory's own in them, few replicas allowed for (Student's t)"
+Z_MEANS = "z: standard errors from theory, its own uncertainty and few replicas allowed for"
 """What the column z of all tables is: `Estimate.z`."""
 
 ALARM = 5.0
