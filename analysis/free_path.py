@@ -302,6 +302,7 @@ class FreePath(Estimator):
             def part(means: FloatArray) -> FloatArray:
                 flat = means.reshape(-1, means.shape[-1])
                 longer = np.cumsum(flat[:, :1:-1], axis=1)[:, ::-1]  # beyond each edge
+                longer = np.maximum(longer, 0.0)  # means without a block may round below
                 with np.errstate(divide="ignore"):
                     logs = np.log(longer / flat[:, 1:2])
                 wanted = at * flat[:, 0] / flat[:, 1]
@@ -367,69 +368,63 @@ class FreePath(Estimator):
             self.scene.dim,
             self._species(species),
             self.scene.temperature,
+            self._particles if self.scene.periodic.all() else None,
         )
 
-    @property
-    def _mixed(self) -> bool:
-        return bool(np.ptp(self._diameters) > 0.0)
-
-    def _doubt(self) -> float:
-        """Relative uncertainty of rates from the contact values, the finite size, and walls."""
+    def _wall_doubt(self) -> float:
+        """Relative uncertainty of rates for the volume that walls exclude, and their layer."""
         scene = self.scene
+        if scene.periodic.all():
+            return 0.0
         eta, dim = scene.packing_fraction, scene.dim
-        doubt = 0.0
-        if not scene.periodic.all():
-            reach = scene.box - np.where(scene.periodic, 0.0, 2.0 * float(scene.radii.mean()))
-            denser = min(eta * scene.volume / math.prod(reach.tolist()), 0.54 if dim == 3 else 0.66)
-            doubt = float(theory.collision_rate(denser, dim) / theory.collision_rate(eta, dim)) - 1.0
-        if self._mixed:
-            densities = self._particles / scene.volume
-            g = float(theory.mixture_contact_values(densities, self._diameters, dim).max())
-            return math.hypot(
-                doubt,
-                theory.mixture_contact_uncertainty(self._diameters, dim) * (1.0 - 1.0 / g),
-                1.0 / scene.n,
-            )
-        return math.hypot(doubt, 1.0 / scene.n if doubt or len(self._masses) > 1 else 0.0)
+        reach = scene.box - np.where(scene.periodic, 0.0, 2.0 * float(scene.radii.mean()))
+        denser = min(eta * scene.volume / math.prod(reach.tolist()), 0.54 if dim == 3 else 0.66)
+        doubt = float(theory.collision_rate(denser, dim) / theory.collision_rate(eta, dim)) - 1.0
+        return math.hypot(doubt, 1.0 / scene.n)
+
+    def _momentum_share(self, species: int) -> float:
+        """Part of a particle's motion that the conserved total momentum takes, m/M in a periodic box."""
+        return float(self.scene.periodic.mean() * self._masses[species] / (self._masses @ self._particles))
 
     @property
     def predictions(self) -> dict[str, list[Prediction]]:
         """Theory of "mean free path" and "mean free time" of each species, and of "nu i-j" as a list of one.
 
-        One species in a periodic box: Enskog with the best contact value and the exact factors of N particles at fixed
-        energy. Otherwise Enskog with the contact values of mixtures or of the bulk, whose uncertainty, 1/N, and the change
-        that the volume excluded by walls would make are the uncertainty.
+        `theory.finite_size_mixture_rates`, exact in the velocities of N particles at fixed energy and momentum; the path is
+        `theory.finite_mean_speed` over the rate. Between walls the change that the volume excluded by walls would make, and
+        1/N, are uncertain.
         """
         scene, kinds = self.scene, range(len(self._particles))
-        eta, dim, n = scene.packing_fraction, scene.dim, scene.n
-        doubt = self._doubt()
-        if len(kinds) == 1 and scene.periodic.all() and n > 2:
-            sigma, mass = float(self._diameters[0]), float(self._masses[0])
-            path = theory.finite_size_mean_free_path(eta, dim, n, sigma)
-            rate = theory.finite_size_collision_rate(eta, dim, n, sigma, mass, scene.temperature)
-            relative = _rate_uncertainty(eta, dim, n)
-            paths, rates, relatives = [float(path.value)], np.array([[float(rate.value)]]), [relative]
-        else:
-            densities = self._particles / scene.volume
-            rates = theory.mixture_collision_rates(
-                densities, self._diameters, self._masses, dim, scene.temperature
+        dim, freedom = scene.dim, scene.degrees_of_freedom
+        law = theory.finite_size_mixture_rates(
+            self._particles,
+            scene.volume,
+            self._diameters,
+            self._masses,
+            dim,
+            scene.temperature,
+            None if scene.periodic.all() else freedom,
+            float(scene.box.min() / (self._diameters @ self._particles) * scene.n),
+        )
+        rates = law.value
+        doubts = np.hypot(law.uncertainty, self._wall_doubt() * rates)
+        totals = rates.sum(axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):  # one particle alone
+            times, relatives = 1.0 / totals, doubts.sum(axis=1) / totals
+        speeds = [
+            theory.finite_mean_speed(
+                freedom, dim, self._momentum_share(k), float(self._masses[k]), scene.temperature
             )
-            if not self._mixed:  # masses alone: the better contact value of one diameter
-                g = theory.mixture_contact_values(densities, self._diameters, dim)
-                rates = rates / g * float(theory.contact_value(eta, dim))
-            speeds = [theory.mean_speed(dim, float(m), scene.temperature) for m in self._masses]
-            totals = rates.sum(axis=1)
-            paths, relatives = [speeds[k] / float(totals[k]) for k in kinds], [doubt for _ in kinds]
+            for k in kinds
+        ]
+        paths = speeds * times
         named = {
-            "mean free path": [Prediction(paths[k], relatives[k] * paths[k]) for k in kinds],
-            "mean free time": [
-                Prediction(1.0 / float(rates[k].sum()), relatives[k] / float(rates[k].sum())) for k in kinds
-            ],
+            "mean free path": [Prediction(float(paths[k]), float(relatives[k] * paths[k])) for k in kinds],
+            "mean free time": [Prediction(float(times[k]), float(relatives[k] * times[k])) for k in kinds],
         }
         for i in kinds:
             for j in kinds:
-                rate_ij = float(rates[i, j])
-                named[f"nu {i + 1}-{j + 1}"] = [Prediction(rate_ij, relatives[i] * rate_ij)]
+                named[f"nu {i + 1}-{j + 1}"] = [Prediction(float(rates[i, j]), float(doubts[i, j]))]
         return named
 
     @property
@@ -437,6 +432,7 @@ class FreePath(Estimator):
         """Means, rates between species and moments of each species beside theory, then Z from the rate.
 
         The moments are those of the dilute gas, whose uncertainty eta (and 1/N) is what a denser one may differ by.
+        Between two walls and periodic along another axis momentum is conserved in part: m/M of the particle is uncertain.
         """
         with warnings.catch_warnings():
             warnings.simplefilter(
@@ -445,6 +441,7 @@ class FreePath(Estimator):
             return self._checks()
 
     def _checks(self) -> list[TheoryCheck]:
+        partly = bool(self.scene.periodic.any()) and not self.scene.periodic.all()
         expected, name = self.predictions, "Enskog"
         species = (
             [""]
@@ -460,17 +457,18 @@ class FreePath(Estimator):
                 checks.append(TheoryCheck(quantity + label, name, value, p.value, p.uncertainty))
         for i, row in enumerate(self.collision_rates):
             for j, rate in enumerate(row):
-                if len(row) > 1:
+                if len(row) > 1 and (i != j or self._particles[i] > 1):
                     quantity = f"nu {i + 1}-{j + 1}"
                     p = expected[quantity][0]
                     checks.append(TheoryCheck(quantity, name, rate, p.value, p.uncertainty))
-        for k, label in enumerate(species):
+        for k, label in enumerate(species if self.scene.n > 2 else []):  # two may fly on for ever: no <l^3>
             flights = self.flights_in_theory(k)
             for of, symbol in (("path", "l"), ("time", "t")):
                 for order in (2, 3):
                     p = flights.path_moment(order) if of == "path" else flights.time_moment(order)
                     expected_moment = float(p.value)
-                    doubt = math.hypot(float(p.uncertainty), expected_moment / self.scene.n)
+                    few = max(1.0 / self.scene.n, self._momentum_share(k) if partly else 0.0)
+                    doubt = math.hypot(float(p.uncertainty), expected_moment * few)
                     measured_moment = self.moment(order, of, k)  # type: ignore[arg-type]
                     quantity = f"<{symbol}^{order}>/<{symbol}>^{order}{label}"
                     checks.append(TheoryCheck(quantity, "Boltzmann", measured_moment, expected_moment, doubt))
@@ -516,18 +514,3 @@ class FreePath(Estimator):
         axes.set_ylabel("part of the flights that are longer")
         axes.legend()
         return axes
-
-
-def _rate_uncertainty(eta: float, dim: int, n: int) -> float:
-    """Relative uncertainty of the collision rate of N particles: that of Z - 1.
-
-    For a thin gas the stated uncertainty of an equation of state, relative to Z, says nothing of Z - 1; there the virial
-    series does, which is exact at eta -> 0.
-    """
-    bulk = theory.compressibility_factor(eta, dim)
-    doubt = float(bulk.uncertainty)
-    if eta <= (0.5 if dim == 3 else 0.6):
-        series = theory.virial_series(eta, dim)
-        doubt = min(doubt, abs(float(series.value - bulk.value)) + float(series.uncertainty))
-    shift = float(theory.finite_size_compressibility(eta, dim, n).value - bulk.value)
-    return math.hypot(doubt, 0.1 * shift) / float(bulk.value - 1.0)

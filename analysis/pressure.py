@@ -431,10 +431,11 @@ class Pressure(Estimator):
         """What the theories say of Z for this gas, the best one first, by name.
 
         One diameter in a periodic box: all with the finite-size correction of `theory.
-        finite_size_compressibility`, a shift that is the same for each. A mixture: Santos, Yuste and Lopez de Haro,
-        with the shift of one species at the same packing fraction, all of it counted as uncertainty. Between
-        walls: the bulk, with an uncertainty of what it would change to take the volume that centres can reach
-        for V. Spheres that start above melting as an fcc crystal without vacancies: that crystal. NaN where the theory ends.
+        finite_size_shift`, the same for each. A mixture: Santos, Yuste and Lopez de Haro, its pairs counted one by one
+        (`theory.pairs_of_few`), with the shift of one species at the same packing fraction, all of it counted as
+        uncertainty. Between walls: the bulk, with an uncertainty of what it would change to take the volume that centres
+        can reach for V. Spheres that start above melting as an fcc crystal without vacancies: that crystal. NaN where the
+        theory ends.
         """
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", theory.TheoryRangeWarning)  # the checks say it
@@ -451,9 +452,10 @@ class Pressure(Estimator):
         bulk = theory.compressibility_factor(eta, dim)
         shift, doubt = 0.0, 0.0
         if scene.periodic.all() and n > 1:
-            finite = theory.finite_size_compressibility(eta, dim, n)
-            shift = float(finite.value - bulk.value)
-            doubt = 0.1 * abs(shift)
+            finite = theory.finite_size_shift(
+                eta, dim, n, edge=float(scene.box.min() / 2.0 / scene.radii.mean())
+            )
+            shift, doubt = float(finite.value), float(finite.uncertainty)
         else:
             reach = scene.box - np.where(scene.periodic, 0.0, 2.0 * float(scene.radii.mean()))
             denser = min(eta * scene.volume / math.prod(reach.tolist()), 0.54 if dim == 3 else 0.66)
@@ -461,8 +463,15 @@ class Pressure(Estimator):
         if not alike:  # masses alone play no part
             densities = np.bincount(scene.species)[self._species] / scene.volume
             mixed = theory.mixture_compressibility(densities, self._diameters, dim)
-            both = math.hypot(mixed.uncertainty, max(abs(shift), doubt))
-            return {"Santos-Yuste-Lopez de Haro": Prediction(mixed.value + shift, both)}
+            counts = np.bincount(scene.species)[self._species]
+            few = (
+                theory.pairs_of_few(counts, self._diameters, scene.volume, dim)
+                if scene.periodic.all()
+                else 1.0
+            )
+            value = 1.0 + few * (float(mixed.value) - 1.0) + shift
+            both = math.hypot(mixed.uncertainty, shift, doubt)
+            return {"Santos-Yuste-Lopez de Haro": Prediction(value, both)}
         named: dict[str, Prediction] = {
             ("Kolafa-Labik-Malijevsky" if dim == 3 else "virial series resummed"): bulk
         }

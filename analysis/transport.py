@@ -20,12 +20,16 @@ if TYPE_CHECKING:
 
     from hardspheres import Scene
 
-__all__ = ["Diffusion", "Moving"]
+__all__ = ["Diffusion", "Moving", "ShortWindowWarning"]
 
 FloatArray = NDArray[np.float64]
 
 WINDOWS = 32  # lags in a run, from which on blocks of origins give the error of its mean
 GROUPS = 64  # of particles, whose spread gives it at longer lags
+
+
+class ShortWindowWarning(UserWarning):
+    """A slope was taken before the momentum of its box had spread: part of D of the infinite fluid is then theory."""
 
 
 class Moving(Protocol):
@@ -298,8 +302,7 @@ class Diffusion(Estimator):
         D = [MSD(t2) - MSD(t1)] / (2 d (t2 - t1)), by Einstein's relation; the mean over the window of the
         integral of the velocity autocorrelation up to t. From the two ends alone, both seen from the same
         origins, so that the error is right. Bias: at times t the slow tail t^(-d/2) of the autocorrelation is
-        cut off, which makes D somewhat too small; lags beyond the time in which sound crosses the box see the
-        box. Tens of collisions per particle are a good window. For the infinite fluid see
+        cut off, which makes D too small; `box_window` is late enough for a cubic box. For the infinite fluid see
         `infinite_diffusion`.
 
         Parameters
@@ -376,15 +379,14 @@ class Diffusion(Estimator):
             f"{self.spacing:g} or more"
         )
 
-    @property
-    def periodic_correction(self) -> theory.Prediction:
-        """What the periodic box takes from D (`theory.periodic_diffusion_correction`); in a 3D cube only."""
+    def _cube(self) -> tuple[float, float, float, float, float]:
+        """Arguments of the theory of a periodic cube."""
         scene = self._gas()
         if scene.dim != 3:
             raise ValueError("in 2D diffusion has no infinite limit: D grows as the logarithm of the box")
-        if not scene.periodic.all() or np.ptp(scene.box) > 1e-9 * scene.box[0] or scene.species.max() > 0:
+        if not self._is_cube():
             raise ValueError("the correction is for one species in a cubic box, periodic along every axis")
-        return theory.periodic_diffusion_correction(
+        return (
             scene.packing_fraction,
             float(scene.box[0]),
             2.0 * float(scene.radii[0]),
@@ -392,18 +394,68 @@ class Diffusion(Estimator):
             scene.temperature,
         )
 
-    def infinite_diffusion(self, window: tuple[float, float]) -> Estimate:
-        """Return D of the infinite fluid, `diffusion` plus `periodic_correction` (Yeh and Hummer).
+    def _is_cube(self) -> bool:
+        scene = self._gas()
+        cubic = np.ptp(scene.box) <= 1e-9 * scene.box[0]
+        return bool(scene.dim == 3 and scene.periodic.all() and cubic and scene.species.max() == 0)
 
-        The uncertainty of the correction is not in the standard error; it is about 10 % of the correction,
-        which is some 10 % of D at N = 500.
+    @property
+    def box_window(self) -> tuple[float, float]:
+        """Where the slope is D of this box, [time]: `theory.periodic_diffusion_window`; in a 3D cube only."""
+        return theory.periodic_diffusion_window(*self._cube())
+
+    @property
+    def periodic_correction(self) -> theory.Prediction:
+        """What the periodic box takes from D (`theory.periodic_diffusion_correction`); in a 3D cube only."""
+        return theory.periodic_diffusion_correction(*self._cube())
+
+    def infinite_diffusion(self, window: tuple[float, float] | None = None) -> Estimate:
+        """Return D of the infinite fluid, `diffusion` plus `theory.periodic_diffusion_correction`.
+
+        Parameters
+        ----------
+        window : (float, float), optional
+            As in `diffusion`; `box_window` by default. Of an earlier one the correction has the tail, too.
+
+        Returns
+        -------
+        Estimate
+            [length^2/time]; the uncertainty of the correction is in its error.
+
+        Warns
+        -----
+        ShortWindowWarning
+            If the window begins before `box_window`.
+
+        Raises
+        ------
+        ValueError
+            If the window does not fit the lags, or the gas is not one of equal spheres in a periodic cube.
         """
-        here = self.diffusion(window)
-        value = here.value + float(self.periodic_correction.value)
-        return Estimate(value, here.standard_error, here.n_effective, here.degrees_of_freedom)
+        cube, needed = self._cube(), self.box_window
+        begin, end = window or needed
+        if window is None and end > float(self.lags[-1]):
+            raise ValueError(
+                f"the lags reach {self.lags[-1]:.4g}; D of this box is the slope from {begin:.4g} to {end:.4g}: "
+                "run on, or give an earlier window"
+            )
+        here = self.diffusion((begin, end))
+        if begin < 0.9 * needed[0]:
+            message = (
+                f"the slope is from {begin:.4g} to {end:.4g}, too early for D of this box, {needed[0]:.4g} to "
+                f"{needed[1]:.4g}: the rest of the tail is theory's"
+            )
+            warnings.warn(ShortWindowWarning(message), stacklevel=2)
+        return with_correction(here, theory.periodic_diffusion_correction(*cube, window=(begin, end)))
 
-    def check(self, window: tuple[float, float]) -> list[TheoryCheck]:
-        """Return D_L, and in 3D D of the infinite fluid, beside Enskog's D_E with its uncertainty."""
+    def check(self, window: tuple[float, float] | None = None) -> list[TheoryCheck]:
+        """Return D_L, and in a 3D cube D of the infinite fluid, beside Enskog's D_E with its uncertainty.
+
+        Parameters
+        ----------
+        window : (float, float), optional
+            As in `infinite_diffusion`; needed where there is no cube.
+        """
         scene = self._gas()
         if scene.species.max() > 0:
             raise ValueError("Enskog's D here is for one species; this gas is a mixture")
@@ -415,12 +467,12 @@ class Diffusion(Estimator):
             scene.temperature,
         )
         value, doubt = float(enskog.value), float(enskog.uncertainty)
-        checks = [TheoryCheck("D in this box", "Enskog", self.diffusion(window), value, doubt)]
-        if scene.dim == 3 and scene.periodic.all() and np.ptp(scene.box) <= 1e-9 * scene.box[0]:
-            both = math.hypot(doubt, float(self.periodic_correction.uncertainty))
-            infinite = self.infinite_diffusion(window)
-            checks.append(TheoryCheck("D of the infinite fluid", "Enskog", infinite, value, both))
-        return checks
+        infinite = []
+        if self._is_cube():
+            measured = self.infinite_diffusion(window)
+            infinite = [TheoryCheck("D of the infinite fluid", "Enskog", measured, value, doubt)]
+        here = self.diffusion(window or self.box_window)
+        return [TheoryCheck("D in this box", "Enskog", here, value, doubt), *infinite]
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the mean square displacement with its errors, over free flight and Enskog's diffusion.
@@ -456,3 +508,11 @@ class Diffusion(Estimator):
         axes.set_ylabel("mean square displacement")
         axes.legend()
         return axes
+
+
+def with_correction(here: Estimate, correction: theory.Prediction) -> Estimate:
+    """Return a measured D plus a correction from theory, the uncertainty of which is in the error, and known."""
+    error = math.hypot(here.standard_error, float(correction.uncertainty))
+    share = here.standard_error**2 / error**2 if error > 0.0 else 1.0
+    freedom = here.degrees_of_freedom / share**2 if share > 0.0 else math.inf
+    return Estimate(here.value + float(correction.value), error, here.n_effective, freedom)

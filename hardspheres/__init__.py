@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from hardspheres import reference
     from hardspheres.collision import contact_time, elastic_collision
     from hardspheres.compression import compressed_gas
+    from hardspheres.files import TrajectoryWriter, read_trajectory
     from hardspheres.initial import lattice_gas, random_gas
     from hardspheres.order import BondOrder, bond_order
     from hardspheres.scene import Scene
     from hardspheres.simulation import Frame, Simulation
-    from hardspheres.trajectory import TrajectoryWriter, read_trajectory
     from hardspheres.velocities import draw_velocities
 
 __version__ = "0.1.0"
@@ -57,7 +57,7 @@ _HOMES = {
     "Frame": "hardspheres.simulation",
     "Scene": "hardspheres.scene",
     "Simulation": "hardspheres.simulation",
-    "TrajectoryWriter": "hardspheres.trajectory",
+    "TrajectoryWriter": "hardspheres.files",
     "bond_order": "hardspheres.order",
     "compressed_gas": "hardspheres.compression",
     "contact_time": "hardspheres.collision",
@@ -65,7 +65,7 @@ _HOMES = {
     "elastic_collision": "hardspheres.collision",
     "lattice_gas": "hardspheres.initial",
     "random_gas": "hardspheres.initial",
-    "read_trajectory": "hardspheres.trajectory",
+    "read_trajectory": "hardspheres.files",
 }
 
 

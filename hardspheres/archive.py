@@ -10,8 +10,6 @@ import hashlib
 import io
 import math
 import os
-import re
-import secrets
 import stat
 import zipfile
 from pathlib import Path
@@ -22,6 +20,7 @@ from numpy.typing import NDArray
 
 from hardspheres.errors import CheckpointError
 from hardspheres.memory import require_memory
+from hardspheres.temporary import remove_leftovers, temporary_beside
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -29,14 +28,13 @@ SEAL = b"sha256 "
 DIGEST = 64  # hexadecimal digits
 TYPES = ("<f8", "<i8", "|u1")
 MOST_MEMBERS = 100
-LEFTOVER = re.compile(r"\.checkpoint-(\d+)-[0-9a-f]{8}\.tmp")
 
 
 def write_archive(path: str | os.PathLike[str], arrays: Arrays, *, durable: bool = True) -> None:
     """Write named arrays to a file that a crash leaves either old or new.
 
     They go to a temporary file in the same folder, which is flushed to the disk and renamed. What writers that were killed have
-    left in the folder is removed.
+    left in the folder is removed, see `temporary`.
 
     Parameters
     ----------
@@ -53,12 +51,12 @@ def write_archive(path: str | os.PathLike[str], arrays: Arrays, *, durable: bool
         When the file cannot be written; nothing is then left behind, and an older file is as it was.
     """
     target = _as_path(path)
-    temporary = target.parent / f".checkpoint-{os.getpid()}-{secrets.token_hex(4)}.tmp"
+    temporary = temporary_beside(target)
     try:
         if target.exists() and not target.is_file():
             raise CheckpointError(f"{target} is no ordinary file; give the checkpoint another name")
-        _remove_leftovers(target.parent)
         with open(temporary, "x+b") as file:
+            remove_leftovers(target.parent, os.fstat(file.fileno()).st_mtime)
             _write_members(file, arrays)
             _seal(file)
             if durable:
@@ -156,23 +154,6 @@ def _sync_folder(folder: Path) -> None:
             os.fsync(handle)
         finally:
             os.close(handle)
-
-
-def _remove_leftovers(folder: Path) -> None:
-    """Remove temporary files of processes that are no more."""
-    if os.name != "posix":
-        return
-    for entry in folder.glob(".checkpoint-*.tmp"):
-        writer = LEFTOVER.fullmatch(entry.name)
-        if writer is None:
-            continue
-        try:
-            os.kill(int(writer[1]), 0)  # signal 0 only asks
-        except (ProcessLookupError, OverflowError):
-            with contextlib.suppress(OSError):
-                entry.unlink()
-        except OSError:
-            pass
 
 
 def _require_seal(source: Path, content: bytes) -> None:

@@ -99,6 +99,39 @@ def to_arrays(sim: "Simulation") -> Arrays:
     return arrays
 
 
+def restored(cls: "type[AnySimulation]", scene: Scene, arrays: Arrays, log: Any = None) -> "AnySimulation":
+    """Return another simulation in the state that `to_arrays` gave, unchecked: what copies are made of.
+
+    Parameters
+    ----------
+    cls : type
+        `Simulation`.
+    scene : Scene
+        Where it started.
+    arrays : dict of str to array
+        From `to_arrays`; copied.
+    log : callable, optional
+        Takes the events from now on.
+
+    Returns
+    -------
+    Simulation
+        With arrays of its own.
+    """
+    about = json.loads(arrays["about"].tobytes())
+    sim = cls(scene, free_paths="flight" in arrays and log is None, log=log)
+    if about["epoch_length"] != sim._length:
+        sim._engine = sim._engine.with_epochs(about["epoch_length"])
+    _take_over(sim, arrays, about)
+    return sim
+
+
+def _take_over(sim: "Simulation", arrays: Arrays, about: dict[str, Any]) -> None:
+    sim._engine.restore(arrays)
+    sim._epoch, sim._moment = about["clock"]
+    sim._since = tuple(about["tallied_since"])
+
+
 def from_arrays(cls: "type[AnySimulation]", arrays: Arrays, log: Any = None) -> "AnySimulation":
     """Return the simulation that consists of these arrays; CheckpointError where there is none."""
     about = _read_about(arrays)
@@ -111,9 +144,7 @@ def from_arrays(cls: "type[AnySimulation]", arrays: Arrays, log: Any = None) -> 
     _set_epochs(sim, about["epoch_length"])
     _require_like(arrays, sim._engine.state())
     _require_state(sim, arrays, about)
-    sim._engine.restore(arrays)
-    sim._epoch, sim._moment = about["clock"]
-    sim._since = tuple(about["tallied_since"])
+    _take_over(sim, arrays, about)
     _require_as_left(sim)
     return sim
 

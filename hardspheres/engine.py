@@ -83,6 +83,8 @@ class Engine:
         Those names, for this kind of scene.
     flights : FlightTallies or None
         What the tallies of flights mean.
+    sink : callable or None
+        Takes chunks of the events' log.
     """
 
     def __init__(
@@ -110,7 +112,7 @@ class Engine:
         self.layout: Any = self.kernels.layout
         self.scene = scene
         self.flights = FlightTallies(scene, self.layout) if flights else None
-        self._sink = sink
+        self.sink = sink
         at = self.layout
         n, dim = scene.n, scene.dim
 
@@ -118,7 +120,8 @@ class Engine:
         row[n * at.ROW :] = math.nan
         table = row[: n * at.ROW].reshape(n, at.ROW)
         table[:, at.X : at.X + dim] = scene.positions
-        table[:, at.V : at.V + dim] = scene.velocities
+        # Without negative zeros, which a sum with a zero keeps or loses depending on its order. No collision makes one.
+        table[:, at.V : at.V + dim] = scene.velocities + 0.0
         if sizes:
             table[:, at.RADIUS] = scene.radii
 
@@ -428,10 +431,10 @@ class Engine:
         """Hand the events in the buffer over, in a chunk of their own; at most once, whatever becomes of them."""
         at, arrays = self.layout, self.arrays
         logged = int(arrays.counter[at.LOGGED])
-        if self._sink is not None and logged:
+        if self.sink is not None and logged:
             events = as_events(arrays.log[: logged * at.LOG_ROW].reshape(logged, at.LOG_ROW), at)
             arrays.counter[at.LOGGED] = 0
-            self._sink(events)
+            self.sink(events)
 
     @property
     def rows(self) -> Any:

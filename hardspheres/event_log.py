@@ -45,7 +45,8 @@ def as_events(rows: NDArray[np.float64], at: Any) -> Events:
     events = np.empty(len(rows), dtype=event_dtype(int(at.DIM)))
     events["time"] = rows[:, at.LOG_TIME]
     events["i"], events["j"] = rows[:, at.LOG_FIRST], rows[:, at.LOG_SECOND]
-    events["normal"] = rows[:, at.LOG_NORMAL : at.LOG_NORMAL + at.DIM]
+    # Without negative zeros, which depend on whom of the two the search found first.
+    events["normal"] = rows[:, at.LOG_NORMAL : at.LOG_NORMAL + at.DIM] + 0.0
     events["impulse"] = rows[:, at.LOG_IMPULSE]
     events["free_path"] = rows[:, at.LOG_PATHS : at.LOG_PATHS + 2]
     return events
@@ -60,7 +61,8 @@ class NpyStream:
     Parameters
     ----------
     path : str or path-like
-        Ends in ``.npy``. A file that is there already is replaced.
+        Ends in ``.npy``. A file that is there already is replaced. A relative one counts from where the process is now, also
+        when it goes elsewhere later.
     dtype : numpy.dtype
         Of an event.
 
@@ -72,7 +74,7 @@ class NpyStream:
 
     def __init__(self, path: str | os.PathLike[str], dtype: np.dtype[np.void]) -> None:
         self.path, self.dtype, self.written = Path(path), dtype, 0
-        self._failure = ""
+        self._place, self._failure = self.path.absolute(), ""
         if self.path.suffix != ".npy":
             raise SimulationError(
                 f"log={os.fspath(path)!r} must end in .npy, or be a function that takes chunks"
@@ -92,7 +94,7 @@ class NpyStream:
         written = self.written + len(data) // self.dtype.itemsize
         header = self._header(written)
         try:
-            file = os.open(self.path, flags | getattr(os, "O_BINARY", 0), 0o666)
+            file = os.open(self._place, flags | getattr(os, "O_BINARY", 0), 0o666)
             try:
                 for start, content in ((len(header) + self.written * self.dtype.itemsize, data), (0, header)):
                     os.lseek(file, start, os.SEEK_SET)

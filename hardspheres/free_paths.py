@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hardspheres.scene import Scene
+from hardspheres.scene import Scene, read_only
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -29,7 +29,7 @@ class FreePaths:
     reset. The mean needs no sample of flights: `path_flown` / (`flights` + `first_flights`) is the path that all particles
     flew in the window over the number of collisions that they had there, unbiased in any window.
 
-    Species are numbered as in `Scene.species`; k is their number. Paths are measured in the frame of the box.
+    Species are numbered as in `Scene.species`; k is their number. Paths are measured in the frame of the box. Arrays are read-only.
 
     Attributes
     ----------
@@ -77,6 +77,11 @@ class FreePaths:
     speed_paths: Floats
     speed_times: Floats
     pair_collisions: Ints
+
+    def __post_init__(self) -> None:
+        for value in vars(self).values():
+            if isinstance(value, np.ndarray):
+                read_only(value)
 
 
 def kinds_of(scene: Scene) -> NDArray[np.int32]:

@@ -238,6 +238,8 @@ def checked_arguments(
 ) -> tuple[int, int, float, Floats, Floats]:
     """Return n, dim, total volume of the particles, radii and masses; or raise SceneError."""
     try:
+        if isinstance(n, bool):
+            raise TypeError
         n = operator.index(n)
     except TypeError:
         raise SceneError(f"n is {n!r}; the number of particles is an integer >= 1") from None

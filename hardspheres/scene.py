@@ -1,10 +1,10 @@
 """A scene of hard spheres: who is where, how fast, how large and heavy, in which box. Checked once, then trusted."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +14,7 @@ from hardspheres.errors import SceneError
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+Array = TypeVar("Array", bound=NDArray[Any])
 
 BOUNDARIES = ("periodic", "wall")
 AXES = "xyz"
@@ -123,7 +124,7 @@ class Scene:
         weights = one_per_particle(masses, "masses", n)
         periodic = np.array([word == "periodic" for word in words])
         places = _wrapped(places, edges, periodic)
-        _require_representable(places, speeds, sizes, weights, edges)
+        _require_representable(speeds, sizes, weights, edges)
         _require_long_axes(sizes, edges, periodic)
         _require_resolved(sizes, edges)
         tolerance = max(contact_tolerance(edges), spare * 2.0 * float(sizes.max()))
@@ -171,7 +172,7 @@ class Scene:
 
     @property
     def momentum(self) -> Floats:
-        """Total momentum, shape (d,), mass length/time."""
+        """Total momentum, shape (d,), mass length/time. Read-only."""
         return total_momentum(self.velocities, self.masses)
 
     @cached_property
@@ -216,15 +217,15 @@ class Scene:
         return Scene(**{name: getattr(self, name) for name in names} | changes)
 
     def with_state(self, positions: Floats, velocities: Floats, radii: Floats | None = None) -> "Scene":
-        """Return the same particles and box in a state that the dynamics has reached, without checking it again.
+        """Return the same particles and box in a state that the dynamics has reached, without looking for overlaps.
 
         The engine leaves contacts that overlap by its rounding (below 1e-11 diameters), which a scene made by hand may
-        not have; everything else holds by construction.
+        not have. Numbers are checked as in the constructor, and that centres lie in the box.
 
         Parameters
         ----------
         positions : (N, d) float64 array
-            Centres, in [0, L) on periodic axes. Copied.
+            Centres, in [0, L]. Copied.
         velocities : (N, d) float64 array
             Velocities. Copied.
         radii : (N,) float64 array, optional
@@ -234,15 +235,23 @@ class Scene:
         -------
         Scene
             The new scene, sharing masses, box and, if none are given, radii with this one.
+
+        Raises
+        ------
+        SceneError
+            For a wrong shape or type, a value that is not finite or not positive, a centre outside of the box.
         """
         scene = object.__new__(Scene)
-        here = np.array(positions, dtype=np.float64, order="C")
-        there = np.array(velocities, dtype=np.float64, order="C")
+        here, there = _numbers(positions, "positions"), _numbers(velocities, "velocities")
         if here.shape != self.positions.shape or there.shape != self.positions.shape:
             raise SceneError(
                 f"a state of this scene has positions and velocities of shape {self.positions.shape}"
             )
-        sizes = self.radii if radii is None else np.array(radii, dtype=np.float64)
+        _require_finite(here, "position")
+        _require_finite(there, "velocity")
+        sizes = self.radii if radii is None else one_per_particle(radii, "radii", self.n)
+        _require_representable(there, sizes, self.masses, self.box)
+        _require_in_box(here, self.box)
         scene._store(here, there, sizes, self.masses, self.box, self.boundary, self.periodic, self.species)
         return scene
 
@@ -278,17 +287,19 @@ class Scene:
         return scene
 
     @classmethod
-    def from_atoms(cls, atoms: Any, radius: ArrayLike | None = None) -> "Scene":
-        """Return the scene in an ASE Atoms object; see `hardspheres.trajectory.from_atoms`."""
-        from hardspheres.trajectory import from_atoms
+    def from_atoms(
+        cls, atoms: Any, radius: ArrayLike | Mapping[str, float] | None = None, **reading: Any
+    ) -> "Scene":
+        """Return the scene in an ASE Atoms object; see `hardspheres.files.from_atoms`."""
+        from hardspheres.files import from_atoms
 
-        return from_atoms(atoms, radius)
+        return from_atoms(atoms, radius, **reading)
 
-    def to_atoms(self) -> Any:
-        """Return the scene as an ASE Atoms object; see `hardspheres.trajectory.to_atoms`."""
-        from hardspheres.trajectory import to_atoms
+    def to_atoms(self, units: str | None = None) -> Any:
+        """Return the scene as an ASE Atoms object; see `hardspheres.files.to_atoms`."""
+        from hardspheres.files import to_atoms
 
-        return to_atoms(self)
+        return to_atoms(self, units)
 
     def __repr__(self) -> str:
         edges = " x ".join(f"{edge:.6g}" for edge in self.box)
@@ -307,9 +318,15 @@ def sphere_volume(radii: Floats, dim: int) -> Floats:
 
 
 def total_momentum(velocities: Floats, masses: Floats) -> Floats:
-    """Total momentum sum of m v, shape (d,)."""
+    """Total momentum sum of m v, shape (d,), read-only."""
     total: Floats = np.sum(masses[:, None] * velocities, axis=0)
-    return total
+    return read_only(total)
+
+
+def read_only(array: Array) -> Array:
+    """Return the array, locked: it looks like state, and writing to it would do nothing."""
+    array.setflags(write=False)
+    return array
 
 
 def kinetic_energy(velocities: Floats, masses: Floats) -> float:
@@ -391,6 +408,11 @@ def one_per_particle(values: ArrayLike, name: str, n: int) -> Floats:
 
 def _numbers(values: ArrayLike, name: str) -> Floats:
     """Copy real numbers into a float64 array in C order, or raise SceneError."""
+    parts = values if isinstance(values, (list, tuple)) else ()
+    if any(isinstance(part, np.ma.MaskedArray) for part in (values, *parts)):
+        raise SceneError(
+            f"{name} are a masked array, whose masked values nobody knows; fill them in, or leave them out"
+        )
     try:
         raw = np.asarray(values)
     except (TypeError, ValueError) as error:  # ragged rows, or an object that is no array
@@ -437,24 +459,48 @@ def _wrapped(positions: Floats, box: Floats, periodic: Bools) -> Floats:
     return positions
 
 
-def _require_representable(
-    positions: Floats, velocities: Floats, radii: Floats, masses: Floats, box: Floats
-) -> None:
-    """Refuse units in which squares and products leave the range of doubles."""
-    dim = len(box)
-    with np.errstate(over="ignore", under="ignore"):
+def _require_representable(velocities: Floats, radii: Floats, masses: Floats, box: Floats) -> None:
+    """Refuse units in which anything that is computed later leaves the range of doubles.
+
+    Nobody ever moves faster than sqrt(2 E / smallest mass), which all of the energy E would give the lightest particle, and not all
+    are ever slower than sqrt(2 E / total mass). Products of lengths, masses and these speeds are what the dynamics computes.
+    """
+    dim, edge, small = len(box), float(box.max()), float(radii.min())
+    with np.errstate(all="ignore"):
         filled = float(np.sum(sphere_volume(radii, dim)))
-        energy = kinetic_energy(velocities, masses)
-        extent = math.prod(box.tolist())
-    tiny = float(np.finfo(np.float64).tiny)
-    if not (tiny <= extent < math.inf and tiny <= filled < math.inf):
+        energy = np.float64(kinetic_energy(velocities, masses))
+        total, lightest = np.sum(masses), masses.min()
+        fastest, slowest = np.sqrt(2.0 * energy / lightest), np.sqrt(2.0 * energy / total)
+        sizes = [math.prod(box.tolist()), filled]
+        weights = [total, 1.0 / lightest]
+        motion = [energy, *(len(masses) * fastest * fastest, slowest * slowest, 2.0 * energy / lightest)]
+        # Discriminants v^2 sigma^2 - |r x v|^2, the impulse per separation m v / r, and the virial's r.dp.
+        squares = [64.0 * (fastest * edge) ** 2, (slowest * small) ** 2]
+        impulses = [total * fastest / small, lightest * slowest / edge, total * fastest * edge]
+    if not _in_range(sizes):
         raise SceneError(
             "volumes of the box or the particles leave the range of double precision; choose another unit of length"
         )
-    if not math.isfinite(energy) or (energy < tiny and bool(np.any(velocities))):
+    if not _in_range(weights):
         raise SceneError(
-            "the kinetic energy leaves the range of double precision; choose other units of time or mass"
+            f"masses from {lightest:.3g} to {masses.max():.3g} leave the range of double precision, or their sum does; choose "
+            "another unit of mass"
         )
+    if np.any(velocities) and not _in_range(motion):
+        raise SceneError(
+            "the kinetic energy leaves the range of double precision, or the squares of speeds that it allows do; choose other "
+            "units of time or mass"
+        )
+    if np.any(velocities) and not _in_range(squares + impulses):
+        raise SceneError(
+            "products of the box's edges, or the radii, with speeds and masses leave the range of double precision; choose other "
+            "units of length, time or mass"
+        )
+
+
+def _in_range(values: Sequence[float]) -> bool:
+    """Whether all are positive and represented with all digits."""
+    return all(np.finfo(np.float64).tiny <= value < math.inf for value in values)
 
 
 def _require_long_axes(radii: Floats, box: Floats, periodic: Bools) -> None:
@@ -478,6 +524,16 @@ def _require_resolved(radii: Floats, box: Floats) -> None:
         raise SceneError(
             f"the box edge along {AXES[axis]} is {box[axis]:.6g}, where rounding moves a coordinate by up to {rounding:.2g}: more "
             f"than a millionth of the smallest diameter, {smallest:.6g}; take a smaller box (a higher packing fraction)"
+        )
+
+
+def _require_in_box(positions: Floats, box: Floats) -> None:
+    outside = np.argwhere((positions < 0.0) | (positions > box))
+    if len(outside):
+        particle, axis = outside[0]
+        raise SceneError(
+            f"the position of particle {particle} along {AXES[axis]} is {positions[particle, axis]}; in a state of this scene it "
+            f"lies in the box, from 0 to {box[axis]}"
         )
 
 

@@ -1,11 +1,17 @@
 """Simulation: a scene in motion. Runs it, shows it, tallies it; looking never changes it."""
 
+import copy
+import functools
 import math
+import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from decimal import Decimal
+from functools import partial
+from numbers import Real
 from os import PathLike
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,16 +19,31 @@ from numpy.typing import NDArray
 from hardspheres.clock import carried, recounted
 from hardspheres.engine import Engine
 from hardspheres.errors import SimulationError
-from hardspheres.event_log import sink_of
+from hardspheres.event_log import NpyStream, Sink, sink_of
 from hardspheres.free_paths import MOST_SPECIES, FreePaths
-from hardspheres.scene import Scene, kinetic_energy, returned_to_box, thermal_energy, total_momentum
-from hardspheres.tuning import collision_frequency
+from hardspheres.scene import (
+    Scene,
+    kinetic_energy,
+    read_only,
+    returned_to_box,
+    thermal_energy,
+    total_momentum,
+)
+from hardspheres.tuning import collision_rate, power_of_two_below
 
 Floats = NDArray[np.float64]
+Look = TypeVar("Look", bound=Callable[..., Any])
 
 SLICE = 0.1  # seconds after which control comes back to Python
 FOREVER = 2**62
-PATIENCE = 1000.0  # expected times to the next collision without one, until `run(collisions=...)` gives up
+PATIENCE = 1000.0  # expected times to the next collision without one, until `run(collisions=...)` gives up,
+LEAST_PATIENCE = 10  # but not in fewer epochs
+ROWS_BETWEEN_LOOKS = 1 << 16  # it looks after as many epochs as take so many rows into the next one,
+MOST_BETWEEN_LOOKS = 1 << 12  # but no more than these
+RUNNING = (
+    "this simulation is at work already, in another thread or in the call that this one comes from; wait until that has "
+    "returned, or give each a copy of its own"
+)
 # Where the sums keep the components of a symmetric tensor.
 COMPONENTS = {2: ((0, 3), (3, 1)), 3: ((0, 3, 4), (3, 1, 5), (4, 5, 2))}
 
@@ -30,12 +51,35 @@ COMPONENTS = {2: ((0, 3), (3, 1)), 3: ((0, 3, 4), (3, 1, 5), (4, 5, 2))}
 def _number(name: str, value: Any) -> float:
     """Return a finite number, or raise SimulationError."""
     try:
-        number = float(value)
-    except (TypeError, ValueError, OverflowError):
-        number = math.nan
-    if isinstance(value, str) or not math.isfinite(number):
+        number = float(value) if type(value) in (int, float) or _is_real(value) else math.nan
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
         raise SimulationError(f"{name} needs a finite number, not {value!r}")
     return number
+
+
+def _is_real(value: Any) -> bool:
+    """Whether this is one real number: neither masked, nor truth, text or bytes, nor complex, nor a duration."""
+    if isinstance(value, np.ma.MaskedArray) or np.ndim(value) > 0:
+        return False
+    kind = np.asarray(value).dtype.kind
+    return kind in "iuf" or (kind == "O" and isinstance(value, (Real, Decimal)))
+
+
+def _checked(name: str, values: Iterator[Any], first: float) -> Iterator[float]:
+    """Yield numbers, or raise SimulationError where they are none, do not ascend, or the first comes too early."""
+    last = None
+    for value in values:
+        number = _number(f"frames({name}=...)", value)
+        if last is None and number < first:
+            raise SimulationError(
+                f"frames({name}=...) begins at {number}, but the simulation is at {first} already"
+            )
+        if last is not None and number < last:
+            raise SimulationError(f"frames({name}=...) needs values in ascending order")
+        last = number
+        yield number
 
 
 def _whole(name: str, value: Any) -> int:
@@ -46,9 +90,26 @@ def _whole(name: str, value: Any) -> int:
     return int(value)
 
 
+def at_rest(look: Look) -> Look:
+    """Refuse a look at a simulation that runs meanwhile: what it saw could be of two moments."""
+
+    @functools.wraps(look)
+    def guarded(self: "Simulation", *args: Any, **options: Any) -> Any:
+        runs = self._runs
+        if self._lock.locked():
+            raise SimulationError(RUNNING)
+        try:
+            return look(self, *args, **options)
+        finally:
+            if self._runs != runs:
+                raise SimulationError(RUNNING)
+
+    return guarded  # type: ignore[return-value]
+
+
 @dataclass(frozen=True)
 class Frame:
-    """The gas at one moment.
+    """The gas at one moment. The arrays in a frame of a simulation are read-only.
 
     Attributes
     ----------
@@ -91,13 +152,13 @@ class Frame:
                 "no simulation made this frame, so nobody knows how often its particles went round the box"
             )
         flown, turns = self.unwound
-        unwrapped: Floats = flown + turns * self.scene.box
+        unwrapped: Floats = read_only(flown + turns * self.scene.box)
         return unwrapped
 
 
 @dataclass(frozen=True)
 class Tallies:
-    """What the engine counted since `reset_tallies`.
+    """What the engine counted since `reset_tallies`. Arrays are read-only.
 
     Attributes
     ----------
@@ -131,6 +192,11 @@ class Simulation:
     the same bits on every IEEE-754 machine, and nothing that looks at the simulation changes it. The method is told in
     `hardspheres.kernel`.
 
+    `pickle` and `copy` give an independent simulation that goes on with the same bits. Arrays that it shows are read-only.
+
+    One thread at a time has it. While it runs, another one (or its own log function) may ask for `collisions`, `wall_collisions`
+    and `collisions_per_particle`, which are counted up to then; everything else is refused at once, as it could be of two moments.
+
     Parameters
     ----------
     scene : Scene
@@ -140,12 +206,14 @@ class Simulation:
     log : callable or path, optional
         Where every event goes, see `hardspheres.event_log.event_dtype`: a function that takes chunks (structured arrays, in
         the order of execution), or the path of a ``.npy`` file, replaced if it is there. Events are handed over 8192 at a
-        time, and the rest when `run` returns or a frame is due; there is nothing to close. A log tallies free flights too.
+        time, and the rest when `run` returns or a frame is due; there is nothing to close. A log tallies free flights too. A
+        simulation with a path has no copies; a function goes along (pickled, or copied, as Python does that).
 
     Raises
     ------
     SimulationError
-        If free paths are asked for and there are more than 32 species, or the log cannot be written.
+        If free paths are asked for and there are more than 32 species, or the log cannot be written; from every method, if the
+        simulation is at work already.
 
     Examples
     --------
@@ -165,26 +233,46 @@ class Simulation:
     ) -> None:
         if not isinstance(scene, Scene):
             raise SimulationError(f"a simulation starts from a Scene, not from {scene!r:.60}")
+        if not isinstance(free_paths, (bool, np.bool_)):
+            raise SimulationError(f"free_paths is {free_paths!r}; it must be True or False")
         kinds = int(scene.species.max()) + 1
         if free_paths and kinds > MOST_SPECIES:
             raise SimulationError(
                 f"free_paths=True tells up to {MOST_SPECIES} species apart, and this scene has {kinds}; leave it out, and use "
                 "log=... for the path of each flight"
             )
-        self.scene = scene
-        sink = None if log is None else sink_of(log, scene.dim)
+        self._lock = threading.Lock()  # of the one that runs it
+        self._runs = 0  # how often that has begun
+        self._scene = scene
+        sink: Sink | None = None if log is None else sink_of(log, scene.dim)
         self._engine = Engine(scene, flights=free_paths or sink is not None, sink=sink)
         self._at = self._engine.layout
         self._epoch = 0  # sim.time is two numbers: whole epochs, and the time within this one
         self._moment = 0.0
         self._budget = 2000 + scene.n
         self._energy = scene.kinetic_energy
-        self._rate = 0.5 * scene.n * collision_frequency(scene)
+        most = max(ROWS_BETWEEN_LOOKS / scene.n, 1)
+        self._stride = int(power_of_two_below(min(most, MOST_BETWEEN_LOOKS)))  # epochs between two looks
         self._moving = False  # whether somebody is known to move relative to another
         self._since = (0, 0.0, 0, 0)  # where the tallies began: epoch, moment, collisions, hits of walls
-        self.reset_tallies()
+        self._reset_tallies()
+
+    @property
+    def scene(self) -> Scene:
+        """Where it started."""
+        return self._scene
 
     # Running.
+
+    def _alone(self, work: Callable[[], Any]) -> Any:
+        """Do work that changes the simulation, unless somebody else is at it: then refuse at once."""
+        runs = self._runs
+        if not self._lock.locked():
+            with self._lock:  # taken and given back in C: no interrupt comes in between
+                if self._runs == runs:
+                    self._runs += 1
+                    return work()
+        raise SimulationError(RUNNING)
 
     def run(self, *, time: float | None = None, collisions: int | None = None) -> None:
         """Advance by a time or by a number of pair collisions.
@@ -202,8 +290,12 @@ class Simulation:
         Raises
         ------
         SimulationError
-            When no collision is to come; when time stands still for 1000 N events; when the arguments make no sense.
+            When no collision is to come; when there was none for 1000 times as long as one takes at the present speeds (which the
+            rows alone decide); when time stands still for 1000 N events; when the arguments make no sense; when it runs already.
         """
+        self._alone(partial(self._run, time, collisions))
+
+    def _run(self, time: float | None, collisions: int | None) -> None:
         if (time is None) == (collisions is None):
             raise SimulationError("run needs either time=... or collisions=..., and not both")
         self._keep_clock()  # an interrupt may have come before the last run could do that
@@ -250,7 +342,7 @@ class Simulation:
         last = recounted(int(self._engine.arrays.counter[self._at.EPOCH]), 0.0, before, length)
         if last[0] >= FOREVER:
             raise SimulationError(
-                f"at a time of {self.time:.3g} particles have become so fast that it can no longer be counted"
+                f"at a time of {self._time:.3g} particles have become so fast that it can no longer be counted"
             )
         now = recounted(self._epoch, self._moment, before, length)
         epoch, moment, collisions, wall_collisions = self._since
@@ -287,31 +379,47 @@ class Simulation:
     def _run_collisions(self, goal: int) -> None:
         if goal > self.collisions:
             self._require_something_to_come()
-        at = self._at
-        start = int(self._engine.arrays.counter[at.EPOCH])
+        look = 0  # the epoch at whose beginning it looks next whether there are collisions at all
         try:
             while True:
                 before = self._length
                 self._keep_pace()
-                start, _ = recounted(start, 0.0, before, self._length)
-                if self._slice(FOREVER, 0.0, goal):
-                    break
-                count = self._engine.arrays.counter
-                idle = int(count[at.EPOCH]) - max(int(count[at.LAST_PAIR_EPOCH]), start)
-                if idle > self._patience:
-                    raise SimulationError(
-                        f"no two particles met for {idle * self._length:.3g} time units, over {PATIENCE:.0f} times the expected "
-                        "time to a collision; these particles may never meet: use run(time=...)"
-                    )
+                if self._length != before:
+                    look = 0
+                look = max(look, self._next_look())
+                if self._slice(look, 0.0, goal):
+                    if self.collisions >= goal:
+                        break
+                    self._require_meetings()
+                    look += self._stride
         finally:
             self._keep_clock()
             self._engine.hand_over_log()
 
-    @property
-    def _patience(self) -> int:
-        """Epochs without a collision until `run(collisions=...)` gives up."""
-        expected = self._rate * self._length  # collisions in an epoch
-        return int(min(PATIENCE / expected + 10, FOREVER)) if expected > 0 else FOREVER
+    def _next_look(self) -> int:
+        """First multiple of the stride among the epochs to come at which too long may have passed without a collision."""
+        at, arrays = self._at, self._engine.arrays
+        begun = int(arrays.number[at.NOW] > 0.0)
+        epoch = max(
+            int(arrays.counter[at.EPOCH]) + begun, int(arrays.counter[at.LAST_PAIR_EPOCH]) + LEAST_PATIENCE
+        )
+        return -(-epoch // self._stride) * self._stride
+
+    def _require_meetings(self) -> None:
+        """Raise SimulationError at the beginning of an epoch if nobody has met for far longer than expected.
+
+        Speeds stay until the next collision of two, so only the rows decide, wherever a run began, stopped or was loaded.
+        """
+        at, count = self._at, self._engine.arrays.counter
+        idle = int(count[at.EPOCH]) - int(count[at.LAST_PAIR_EPOCH])
+        if idle < LEAST_PATIENCE:
+            return
+        v = self._rows[:, at.V : at.V + self.scene.dim]
+        if idle * self._length * collision_rate(self.scene, v) > PATIENCE:
+            raise SimulationError(
+                f"no two particles met for {idle * self._length:.3g} time units, over {PATIENCE:.0f} times the expected "
+                "time to a collision; these particles may never meet: use run(time=...)"
+            )
 
     def _require_something_to_come(self) -> None:
         """Raise SimulationError where it is certain that no two particles will ever meet.
@@ -335,18 +443,21 @@ class Simulation:
         *,
         every: float | None = None,
         count: int | None = None,
-        times: Sequence[float] | None = None,
-        collisions_per_particle: Sequence[float] | None = None,
+        times: Iterable[float] | None = None,
+        collisions_per_particle: Iterable[float] | None = None,
     ) -> Iterator[Frame]:
         """Run, and yield the gas at chosen moments.
+
+        Moments are counted as they come: any number takes no memory. A sequence is checked here; what an iterator gives, when it
+        is due.
 
         Parameters
         ----------
         every, count : float and int, optional
             `count` frames, `every` apart in time, the first one now.
-        times : sequence of float, optional
+        times : iterable of float, optional
             At these times, ascending, none before now.
-        collisions_per_particle : sequence of float, optional
+        collisions_per_particle : iterable of float, optional
             Right after the collision that makes s = 2 collisions / N reach each of these values, ascending; 0 is the start.
 
         Yields
@@ -372,62 +483,80 @@ class Simulation:
             return self._frames_at(self._ascending("times", times, self.time))
         if collisions_per_particle is not None:
             s = self._ascending(
-                "collisions_per_particle", collisions_per_particle, self.collisions_per_particle
+                "collisions_per_particle", collisions_per_particle, self.collisions_per_particle, self._goal
             )
-            goals = [math.ceil(value * self.scene.n / 2 - 1e-9) for value in s]
-            return self._frames_after([_whole("the number of collisions of a frame", goal) for goal in goals])
+            return self._frames_after(s)
         if every is None or count is None:
             raise SimulationError("frames(every=..., count=...) needs both: how far apart, and how many")
         step, number = _number("frames(every=...)", every), _whole("frames(count=...)", count)
         if step <= 0:
             raise SimulationError(f"frames(every={every}) must be a time above 0")
         now = self.time
-        return self._frames_at([now + k * step for k in range(number)])
+        return self._frames_at(now + k * step for k in range(number))
 
-    def _ascending(self, name: str, values: Sequence[float], first: float) -> list[float]:
+    def _goal(self, collisions_per_particle: float) -> int:
+        """Pair collisions after which each particle has had so many."""
+        goal = math.ceil(collisions_per_particle * self.scene.n / 2 - 1e-9)
+        return _whole("the number of collisions of a frame", goal)
+
+    def _ascending(
+        self, name: str, values: Iterable[float], first: float, goal: Callable[[float], Any] = float
+    ) -> Iterable[Any]:
+        """Return goals at ascending numbers, none before the first, as they are wanted; those of a sequence are checked now."""
         try:
-            numbers = [_number(f"frames({name}=...)", value) for value in values]
+            if isinstance(values, (str, bytes, bytearray)):
+                raise TypeError
+            given = iter(values)
         except TypeError:
             raise SimulationError(f"frames({name}=...) needs a sequence of numbers, not {values!r}") from None
-        if numbers != sorted(numbers):
-            raise SimulationError(f"frames({name}=...) needs values in ascending order")
-        if numbers and numbers[0] < first:
-            raise SimulationError(
-                f"frames({name}=...) begins at {numbers[0]}, but the simulation is at {first} already"
-            )
-        return numbers
+        if given is values:  # an iterator, which gives each of them once
+            return map(goal, _checked(name, given, first))
+        if isinstance(values, range):
+            for number in _checked(name, iter([*values[:2], *values[-1:]]), first):
+                goal(number)
+            return map(goal, values)
+        return list(map(goal, _checked(name, given, first)))
 
-    def _frames_at(self, times: list[float]) -> Iterator[Frame]:
+    def _frames_at(self, times: Iterable[float]) -> Iterator[Frame]:
         for t in times:
-            target = self._later(0, t)
-            if target > (self._epoch, self._moment):
-                self._run_until(*target)
+            self._alone(partial(self._reach, t))
             yield self.frame()
 
-    def _frames_after(self, collisions: list[int]) -> Iterator[Frame]:
+    def _reach(self, t: float) -> None:
+        target = self._later(0, t)
+        if target > (self._epoch, self._moment):
+            self._run_until(*target)
+
+    def _frames_after(self, collisions: Iterable[int]) -> Iterator[Frame]:
         for goal in collisions:
             if goal > self.collisions:
-                self._run_collisions(goal)
+                self._alone(partial(self._run_collisions, goal))
             yield self.frame()
 
+    @at_rest
     def frame(self) -> Frame:
         """Return the gas as it is now."""
         flown = self._flown()
         return Frame(
-            self.time,
+            self._time,
             self.collisions,
             self.collisions_per_particle,
-            returned_to_box(flown, self.scene.box, self.scene.periodic),
+            read_only(returned_to_box(flown, self.scene.box, self.scene.periodic)),
             self.velocities,
             self.scene,
-            (flown, self._turns.copy()),
+            (read_only(flown), read_only(self._turns.copy())),
         )
 
     # Looking.
 
     @property
+    @at_rest
     def time(self) -> float:
         """Simulated time since the start."""
+        return self._time
+
+    @property
+    def _time(self) -> float:
         return self._epoch * self._length + self._moment
 
     @property
@@ -460,14 +589,17 @@ class Simulation:
         return flown
 
     @property
+    @at_rest
     def positions(self) -> Floats:
-        """Positions now, shape (N, d), on periodic axes within [0, L). A copy."""
-        return returned_to_box(self._flown(), self.scene.box, self.scene.periodic)
+        """Positions now, shape (N, d), on periodic axes within [0, L). A copy, read-only."""
+        positions: Floats = read_only(returned_to_box(self._flown(), self.scene.box, self.scene.periodic))
+        return positions
 
     @property
+    @at_rest
     def unwrapped_positions(self) -> Floats:
-        """Positions now, followed through the periodic boundaries from the start, shape (N, d)."""
-        unwrapped: Floats = self._flown() + self._turns * self.scene.box
+        """Positions now, followed through the periodic boundaries from the start, shape (N, d). A copy, read-only."""
+        unwrapped: Floats = read_only(self._flown() + self._turns * self.scene.box)
         return unwrapped
 
     @property
@@ -476,35 +608,41 @@ class Simulation:
         return turns
 
     @property
+    @at_rest
     def velocities(self) -> Floats:
-        """Velocities now, shape (N, d). A copy."""
-        v: Floats = self._rows[:, self._at.V : self._at.V + self.scene.dim].copy()
+        """Velocities now, shape (N, d). A copy, read-only."""
+        v: Floats = read_only(self._rows[:, self._at.V : self._at.V + self.scene.dim].copy())
         return v
 
     @property
+    @at_rest
     def momentum(self) -> Floats:
-        """Total momentum, shape (d,)."""
+        """Total momentum, shape (d,). Read-only."""
         return total_momentum(self.velocities, self.scene.masses)
 
     @property
+    @at_rest
     def thermal_energy(self) -> float:
         """Kinetic energy less that of the common motion along periodic axes."""
         return thermal_energy(self.velocities, self.scene.masses, self.scene.periodic)
 
     @property
+    @at_rest
     def temperature(self) -> float:
         """Temperature kT = 2 thermal_energy / degrees_of_freedom, in units of energy."""
         return 2 * self.thermal_energy / self.scene.degrees_of_freedom
 
+    @at_rest
     def to_scene(self) -> Scene:
         """Return the gas as it is now as a Scene, contacts as the engine left them."""
         return self.scene.with_state(self.positions, self.velocities)
 
-    def to_atoms(self) -> Any:
-        """Return the gas as it is now as an ASE Atoms object."""
-        from hardspheres.trajectory import to_atoms
+    @at_rest
+    def to_atoms(self, units: str | None = None) -> Any:
+        """Return the gas as it is now as an ASE Atoms object; see `hardspheres.files.to_atoms`."""
+        from hardspheres.files import to_atoms
 
-        return to_atoms(self.frame())
+        return to_atoms(self.frame(), units)
 
     # Stopping and going on.
 
@@ -523,7 +661,7 @@ class Simulation:
         """
         from hardspheres.checkpoint import save
 
-        save(self, path)
+        self._alone(partial(save, self, path))
 
     @classmethod
     def load(
@@ -555,20 +693,55 @@ class Simulation:
 
         return load(cls, path, log)
 
+    def __copy__(self) -> "Simulation":
+        return self._duplicate(lambda part: part)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "Simulation":
+        return self._duplicate(lambda part: copy.deepcopy(part, memo))
+
+    def _duplicate(self, copied: Callable[[Any], Any]) -> "Simulation":
+        make, parts = self.__reduce__(copied)
+        duplicate: Simulation = make(*parts)
+        return duplicate
+
+    def __reduce__(self, copied: Callable[[Any], Any] = lambda part: part) -> tuple[Any, ...]:
+        from hardspheres.checkpoint import restored, to_arrays
+
+        def parts() -> tuple[Any, ...]:
+            arrays = {name: array.copy() for name, array in to_arrays(self).items()}
+            return type(self), copied(self.scene), arrays, copied(self._log())
+
+        return restored, self._alone(parts)
+
+    def _log(self) -> Sink | None:
+        """Return the function that a copy would log to."""
+        sink = self._engine.sink
+        if isinstance(sink, NpyStream):
+            raise SimulationError(
+                f"two simulations cannot write one log, and this one writes {sink.path}; save it, and load it with another log=..."
+            )
+        return sink
+
     # Tallies.
 
     def reset_tallies(self) -> None:
         """Begin the tallies anew; time, collisions and the dynamics go on."""
+        self._alone(self._reset_tallies)
+
+    def _reset_tallies(self) -> None:
         self._engine.arrays.total[: self._at.SUMS] = 0.0
         self._since = (self._epoch, self._moment, self.collisions, self.wall_collisions)
         if self._engine.flights:
             self._engine.flights.reset(self._engine.arrays, self._epoch, self._moment)
 
     def _sums(self, first: int) -> Floats:
-        sums: Floats = self._engine.arrays.total[first : first + 2 * self.scene.dim].reshape(-1, 2).copy()
+        sums: Floats = read_only(
+            self._engine.arrays.total[first : first + 2 * self.scene.dim].reshape(-1, 2).copy()
+        )
         return sums
 
     @property
+    @at_rest
     def tallies(self) -> Tallies:
         """What was counted since `reset_tallies`."""
         at, total = self._at, self._engine.arrays.total
@@ -584,8 +757,8 @@ class Simulation:
             passed,
             self.collisions - collisions,
             self.wall_collisions - wall_collisions,
-            total[at.VIRIAL + places],
-            (v * m[:, None]).T @ v * passed - moments,
+            read_only(total[at.VIRIAL + places]),
+            read_only((v * m[:, None]).T @ v * passed - moments),
             self._sums(at.WALL_IMPULSE),
             self._sums(at.WALL_RADIUS_IMPULSE),
         )
@@ -596,6 +769,7 @@ class Simulation:
         return (self._epoch - epoch) * self._length + (self._moment - moment)
 
     @property
+    @at_rest
     def free_paths(self) -> FreePaths:
         """What was tallied of the free flights since `reset_tallies`; needs ``Simulation(scene, free_paths=True)``.
 
@@ -616,8 +790,9 @@ class Simulation:
         return flights.read(self._engine.arrays, self._epoch, self._moment, self._passed)
 
     @property
+    @at_rest
     def pressure_tensor(self) -> Floats:
-        """Mean pressure tensor since `reset_tallies`, shape (d, d): (kinetic + virial) / (time V).
+        """Mean pressure tensor since `reset_tallies`, shape (d, d): (kinetic + virial) / (time V). Read-only.
 
         The common motion along periodic axes is left out. Source: the virial of impulses, see `compressibility_factor`.
         Between walls it is the mean over the box, layers at the walls with all else, and the volume V is that of the box,
@@ -629,11 +804,12 @@ class Simulation:
             if self.scene.n > 1
             else np.zeros(self.scene.dim)
         )
-        drift = np.outer(p, p) / float(np.sum(self.scene.masses))
-        result: Floats = ((t.kinetic + t.virial) / t.time - drift) / self.scene.volume
+        drift = np.outer(p / float(np.sum(self.scene.masses)), p)
+        result: Floats = read_only(((t.kinetic + t.virial) / t.time - drift) / self.scene.volume)
         return result
 
     @property
+    @at_rest
     def compressibility_factor(self) -> float:
         """Compressibility factor Z = P V / (2 K_th / d) = 1 + W / (2 K_th) since `reset_tallies`.
 
@@ -646,8 +822,9 @@ class Simulation:
         return 1.0 + float(np.trace(t.virial)) / (t.time * 2.0 * self.thermal_energy)
 
     @property
+    @at_rest
     def wall_pressure(self) -> Floats:
-        """Mean pressure on the lower and upper wall of each axis since `reset_tallies`, (d, 2); NaN on periodic axes.
+        """Mean pressure on the lower and upper wall of each axis since `reset_tallies`, (d, 2); NaN on periodic axes. Read-only.
 
         Force over area: momentum given to the wall per time, over the part of it that centres can reach, the product of L
         - 2R along the other wall axes and L along periodic ones, R the mean radius. By the contact theorem kT times the mean
@@ -662,9 +839,8 @@ class Simulation:
         t, periodic = self._tallied(), self.scene.periodic
         reach = np.where(periodic, self.scene.box, self.scene.box - 2.0 * float(np.mean(self.scene.radii)))
         areas = np.array([math.prod(np.delete(reach, axis).tolist()) for axis in range(self.scene.dim)])
-        pressure: Floats = (
-            np.where(periodic, np.nan, 1.0)[:, None] * t.wall_impulses / (t.time * areas[:, None])
-        )
+        forces = np.where(periodic, np.nan, 1.0)[:, None] * t.wall_impulses / t.time
+        pressure: Floats = read_only(forces / areas[:, None])
         return pressure
 
     def _tallied(self) -> Tallies:
@@ -678,21 +854,24 @@ class Simulation:
     # Trust.
 
     @property
+    @at_rest
     def energy_drift(self) -> float:
         """Relative change of kinetic energy since the start; 0 for a gas at rest."""
         energy = kinetic_energy(self.velocities, self.scene.masses)
         return (energy - self._energy) / self._energy if self._energy > 0 else energy
 
     @property
+    @at_rest
     def momentum_drift(self) -> Floats:
-        """Change of momentum since the start less the walls' impulses, over sum m |v|, shape (d,)."""
+        """Change of momentum since the start less the walls' impulses, over sum m |v|, shape (d,). Read-only."""
         given = self._engine.arrays.total[self._at.LEDGER : self._at.LEDGER + self.scene.dim]
         change = self.momentum - self.scene.momentum + given
         scale = float(np.sum(self.scene.masses * np.linalg.norm(self.velocities, axis=1)))
-        drift: Floats = change / scale if scale > 0 else change
+        drift: Floats = read_only(change / scale if scale > 0 else change)
         return drift
 
     @property
+    @at_rest
     def worst_overlap(self) -> float:
         """Depth of the deepest overlap now, between particles or with a wall, in contact distances (diameters)."""
         from hardspheres.cells import worst_overlap
@@ -706,6 +885,7 @@ class Simulation:
             deepest = max(deepest, float(np.max(beyond / (2.0 * radii[:, None]))))
         return deepest
 
+    @at_rest
     def check(self) -> None:
         """Verify everything that must hold at any moment; changes nothing.
 
@@ -715,8 +895,8 @@ class Simulation:
         Raises
         ------
         InvariantError
-            When energy or momentum has changed by more than rounding explains (relative; of sum m |v|): 1e-12, or half a unit
-            in the last place for each event of a particle where that is more (few particles, many events); when a pair or
+            When energy or momentum has changed by more than rounding explains (relative; of sum m |v|): 1e-12, or 12 eps / (d N)
+            for each collision where that is more (many collisions of few particles; why: `invariants.allowed_drift`); when a pair or
             wall overlaps by more than 1e-11 diameters (or rounding of coordinates, in a box of over 1e4 diameters); when an
             event is wrong, or not where the engine looks for it.
         """
@@ -724,6 +904,7 @@ class Simulation:
 
         verify(self)
 
+    @at_rest
     def status(self) -> dict[str, Any]:
         """Return where the simulation is, how it searches, and how exact it has been."""
         from hardspheres import __version__
@@ -736,7 +917,7 @@ class Simulation:
             "dimension": dim,
             "packing_fraction": self.scene.packing_fraction,
             "boundary": list(self.scene.boundary),
-            "time": self.time,
+            "time": self._time,
             "collisions": self.collisions,
             "collisions_per_particle": self.collisions_per_particle,
             "wall_collisions": self.wall_collisions,

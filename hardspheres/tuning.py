@@ -111,11 +111,35 @@ def mean_cross_section(one: Floats, other: Floats, dim: int) -> float:
 
 def collision_frequency(scene: Scene) -> float:
     """Rough number of collisions per particle and time (Enskog with a crude contact value), for tuning only."""
-    room = max(1.0 - scene.packing_fraction, 0.05)
-    chi = (1.0 - 0.5 * scene.packing_fraction) / room**scene.dim
     cross_section = mean_cross_section(scene.radii, scene.radii, scene.dim)
     speed = typical_speed(scene, scene.thermal_energy)
-    return math.sqrt(2.0) * scene.number_density * cross_section * chi * speed
+    return math.sqrt(2.0) * scene.number_density * cross_section * contact_value(scene) * speed
+
+
+def contact_value(scene: Scene) -> float:
+    """Crude value of the pair distribution at contact."""
+    room = max(1.0 - scene.packing_fraction, 0.05)
+    return (1.0 - 0.5 * scene.packing_fraction) / room**scene.dim
+
+
+def collision_rate(scene: Scene, velocities: Floats) -> float:
+    """Rough number of pair collisions in a unit of time at these very velocities, whoever has the energy.
+
+    The sum over pairs of sigma^2 |v1 - v2| pi / V (2 sigma |v1 - v2| / V in 2D), with the crude contact value, and with the sum of
+    both speeds in place of |v1 - v2|. Speeds are relative to the mean velocity along periodic axes; then that is at most twice as
+    much, summed over all pairs of equal spheres (by the triangle inequality, used twice). Hits of walls do not change it.
+    """
+    dim, n, r = scene.dim, scene.n, scene.radii
+    still = velocities - np.where(scene.periodic, np.mean(velocities, axis=0), 0.0)
+    w = np.sqrt(np.sum(still * still, axis=1))
+    # Sums over pairs of (r1 + r2) (w1 + w2), in 3D of (r1 + r2)^2 (w1 + w2), from those over particles, less each with itself.
+    r1, w0, w1 = float(np.sum(r)), float(np.sum(w)), float(np.sum(r * w))
+    if dim == 2:
+        area = 2.0 * (n * w1 + r1 * w0 - 2.0 * w1)
+    else:
+        r2, w2 = float(np.sum(r * r)), float(np.sum(r * r * w))
+        area = math.pi * (n * w2 + 2.0 * r1 * w1 + r2 * w0 - 4.0 * w2)
+    return contact_value(scene) * max(area, 0.0) / scene.volume
 
 
 def shell_width(scene: Scene) -> float:

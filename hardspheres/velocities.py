@@ -100,9 +100,11 @@ def draw_velocities(
     SceneError
         When an argument is not one of those above.
     """
-    if not (isinstance(temperature, Real) and 0 <= temperature < math.inf):
+    if isinstance(temperature, bool) or not (isinstance(temperature, Real) and 0 <= temperature < math.inf):
         raise SceneError(f"temperature is {temperature!r}; it must be a finite number >= 0")
-    if not (isinstance(temperature_ratio, Real) and 0 < temperature_ratio < math.inf):
+    if isinstance(temperature_ratio, bool) or not (
+        isinstance(temperature_ratio, Real) and 0 < temperature_ratio < math.inf
+    ):
         raise SceneError(f"temperature_ratio is {temperature_ratio!r}; it must be a positive finite number")
     distributions: dict[str, Callable[[np.random.Generator, Scene], Floats]] = {
         "maxwell": _maxwell,

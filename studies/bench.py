@@ -93,7 +93,7 @@ def bench(study: Bench, out: OutputFolder, screen: Screen) -> tuple[dict[str, An
     HardSpheresError
         If the gas cannot be made or never collides, the peer is missing, or the folder cannot be written.
     """
-    out.check()
+    out.check(study, resumable=False)
     with screen.working("timing"):
         summary, columns = measure(study)
     out.create()

@@ -100,7 +100,7 @@ def run_suite(suite: Suite, study: Bench, out: OutputFolder, screen: Screen) -> 
         If no state can be made, or the peer is missing, or the folder cannot be written.
     """
     check(study)
-    out.check()
+    out.check(suite, resumable=False)
     began = time.perf_counter()
     states: list[dict[str, Any]] = []
     refused: list[hs.HardSpheresError] = []

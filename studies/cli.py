@@ -1,11 +1,13 @@
 """The console script `hardspheres`: options in, a study run, an exit code out.
 
-Exit codes: 0 done, 1 a check failed, 2 bad input or output that cannot be written, 130 interrupted, 143 terminated. Nothing heavy is imported
-before a study starts, so that `hardspheres --help` answers at once.
+Exit codes: 0 done, 1 a check failed, 2 bad input or output that cannot be written, 129 hung up, 130 interrupted, 143 terminated. Nothing
+heavy is imported before a study starts, so that `hardspheres --help` answers at once.
 """
 
 from __future__ import annotations
 
+import itertools
+import os
 import signal
 import sys
 from dataclasses import replace
@@ -29,12 +31,25 @@ app = typer.Typer(
 )
 
 
-ENDED = {130: "interrupted", 143: "terminated"}
+ENDED = {129: "hung up, as a terminal does when it is closed", 130: "interrupted", 143: "terminated"}
 MOST = 1_000_000  # replicas, frames or runs: a slip of the finger shall not fill the memory
 
 
 class OptionError(HardSpheresError):
     """An option that makes no sense."""
+
+
+class Units(StrEnum):
+    """Words for `--units`."""
+
+    reduced = "reduced"
+    ase = "ase"
+
+
+class VelocitiesAre(StrEnum):
+    """The word for `--velocities-are`."""
+
+    reduced = "reduced"
 
 
 class Velocities(StrEnum):
@@ -93,6 +108,12 @@ Resume = Annotated[
         "--resume", help="Go on with the unfinished run in the folder, begun with the same options."
     ),
 ]
+Force = Annotated[
+    bool,
+    typer.Option(
+        "--force", help="Replace the run in the folder, once there are results to put in its place."
+    ),
+]
 Json = Annotated[
     bool, typer.Option("--json", help="Print summary.json on standard output, the rest on standard error.")
 ]
@@ -106,12 +127,30 @@ UntilError = Annotated[
 ]
 
 
+OfLabels = Annotated[
+    str | None,
+    typer.Option(
+        help="Of all particles of --from, or of each label, as in A=0.5,B=0.3.",
+        show_default="that of the file",
+        metavar="NUMBER|LABEL=NUMBER,...",
+    ),
+]
+
+
 @app.command()
 def thermalise(
     n: Annotated[
         int | None, typer.Option(min=1, help="Particles in each replica.", show_default="4000")
     ] = None,
-    dim: Annotated[int | None, typer.Option(min=2, max=3, help="Dimension.", show_default="3")] = None,
+    dim: Annotated[
+        int | None,
+        typer.Option(
+            min=2,
+            max=3,
+            help="Dimension; 2 with --from: it is of discs, whose z differ by at most 1e-6 diameters.",
+            show_default="3",
+        ),
+    ] = None,
     packing_fraction: Annotated[
         float | None, typer.Option(help="Share of the box that the spheres fill.", show_default="0.005")
     ] = None,
@@ -148,8 +187,27 @@ def thermalise(
     source: Annotated[
         Path | None, typer.Option("--from", help="Start from a structure in any file that ASE reads.")
     ] = None,
-    radius: Annotated[
-        float | None, typer.Option(help="Radius of all particles of --from, if the file has none.")
+    radius: OfLabels = None,
+    mass: OfLabels = None,
+    units: Annotated[
+        Units | None,
+        typer.Option(
+            help="Of --from, where ASE converts them: numbers as they stand in the file (reduced), or Angstrom, u and eV (ase).",
+            show_default="refused where it matters",
+        ),
+    ] = None,
+    velocities_are: Annotated[
+        VelocitiesAre | None,
+        typer.Option(
+            help="A column of velocities in --from is in units of its lengths.",
+            show_default="refused where there is one",
+        ),
+    ] = None,
+    box: Annotated[
+        str | None,
+        typer.Option(
+            help="Edges of the box for a file of --from without one, as in 10,10,10.", metavar="LX,LY[,LZ]"
+        ),
     ] = None,
     frames: Annotated[
         int, typer.Option(min=0, max=MOST, help="Frames in trajectory.xyz, of the first replica.")
@@ -160,6 +218,7 @@ def thermalise(
     out: Out = None,
     checkpoint_every: CheckpointEvery = 60.0,
     resume: Resume = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Watch a gas relax to Maxwell and Boltzmann's velocities.
@@ -172,6 +231,7 @@ def thermalise(
     from studies.report import Screen
     from studies.thermalisation import Recipe, Thermalisation, thermalise
 
+    for_files = {"radius": radius, "mass": mass, "units": units, "velocities-are": velocities_are, "box": box}
     made = {"n": n, "dim": dim, "packing_fraction": packing_fraction, "boundary": _boundary(boundary)}
     made |= {"mass_ratio": mass_ratio, "diameter_ratio": diameter_ratio, "fraction": fraction}
     given = {key: value for key, value in made.items() if value is not None}
@@ -187,20 +247,34 @@ def thermalise(
     common |= {"workers": workers, "frames": frames, "animate": animate}
     word = velocities.value if velocities else None
     if source is not None:
-        for name in given:
+        from hardspheres.files import Reading
+
+        kept = ("dim",) if box is None else ("dim", "boundary")
+        for name in (name for name in given if name not in kept):
             raise SceneError(
                 f"--{name.replace('_', '-')} has no effect with --from, which gives the whole structure"
             )
-        study = Thermalisation.from_file(str(source), radius, word, temperature, **common)
+        reading = Reading(
+            _of_labels(radius, "--radius"),
+            _of_labels(mass, "--mass"),
+            next((word.value for word in (units, velocities_are) if word is not None), None),
+            None if box is None else [_number(edge, "--box") for edge in box.split(",")],
+            _boundary(boundary),
+            dim,
+        )
+        study = Thermalisation.from_file(str(source), reading, word, temperature, **common)
     else:
-        _require(radius is None, "--radius goes with --from; the spheres made here have diameter 1")
+        for name, value in for_files.items():
+            _require(
+                value is None, f"--{name} goes with --from; the spheres made here have diameter 1 and mass 1"
+            )
         two = "mass_ratio" in given or "diameter_ratio" in given
         _require(two or fraction is None, "--fraction needs --mass-ratio or --diameter-ratio")
         given |= {} if word is None else {"velocities": word}
         given |= {} if temperature is None else {"temperature": temperature}
         study = Thermalisation(recipe=Recipe(**given), **common)  # type: ignore[arg-type]
     screen = Screen(json)
-    folder = _folder(out, "thermalise", seed, checkpoint_every, resume)
+    folder = _folder(out, "thermalise", seed, checkpoint_every, resume, force)
     _finish(screen, _precisely(thermalise, study, folder, screen, until_error))
 
 
@@ -255,6 +329,7 @@ def bench(
     ] = None,
     seed: Seed = 1,
     out: Out = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Measure collisions per second, beside another engine.
@@ -268,7 +343,8 @@ def bench(
     from studies.bench_suite import run_suite, suite_named
     from studies.report import OutputFolder, Screen
 
-    folder, screen = OutputFolder(out or Path("runs") / f"bench-{seed}"), Screen(json)
+    folder = OutputFolder(out or _next_folder(Path("runs") / f"bench-{seed}", force), force=force)
+    screen = Screen(json)
     sizes, densities = n or [4000], packing_fraction or [0.3]
     walls = _boundary(boundary) or "periodic"
     study = Bench(
@@ -336,6 +412,7 @@ def pressure(
     out: Out = None,
     checkpoint_every: CheckpointEvery = 60.0,
     resume: Resume = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Measure the equation of state of the fluid, beside theory.
@@ -354,7 +431,7 @@ def pressure(
     study = EquationOfState(
         parsed(packing_fractions), fluid, collisions_per_particle, replicas, seed, workers
     )
-    screen, folder = Screen(json), _folder(out, "pressure", seed, checkpoint_every, resume)
+    screen, folder = Screen(json), _folder(out, "pressure", seed, checkpoint_every, resume, force)
     if not suite:
         _finish(screen, _precisely(equation_of_state, study, folder, screen, until_error))
         return
@@ -373,7 +450,7 @@ def pressure(
 @app.command()
 def free_path(
     packing_fractions: Densities = "0.001,0.01,0.1,0.3",
-    n: Annotated[int, typer.Option(min=3, help="Particles in each replica.")] = 4000,
+    n: Annotated[int, typer.Option(min=2, help="Particles in each replica.")] = 4000,
     dim: Annotated[int, typer.Option(min=2, max=3, help="Dimension.")] = 3,
     diameter_ratio: Ratio = 1.0,
     mass_ratio: Ratio = 1.0,
@@ -390,6 +467,7 @@ def free_path(
     out: Out = None,
     checkpoint_every: CheckpointEvery = 60.0,
     resume: Resume = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Measure how far particles fly between collisions, beside kinetic theory.
@@ -408,7 +486,7 @@ def free_path(
     fluid = Fluid(n, dim, 0.3, "periodic", diameter_ratio, mass_ratio, share)
     study = FreePaths(parsed(packing_fractions), fluid, collisions_per_particle, replicas, seed, workers)
     screen = Screen(json)
-    folder = _folder(out, "free-path", seed, checkpoint_every, resume)
+    folder = _folder(out, "free-path", seed, checkpoint_every, resume, force)
     _finish(screen, _precisely(run, study, folder, screen, until_error))
 
 
@@ -418,8 +496,13 @@ def diffusion(
     n: Annotated[int, typer.Option(min=2, help="Particles in each replica.")] = 1000,
     dim: Annotated[int, typer.Option(min=2, max=3, help="Dimension.")] = 3,
     collisions_per_particle: Annotated[
-        float, typer.Option(help="How long to measure in each replica, s = 2 collisions / n.")
-    ] = 200.0,
+        float | None,
+        typer.Option(
+            help="How long to measure in each replica, s = 2 collisions / n.  [default: three times the window of the "
+            "slope, 200 to 2000]",
+            show_default=False,
+        ),
+    ] = None,
     replicas: Annotated[
         int, typer.Option(min=1, max=MOST, help="Independent gases at each packing fraction.")
     ] = 12,
@@ -429,6 +512,7 @@ def diffusion(
     out: Out = None,
     checkpoint_every: CheckpointEvery = 60.0,
     resume: Resume = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Measure self-diffusion in a periodic box, beside Enskog's theory.
@@ -444,7 +528,7 @@ def diffusion(
     fluid = Fluid(n=n, dim=dim)
     study = SelfDiffusion(parsed(packing_fractions), fluid, collisions_per_particle, replicas, seed, workers)
     screen = Screen(json)
-    folder = _folder(out, "diffusion", seed, checkpoint_every, resume)
+    folder = _folder(out, "diffusion", seed, checkpoint_every, resume, force)
     _finish(screen, _precisely(self_diffusion, study, folder, screen, until_error))
 
 
@@ -469,6 +553,7 @@ def mixture(
     out: Out = None,
     checkpoint_every: CheckpointEvery = 60.0,
     resume: Resume = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Watch two species of different temperatures come to one, beside kinetic theory.
@@ -485,7 +570,7 @@ def mixture(
     fluid = Fluid(n, dim, packing_fraction, "periodic", diameter_ratio, mass_ratio, share)
     study = Mixture(fluid, temperature_ratio, relaxation_times, replicas, seed, workers)
     screen = Screen(json)
-    folder = _folder(out, "mixture", seed, checkpoint_every, resume)
+    folder = _folder(out, "mixture", seed, checkpoint_every, resume, force)
     _finish(screen, _precisely(run, study, folder, screen, until_error))
 
 
@@ -499,6 +584,7 @@ def accuracy(
     out: Out = None,
     checkpoint_every: CheckpointEvery = 60.0,
     resume: Resume = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Set speed against error, beside two time-stepping programs.
@@ -514,7 +600,7 @@ def accuracy(
     from studies.report import Screen
 
     study = Accuracy(parsed(packing_fractions), n, dim, seed)
-    screen, folder = Screen(json), _folder(out, "accuracy", seed, checkpoint_every, resume)
+    screen, folder = Screen(json), _folder(out, "accuracy", seed, checkpoint_every, resume, force)
     _finish(screen, run(study.quicker() if quick else study, folder, screen))
 
 
@@ -537,6 +623,7 @@ def calibration(
     out: Out = None,
     checkpoint_every: CheckpointEvery = 60.0,
     resume: Resume = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Test the error bars: (value - truth) / standard error of every estimator, over many short runs.
@@ -548,7 +635,7 @@ def calibration(
     from studies.calibration import calibration as run
     from studies.report import Screen
 
-    screen, folder = Screen(json), _folder(out, "calibration", seed, checkpoint_every, resume)
+    screen, folder = Screen(json), _folder(out, "calibration", seed, checkpoint_every, resume, force)
     _finish(screen, run(Calibrations(runs, seed, workers), folder, screen))
 
 
@@ -572,6 +659,7 @@ def hard_cases(
     ] = None,
     checkpoint_every: CheckpointEvery = 60.0,
     resume: Resume = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Try the engine on hard cases whose answer is exact.
@@ -585,7 +673,7 @@ def hard_cases(
     from studies.report import Screen
 
     chosen, groups, screen = size_named(size), groups_named(only), Screen(json)
-    folder = _folder(out, "hard-cases", chosen, checkpoint_every, resume)
+    folder = _folder(out, "hard-cases", chosen, checkpoint_every, resume, force)
     _finish(screen, run(chosen, groups, folder, screen))
 
 
@@ -602,6 +690,7 @@ def soak(
     out: Out = None,
     checkpoint_every: CheckpointEvery = 60.0,
     resume: Resume = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Run two gases for very long and watch what must not change.
@@ -615,15 +704,31 @@ def soak(
 
     screen = Screen(json)
     study = Soak(n, dim, collisions, seed, workers)
-    _finish(screen, run(study, _folder(out, "soak", seed, checkpoint_every, resume), screen))
+    _finish(screen, run(study, _folder(out, "soak", seed, checkpoint_every, resume, force), screen))
 
 
-def _folder(out: Path | None, study: str, which: int | str, checkpoint_every: float, resume: bool) -> Any:
+def _folder(
+    out: Path | None, study: str, which: int | str, checkpoint_every: float, resume: bool, force: bool
+) -> Any:
     """Return the output folder of a study."""
     from studies.report import OutputFolder
 
+    if resume and force:
+        raise OptionError("--resume goes on with a run and --force replaces it; give one of them")
     path = out or Path("runs") / f"{study}-{which}"
-    return OutputFolder(path, checkpoint_every=checkpoint_every, resume=resume)
+    return OutputFolder(path, checkpoint_every=checkpoint_every, resume=resume, force=force)
+
+
+def _next_folder(path: Path, force: bool) -> Path:
+    """Return the first of path, path-2, path-3, ... without results: timing is repeated, and has nothing to resume."""
+    from studies.ownership import SUMMARY, WRITTEN
+
+    names, taken = {SUMMARY, *WRITTEN["bench"], *WRITTEN["bench_suite"]}, path
+    for number in itertools.count(2):
+        if force or not any(os.path.lexists(taken / name) for name in names):
+            break
+        taken = path.with_name(f"{path.name}-{number}")
+    return taken
 
 
 def _finish(screen: Any, result: tuple[dict[str, Any], bool]) -> None:
@@ -646,36 +751,68 @@ def _boundary(words: str | None) -> str | tuple[str, ...] | None:
     return tuple(word.strip() for word in words.split(","))
 
 
+def _of_labels(words: str | None, option: str) -> float | dict[str, float] | None:
+    """Return the number for all particles, or that of each label."""
+    if words is None:
+        return None
+    if "=" not in words:
+        return _number(words, option)
+    pairs = [word.rpartition("=") for word in words.split(",")]
+    _require(all(label and value for label, _, value in pairs), f"{option} {words} is not as in A=0.5,B=0.3")
+    return {label.strip(): _number(value, option) for label, _, value in pairs}
+
+
+def _number(word: str, option: str) -> float:
+    try:
+        return float(word)
+    except ValueError:
+        raise OptionError(f"{option}: {word!r} is no number") from None
+
+
 def _require(condition: bool, sentence: str) -> None:
     if not condition:
         raise SceneError(sentence)
 
 
-def _terminated(*_: object) -> NoReturn:
-    raise SystemExit(143)
+def _ended(number: int, _: object) -> NoReturn:
+    for stream in (
+        1,
+        2,
+    ):  # a terminal may have gone: then whatever is written there on the way out would raise something else
+        try:
+            os.write(stream, b"")
+        except OSError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream)
+    raise SystemExit(128 + number)
 
 
 def main() -> None:
     """Run the command line and exit with its code."""
-    signal.signal(signal.SIGTERM, _terminated)
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) != signal.SIG_IGN:  # as under nohup
+            signal.signal(number, _ended)
     try:
         app()
     except HardSpheresError as error:
-        print(f"error: {error}{_notes(error)}", file=sys.stderr)
-        raise SystemExit(2) from None
+        _leave(2, f"error: {error}{_notes(error)}")
     except MemoryError as error:
-        print(
-            f"error: there is not enough memory ({error}); ask for fewer particles{_notes(error)}",
-            file=sys.stderr,
-        )
-        raise SystemExit(2) from None
+        _leave(2, f"error: there is not enough memory ({error}); ask for fewer particles{_notes(error)}")
     except KeyboardInterrupt as error:
-        print(f"interrupted{_notes(error)}", file=sys.stderr)
-        raise SystemExit(130) from None
+        _leave(130, f"{ENDED[130]}{_notes(error)}")
     except SystemExit as error:
-        if error.code in ENDED:
-            print(f"{ENDED[error.code]}{_notes(error)}", file=sys.stderr)
-        raise
+        if error.code not in ENDED:
+            raise
+        _leave(int(error.code), f"{ENDED[error.code]}{_notes(error)}")
+
+
+def _leave(code: int, sentence: str) -> NoReturn:
+    """Say why, if there is still somebody to say it to, and exit."""
+    try:
+        print(sentence, file=sys.stderr, flush=True)
+    except OSError:  # a terminal that was closed
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+    raise SystemExit(code) from None
 
 
 def _notes(error: BaseException | None) -> str:

@@ -17,7 +17,7 @@ from analysis import theory
 from analysis.series import SeriesWarning
 from analysis.statistics import Estimate, TheoryCheck, estimate_from_replicas, replica_mean
 from analysis.theory import Prediction
-from analysis.transport import Diffusion
+from analysis.transport import Diffusion, with_correction
 from studies.ensemble import available_cores
 from studies.fluid import Fluid, broken, check_length, load_kernels, ordered, run_fluids
 from studies.report import (
@@ -34,14 +34,18 @@ from studies.report import (
 )
 from studies.resuming import Resumable, until
 
-__all__ = ["DiffusionState", "SelfDiffusion", "Walks", "self_diffusion"]
+__all__ = ["DiffusionState", "SelfDiffusion", "Slope", "Walks", "self_diffusion"]
 
 FloatArray = NDArray[np.float64]
 
 SPACING = 0.25  # of the moments that are compared, in mean free times
-WINDOW = (20.0, 40.0)  # lags between which the slope is taken, in mean free times
 POINTS = 16  # snapshots per level of `Diffusion`
-SHORTEST = 80.0  # collisions per particle: twice the longest lag
+# collisions per particle in which moments are so close, then for the slope alone; fewer where there are more particles
+DENSE, FEWEST_DENSE, DENSE_PARTICLES = 100.0, 30.0, 4000
+SLOPE_POINTS = 12  # snapshots for the slope: its window ends at the last
+DISCS = (20.0, 40.0)  # lags between which the slope is taken in 2D, in mean free times
+SHORTEST = 80.0  # collisions per particle
+USUAL, LONGEST_BY_DEFAULT = 200.0, 2000.0  # collisions per particle where none are asked for
 
 
 @dataclass(frozen=True)
@@ -54,15 +58,15 @@ class SelfDiffusion:
         Where to measure, ascending.
     fluid : Fluid
         The gas, but for its packing fraction: one species in a periodic box.
-    collisions_per_particle : float
-        How long to measure in each replica.
+    collisions_per_particle : float, optional
+        How long to measure in each replica; by default as `Slope.of` has it.
     replicas, seed, workers
         As in `studies.ensemble`; errors come from the spread of the replicas.
     """
 
     packing_fractions: tuple[float, ...] = (0.1, 0.3)
     fluid: Fluid = field(default_factory=lambda: Fluid(n=1000))
-    collisions_per_particle: float = 200.0
+    collisions_per_particle: float | None = None
     replicas: int = 12
     seed: int = 1
     workers: int | None = None
@@ -78,16 +82,82 @@ class SelfDiffusion:
             fluid.check_within("Enskog's theory")
         if self.fluid.n < 2:
             raise hs.SceneError(f"--n {self.fluid.n} cannot diffuse among others; ask for at least 2")
-        check_length(
-            self.collisions_per_particle,
-            SHORTEST,
-            f"is no length for a slope between {WINDOW[0]:g} and {WINDOW[1]:g} mean free times",
-        )
+        if self.collisions_per_particle is not None:
+            check_length(self.collisions_per_particle, SHORTEST, "is no length for a slope")
         if self.replicas < 4:
             raise hs.SceneError(
                 f"--replicas {self.replicas} gives no error bar, which comes from their spread; ask for at "
                 "least 4"
             )
+
+
+@dataclass(frozen=True)
+class Slope:
+    """Where the slope of the mean square displacement is taken, and how long to measure; all in mean free times.
+
+    Attributes
+    ----------
+    needed : (float, float)
+        The window that D of the box takes: `theory.periodic_diffusion_window`, 20 to 40 in 2D.
+    length : float
+        Of the measurement.
+    dense : float
+        In which moments are SPACING apart, for the curves.
+    """
+
+    needed: tuple[float, float]
+    length: float
+    dense: float = DENSE
+
+    @classmethod
+    def of(cls, fluid: Fluid, length: float | None) -> Slope:
+        """Return the slope for a fluid: three times as long as its window by default, at least 200, at most 2000."""
+        needed = DISCS
+        if fluid.dim == 3:
+            edge = (fluid.n / (fluid.packing_fraction / float(theory.packing_fraction(1.0, 1.0, 3)))) ** (
+                1 / 3
+            )
+            begin, end = theory.periodic_diffusion_window(fluid.packing_fraction, edge)
+            needed = (begin / _mean_free_time(fluid), end / _mean_free_time(fluid))
+        dense = max(DENSE * min(1.0, DENSE_PARTICLES / fluid.n), FEWEST_DENSE)
+        return cls(needed, length or min(max(USUAL, 3.0 * needed[1]), LONGEST_BY_DEFAULT), dense)
+
+    @property
+    def short(self) -> bool:
+        """Whether the measurement is shorter than two windows."""
+        return self.needed[1] > self.length / 2.0 * (1.0 + 1e-9)
+
+    @property
+    def stride(self) -> int:
+        """Moments from one that the slope takes to the next."""
+        return max(math.floor(min(self.needed[1], self.length / 2.0) / SLOPE_POINTS / SPACING + 0.5), 1)
+
+    @property
+    def window(self) -> tuple[float, float]:
+        """Lags between which the slope is taken."""
+        end = SLOPE_POINTS * self.stride
+        return SPACING * round(
+            end * self.needed[0] / self.needed[1] / self.stride
+        ) * self.stride, SPACING * end
+
+    @property
+    def moments(self) -> list[int]:
+        """When to look, in units of SPACING."""
+        last = math.ceil(self.length / SPACING)
+        dense = range(min(last, round(self.dense / SPACING)) + 1)
+        return sorted({*dense, *range(0, last + 1, self.stride)})
+
+    @property
+    def note(self) -> str | None:
+        """What is to be said of a short measurement."""
+        if not self.short:
+            return None
+        begin, end = self.window
+        return (
+            f"too short for D of this box, the slope from {self.needed[0]:.0f} to {self.needed[1]:.0f} mean free times: it "
+            f"is that from {begin:.0f} to {end:.0f}, and the rest of the tail is theory's; ask for "
+            f"--collisions-per-particle {math.ceil(2.0 * self.needed[1])}"
+        )
 
 
 @dataclass(frozen=True)
@@ -111,10 +181,11 @@ def _mean_free_time(fluid: Fluid) -> float:
 
 @dataclass
 class _Walking:
-    """A replica on its way: `diffusion` has seen `done` moments."""
+    """A replica on its way: after `done` moments, close ones in `near`, those for the slope in `far`."""
 
     simulation: hs.Simulation
-    diffusion: Diffusion
+    near: Diffusion
+    far: Diffusion
     done: int = 0
 
 
@@ -124,41 +195,53 @@ class Walks(Resumable[tuple[Fluid, np.random.SeedSequence], _Walking, _Walk]):
 
     Attributes
     ----------
-    collisions_per_particle : float
-        How long to measure.
+    collisions_per_particle : float, optional
+        How long to measure; by default as `Slope.of` has it.
     """
 
-    collisions_per_particle: float
+    collisions_per_particle: float | None = None
 
     def begin(self, item: tuple[Fluid, np.random.SeedSequence]) -> _Walking:
         """Make the gas."""
         fluid, seed = item
-        return _Walking(hs.Simulation(fluid.scene(seed)), Diffusion(POINTS))
+        return _Walking(hs.Simulation(fluid.scene(seed)), Diffusion(POINTS), Diffusion(SLOPE_POINTS))
 
     def steps(self, item: tuple[Fluid, np.random.SeedSequence], state: _Walking) -> Iterator[None]:
-        """Let it settle, then look at it at equally spaced times."""
+        """Let it settle, then look at it at equally spaced times: close ones, then those of the slope."""
         fluid, simulation = item[0], state.simulation
+        slope = Slope.of(fluid, self.collisions_per_particle)
         yield from until(simulation, fluid.settled)
-        for moment in range(state.done, math.ceil(self.collisions_per_particle / SPACING) + 1):
-            if moment > 0:
-                simulation.run(time=SPACING * _mean_free_time(fluid))
-            state.diffusion.add(simulation)
+        moments = slope.moments
+        for k in range(state.done, len(moments)):
+            if k > 0:
+                simulation.run(time=(moments[k] - moments[k - 1]) * SPACING * _mean_free_time(fluid))
+            if moments[k] <= slope.dense / SPACING:
+                state.near.add(simulation)
+            if moments[k] % slope.stride == 0:
+                state.far.add(simulation)
             state.done += 1
             yield
 
     def result(self, item: tuple[Fluid, np.random.SeedSequence], state: _Walking, seconds: float) -> _Walk:
         """Return what was measured."""
-        fluid, simulation, diffusion = item[0], state.simulation, state.diffusion
+        fluid, simulation, near, far = item[0], state.simulation, state.near, state.far
         mean_free_time = _mean_free_time(fluid)
+        slope = Slope.of(fluid, self.collisions_per_particle)
+        window = (slope.window[0] * mean_free_time, slope.window[1] * mean_free_time)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SeriesWarning)  # the error comes from the replicas
-            slope = diffusion.diffusion((WINDOW[0] * mean_free_time, WINDOW[1] * mean_free_time)).value
+            measured = far.diffusion(window).value
+        correction = None
+        if fluid.dim == 3:
+            edge = float(simulation.to_scene().box[0])
+            correction = theory.periodic_diffusion_correction(fluid.packing_fraction, edge, window=window)
+        later = far.lags > near.lags[-1] * (1.0 + 1e-9)
         return _Walk(
-            diffusion.lags,
-            diffusion.mean_square_displacement,
-            diffusion.velocity_autocorrelation,
-            slope,
-            diffusion.periodic_correction if fluid.dim == 3 else None,
+            np.append(near.lags, far.lags[later]),
+            np.append(near.mean_square_displacement, far.mean_square_displacement[later]),
+            np.append(near.velocity_autocorrelation, far.velocity_autocorrelation[later]),
+            measured,
+            correction,
             ordered(simulation),
             broken(simulation),
             simulation.status(),
@@ -174,6 +257,8 @@ class DiffusionState:
     ----------
     fluid : Fluid
         The gas.
+    slope : Slope
+        Where D is taken from.
     lags : (L,) array
         Times between two moments, ascending.
     mean_square_displacement, mean_square_displacement_error : (L,) arrays
@@ -191,6 +276,7 @@ class DiffusionState:
     """
 
     fluid: Fluid
+    slope: Slope
     lags: FloatArray
     mean_square_displacement: FloatArray
     mean_square_displacement_error: FloatArray
@@ -208,17 +294,16 @@ class DiffusionState:
 
     @property
     def infinite(self) -> Estimate | None:
-        """D of the infinite fluid, in 3D: the doubt of the correction is not in the standard error."""
-        if self.correction is None:
-            return None
-        return replace(self.here, value=self.here.value + float(self.correction.value))
+        """D of the infinite fluid, in 3D; the uncertainty of the correction is in its error."""
+        return None if self.correction is None else with_correction(self.here, self.correction)
 
     @property
     def check(self) -> TheoryCheck:
-        """D (infinite in 3D, of this box in 2D) beside Enskog's, the uncertainties of all theory included."""
-        doubt = 0.0 if self.correction is None else float(self.correction.uncertainty)
-        doubt = math.hypot(float(self.enskog.uncertainty), doubt)
-        return TheoryCheck("D", "Enskog", self.infinite or self.here, float(self.enskog.value), doubt)
+        """D (infinite in 3D, of this box in 2D) beside Enskog's."""
+        enskog = self.enskog
+        return TheoryCheck(
+            "D", "Enskog", self.infinite or self.here, float(enskog.value), float(enskog.uncertainty)
+        )
 
     @property
     def deviation(self) -> float:
@@ -226,12 +311,23 @@ class DiffusionState:
         return self.check.z
 
 
-def combine(fluid: Fluid, walks: Sequence[_Walk]) -> DiffusionState:
-    """Return the replicas of one packing fraction as one state, with everything that is wrong with it."""
+def combine(fluid: Fluid, walks: Sequence[_Walk], length: float | None = None) -> DiffusionState:
+    """Return the replicas of one packing fraction as one state, with everything that is wrong with it.
+
+    Parameters
+    ----------
+    fluid : Fluid
+        The gas.
+    walks : sequence of _Walk
+        Its replicas.
+    length : float, optional
+        Collisions per particle of each, as `Walks` has it.
+    """
     squares = np.array([walk.mean_square_displacement for walk in walks])
     products = np.array([walk.velocity_autocorrelation for walk in walks])
     state = DiffusionState(
         fluid,
+        Slope.of(fluid, length),
         walks[0].lags,
         *replica_mean(squares),
         *replica_mean(products),
@@ -291,7 +387,10 @@ def self_diffusion(study: SelfDiffusion, out: OutputFolder, screen: Screen) -> t
             shelf=shelf,
         )
         ran = time.perf_counter()
-        states = [combine(fluid, own) for fluid, own in zip(fluids, walks, strict=True)]
+        states = [
+            combine(fluid, own, study.collisions_per_particle)
+            for fluid, own in zip(fluids, walks, strict=True)
+        ]
 
         out.write_csv("diffusion.csv", _columns(states))
         out.write_csv("correlations.csv", _correlations(states))
@@ -368,7 +467,6 @@ def _summary(
         "workers": available_cores() if study.workers is None else study.workers,
         "n": fluid.n,
         "dim": fluid.dim,
-        "window_in_mean_free_times": WINDOW,
         "states": [_state_summary(state) for state in states],
         "collisions": collisions,
         "collisions_per_second_and_core": collisions / sum(walk.seconds for walk in walks),
@@ -384,6 +482,8 @@ def _state_summary(state: DiffusionState) -> dict[str, Any]:
     return {
         "packing_fraction": state.fluid.packing_fraction,
         "discarded_collisions_per_particle": state.fluid.discarded,
+        "collisions_per_particle": state.slope.length,
+        "window_in_mean_free_times": state.slope.window,
         "d_box": estimate_json(state.here),
         "correction": None
         if correction is None
@@ -391,6 +491,7 @@ def _state_summary(state: DiffusionState) -> dict[str, Any]:
         "d_infinite": None if infinite is None else estimate_json(infinite),
         "enskog": {"value": float(state.enskog.value), "uncertainty": float(state.enskog.uncertainty)},
         "deviation": state.deviation,
+        "notes": [state.slope.note] if state.slope.note else [],
         "failures": list(state.failures),
     }
 
@@ -405,12 +506,18 @@ def _print(
     screen.say(f"{study.replicas} x {study.fluid}, kT = 1")
     screen.say()
     three = study.fluid.dim == 3
-    header = ["packing fraction", "discarded", "D in this box"]
+    header = ["packing fraction", "discarded", "slope", "D in this box"]
     header += ["correction", "D infinite"] if three else []
     header += ["Enskog", "z", "D / Enskog"]
     rows = []
     for state in states:
-        row = [f"{state.fluid.packing_fraction:.4g}", f"{state.fluid.discarded:.0f}", str(state.here)]
+        begin, end = state.slope.window
+        row = [
+            f"{state.fluid.packing_fraction:.4g}",
+            f"{state.fluid.discarded:.0f}",
+            f"{begin:.0f} to {end:.0f}",
+        ]
+        row.append(str(state.here))
         measured, enskog = state.infinite or state.here, state.enskog
         if state.correction is not None:
             row.append(str(Estimate(float(state.correction.value), float(state.correction.uncertainty))))
@@ -421,17 +528,20 @@ def _print(
     screen.table("", header, rows)
     screen.say()
     screen.say(
-        f"D from the slope of the mean square displacement between {WINDOW[0]:g} and {WINDOW[1]:g} mean "
-        "free times; "
-        "errors from the spread of the replicas"
+        "D from the slope of the mean square displacement between these many mean free times; errors from the spread of "
+        "the replicas"
     )
     if three:
         screen.say(
-            "correction: of the periodic box (Yeh and Hummer 2004) with Enskog's viscosity; D infinite has it"
+            "correction: what the periodic box takes from D (after Yeh and Hummer 2004); D infinite has it, and its "
+            "uncertainty"
         )
     else:
         screen.say("in 2D diffusion has no infinite limit: D grows as the logarithm of the box")
     screen.say(
         f"Enskog's theory leaves out correlated collisions: its uncertainty is what it is known to miss; {Z_MEANS}"
     )
+    for state in states:
+        if state.slope.note:
+            screen.say(f"packing fraction {state.fluid.packing_fraction:g}: {state.slope.note}")
     say_checks(screen, summary, out)

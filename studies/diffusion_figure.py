@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from analysis import theory
-from studies.diffusion import WINDOW, DiffusionState
+from studies.diffusion import DiffusionState
 from studies.report import COLOURS, figure_style
 
 __all__ = ["figure"]
@@ -33,8 +33,9 @@ def figure(states: Sequence[DiffusionState]) -> Figure:
     with figure_style():
         result = Figure(figsize=(11.6, 4.0), layout="constrained")
         left, middle, right = result.subplots(1, 3)
-        for state, colour in zip(states, colours, strict=False):
+        for k, (state, colour) in enumerate(zip(states, colours, strict=False)):
             _draw_displacement(left, state, colour)
+            left.plot(state.slope.window, [0.03 + 0.02 * k] * 2, color=colour, lw=3.0, solid_capstyle="butt")
             _draw_velocities(middle, state, colour)
         _finish_displacement(left)
         _finish_velocities(middle, states[0].fluid.dim)
@@ -63,15 +64,13 @@ def _draw_displacement(axes: Axes, state: DiffusionState, colour: Any) -> None:
 def _finish_displacement(axes: Axes) -> None:
     axes.axhline(1.0, color=COLOURS["theory"], lw=1.2, label="Enskog")
     axes.plot([], [], color=COLOURS["band"], lw=1.0, ls=(0, (4, 2)), label="free flight")
-    axes.axvspan(*WINDOW, color=COLOURS["band"], alpha=0.25, lw=0)
-    top = max(axes.get_ylim()[1], 1.3)
-    axes.set_ylim(0.0, top)
-    axes.text(np.sqrt(WINDOW[0] * WINDOW[1]), 0.03 * top, "slope", ha="center", fontsize=8, color="#4a5562")
+    axes.plot([], [], color=COLOURS["band"], lw=3.0, label="slope taken here")
+    axes.set_ylim(0.0, max(axes.get_ylim()[1], 1.3))
     axes.set_xscale("log")
     axes.set_xlabel("mean free times")
     axes.set_ylabel(r"$\langle |x(t) - x(0)|^2 \rangle \,/\, 2 d D_\mathrm{E} t$")
     axes.set_title("Mean square displacement")
-    place: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.07), "alignment": "left"}
+    place: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.1), "alignment": "left"}
     axes.legend(title="packing fraction", title_fontsize=8, fontsize=8, **place)
 
 
@@ -129,6 +128,7 @@ def _draw_diffusion(axes: Axes, states: Sequence[DiffusionState]) -> None:
     if dim == 3:
         infinite = [state.infinite for state in states]
         value = np.array([estimate.value for estimate in infinite if estimate is not None])
+        error = np.array([estimate.standard_error for estimate in infinite if estimate is not None])
         axes.errorbar(
             eta,
             value / enskog,

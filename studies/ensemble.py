@@ -9,7 +9,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Collection, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, as_completed
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
 from multiprocessing.process import BaseProcess
 from typing import TypeVar
 
@@ -18,6 +18,7 @@ import numpy as np
 from hardspheres.errors import SimulationError
 from studies.journal import Shelf
 from studies.resuming import Recorded
+from studies.stopping import STOPPING
 
 __all__ = ["available_cores", "replica_seeds", "run_replicas", "spawned_processes"]
 
@@ -51,8 +52,8 @@ def available_cores() -> int:
 def spawned_processes(workers: int) -> Iterator[Executor]:
     """Yield a pool of spawned worker processes, none of which outlives the context or this process.
 
-    Ctrl-C reaches this process alone: workers ignore it, and are asked from here to save what they have and to end. Who has
-    not done so after `PATIENCE` is ended.
+    Ctrl-C and the end of a terminal reach this process alone: workers ignore them, and are asked from here to save what they
+    have and to end. Who has not done so after `PATIENCE` is ended.
 
     Parameters
     ----------
@@ -61,7 +62,8 @@ def spawned_processes(workers: int) -> Iterator[Executor]:
     """
     before = set(multiprocessing.active_children())
     context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_prepare_worker)
+    with _starting(workers):
+        pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_prepare_worker)
     try:
         yield pool
     except BaseException:
@@ -73,8 +75,31 @@ def spawned_processes(workers: int) -> Iterator[Executor]:
     pool.shutdown()
 
 
+@contextlib.contextmanager
+def _starting(workers: int | None) -> Iterator[None]:
+    """Start processes in which no signal arrives but SIGTERM; say it in a sentence where the system gives no more.
+
+    A terminal sends its signals to all, also to workers that do not yet ignore them, and to the process that cleans up after them.
+    """
+    mask = getattr(signal, "pthread_sigmask", lambda *_: ())
+    before = mask(getattr(signal, "SIG_BLOCK", 0), set(STOPPING) - {signal.SIGTERM})  # which children inherit
+    try:
+        yield
+    except BrokenExecutor:
+        raise
+    except (OSError, RuntimeError, ImportError) as error:  # a thread; semaphores, where there are none
+        reason = getattr(error, "strerror", None) or error
+        raise SimulationError(
+            f"{workers or 'the'} worker processes cannot be started: {reason}; ask for fewer with --workers, or raise the limits "
+            "(ulimit -n, ulimit -u)"
+        ) from error
+    finally:
+        mask(getattr(signal, "SIG_SETMASK", 0), before)
+
+
 def _prepare_worker() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in STOPPING:  # it is the parent that terminates
+        signal.signal(number, signal.SIG_DFL if number == signal.SIGTERM else signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
@@ -135,7 +160,7 @@ def run_replicas(
     ValueError
         If `workers` is less than one.
     SimulationError
-        If a worker process was killed from outside, for example for want of memory.
+        If worker processes cannot be started, or one was killed from outside, for example for want of memory.
     Exception
         Whatever the task raises first; the rest is cancelled.
     """
@@ -171,8 +196,11 @@ def _collect(
     done: Callable[[], None] | None,
     cancel: bool,
 ) -> list[Result]:
-    futures = [executor.submit(task, item) for item in items]
+    futures: list[Future[Result]] = []
     try:
+        with _starting(getattr(executor, "_max_workers", None)):
+            for item in items:
+                futures.append(executor.submit(task, item))
         for future in as_completed(futures):
             future.result()
             if done is not None:

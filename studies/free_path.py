@@ -460,14 +460,15 @@ def _print(
             before = eta
     screen.table("", ["packing fraction", "quantity", "measured", "theory", "z", ""], rows)
     screen.say()
-    finite = "" if study.fluid.mixed else f" with the finite-size correction for {study.fluid.n} particles"
     screen.say(
-        f"means and rates: Enskog{finite}; Z: {states[0].checks[-1].theory}; uncertainty in parentheses"
+        f"means and rates: Enskog for {study.fluid.n} particles at fixed energy and momentum; Z: "
+        f"{states[0].checks[-1].theory}; uncertainty in parentheses"
     )
-    screen.say(
-        "<l^k>, <t^k> of all flights, counted exactly: Boltzmann, whose uncertainty is the packing fraction, what"
-    )
-    screen.say("meeting the same neighbours again may change in a denser gas")
+    if study.fluid.n > 2:
+        screen.say(
+            "<l^k>, <t^k> of all flights, counted exactly: Boltzmann, whose uncertainty, k - 1 times the packing fraction, is "
+            "what meeting the same neighbours again may change in a denser gas"
+        )
     screen.say(Z_MEANS)
     if any(check.better_than_theory for state in states for check in state.checks):
         screen.say(

@@ -4,9 +4,13 @@
     DIR/checkpoint/manifest.json     study, version and options; there is something to resume once it exists
     DIR/checkpoint/done-0007.npz     the result of item 7
     DIR/checkpoint/running-0007.npz  the state of item 7, saved at an interval
+    DIR/checkpoint/finished.json     what was the manifest, while the rest is being removed
 
-Every file is written whole or not at all, so that `kill -9` costs what was done since the last one and no more. The folder
-is removed when the study has finished.
+Every file is written whole or not at all, so that `kill -9` costs what was done since the last one and no more. When the study
+has finished they are removed, and the folder if it is then empty.
+
+A folder of this name that no run of ours has made is refused. Only files with the names above are ever removed, one by one, and never
+what a link leads to.
 """
 
 from __future__ import annotations
@@ -15,21 +19,24 @@ import contextlib
 import hashlib
 import json
 import os
-import shutil
+import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
 import hardspheres as hs
 from hardspheres.errors import CheckpointError, HardSpheresError
+from hardspheres.temporary import NAME, temporary_beside
 from studies.encoding import read, write
 from studies.locking import Lock
+from studies.ownership import is_ordinary, load_object
 
-__all__ = ["FOLDER", "Journal", "OutputError", "Shelf", "options_of"]
+__all__ = ["FOLDER", "Journal", "OutputError", "Shelf", "options_of", "unfinished_run"]
 
 FOLDER = "checkpoint"
+OURS = re.compile(rf"(done|running)-\d{{4,}}\.npz|\.?trajectory\.xyz(\.\w+)?|{NAME.pattern}")
 NOT_COMPARED = {"workers"}  # an option without influence on the results
 
 
@@ -132,6 +139,13 @@ def _words(value: Any) -> str:
     return ",".join(map(str, value)) if isinstance(value, list) else str(value)
 
 
+def unfinished_run(out: Path) -> CheckpointError:
+    """Return what is said where an unfinished run is in the way."""
+    return CheckpointError(
+        f"{out} holds an unfinished run; add --resume to go on with it or --force to begin anew, or give another folder with --out"
+    )
+
+
 class Journal:
     """The checkpoint folder of one study, seen by the process that conducts it.
 
@@ -145,11 +159,29 @@ class Journal:
         Seconds of wall time between two states of an item that is running.
     resume : bool
         Whether to go on with what is there.
+    force : bool, default False
+        Whether to begin anew where there is something to resume.
+    place : Path, optional
+        The output folder with its whole path, where `out` is how it is called.
+
+    Attributes
+    ----------
+    own : set of str
+        Files in the output folder that this run may replace: those of an earlier one, and what it has written itself.
     """
 
-    def __init__(self, out: Path, study: Any, every: float, resume: bool) -> None:
-        self.out, self.resume = out, resume
-        self.shelf = Shelf((out / FOLDER).absolute(), every)
+    def __init__(
+        self,
+        out: Path,
+        study: Any,
+        every: float,
+        resume: bool,
+        force: bool = False,
+        place: Path | None = None,
+    ) -> None:
+        self.out, self.resume, self.force = out, resume, force
+        self.own: set[str] = set()
+        self.shelf = Shelf((place or out.absolute()) / FOLDER, every)
         self._lock = Lock(self.shelf.folder / "lock")
         name = type(study).__module__.rpartition(".")[2]
         self._manifest = {"study": name, "version": hs.__version__, "options": options_of(study)}
@@ -158,56 +190,103 @@ class Journal:
     def _manifest_path(self) -> Path:
         return self.shelf.folder / "manifest.json"
 
+    @property
+    def _finished_path(self) -> Path:
+        return self.shelf.folder / "finished.json"
+
     def check(self) -> None:
         """Refuse what `open` would refuse, and make nothing.
 
         Raises
         ------
         OutputError
-            If another run writes into the folder.
+            If another run writes into the folder, or it is not ours.
         CheckpointError
             If there is nothing to resume, or something else; or an unfinished run where none is to be resumed.
         """
         with _said():
-            if self._lock.path.exists():
-                self._take_lock()
+            if os.path.lexists(self.shelf.folder):
+                self._take(make=False)
         self._lock.release()
         self._refuse()
 
-    def _take_lock(self) -> None:
-        if not self._lock.acquire():
+    def _take(self, make: bool) -> None:
+        """Take the lock of a folder that is ours."""
+        folder = self.shelf.folder
+        if folder.is_symlink() or not folder.is_dir():
+            what = "a link" if folder.is_symlink() else "a file"
+            raise OutputError(
+                f"{folder} is {what}, not the folder of a run of ours; give another folder with --out"
+            )
+        there = os.path.lexists(self._lock.path)
+        if not there:
+            self._require_ours()
+        if (there or make) and not self._lock.acquire():
             raise OutputError(
                 f"another run writes into {self.out}; give another folder with --out, or wait for it"
             )
+        try:
+            self._require_ours()
+        except BaseException:
+            self._lock.release()
+            raise
+
+    def _require_ours(self) -> None:
+        """Refuse a folder with files but without a manifest of ours, unless a run of ours was just about to write it.
+
+        Refuse one of ours, too, in which something that is no file has the name of one of ours, so that nothing is written
+        to where a link leads.
+        """
+        for path in self.shelf.folder.iterdir():
+            own = OURS.fullmatch(path.name) or path in (
+                self._lock.path,
+                self._manifest_path,
+                self._finished_path,
+            )
+            if own and os.path.lexists(path) and not is_ordinary(path):
+                what = "a link" if path.is_symlink() else "not a file"
+                raise OutputError(
+                    f"{path} is {what}, so not of a run of ours; give another folder with --out"
+                )
+        if _manifest(self._manifest_path) or _manifest(self._finished_path):
+            return
+        names = {path.name for path in self.shelf.folder.iterdir()}
+        if names and self._lock.is_ours():
+            names = {name for name in names - {"lock"} if not NAME.fullmatch(name)}
+        if self._manifest_path.name in names:
+            raise OutputError(
+                f"{self._manifest_path} cannot be understood, so {self.shelf.folder} is not of a run of ours; give another "
+                "folder with --out"
+            )
+        if names:
+            raise OutputError(
+                f"{self.shelf.folder} is not of a run of ours: it holds {min(names)}; give another folder with --out"
+            )
+
+    def unfinished(self) -> bool:
+        """Return whether there is something to resume."""
+        return _manifest(self._manifest_path) is not None
 
     def _refuse(self) -> None:
-        there = self._manifest_path.exists()
-        if there and not self.resume:
-            raise CheckpointError(
-                f"{self.out} holds an unfinished run; add --resume to go on with it, or remove {self.out / FOLDER} to begin "
-                "anew"
-            )
+        there = self.unfinished()
+        if there and not self.resume and not self.force:
+            raise unfinished_run(self.out)
         if self.resume and not there:
             raise CheckpointError(f"{self.out} holds no unfinished run, so there is nothing to resume")
         if self.resume:
             self._require_same()
 
     def _require_same(self) -> None:
-        try:
-            before = json.loads(self._manifest_path.read_text(encoding="utf-8"))
-            study, version, options = before["study"], before["version"], dict(before["options"])
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise CheckpointError(
-                f"{self._manifest_path} cannot be understood; remove {self.out / FOLDER}"
-            ) from error
+        before = _manifest(self._manifest_path)
+        assert before is not None
         now = json.loads(json.dumps(self._manifest))
-        for what, old, new in (("study", study, now["study"]), ("version", version, now["version"])):
-            if old != new:
+        for what in ("study", "version"):
+            if before[what] != now[what]:
                 raise CheckpointError(
-                    f"{self.out} holds an unfinished run of another {what}: {old}, not {new}"
+                    f"{self.out} holds an unfinished run of another {what}: {before[what]}, not {now[what]}"
                 )
-        for name in {**options, **now["options"]}:
-            old, new = options.get(name), now["options"].get(name)
+        for name in {**before["options"], **now["options"]}:
+            old, new = before["options"].get(name), now["options"].get(name)
             if old != new:
                 raise CheckpointError(
                     f"{self.out} holds an unfinished run with {name} {_words(old)}, not {_words(new)}; resume it with the "
@@ -215,10 +294,16 @@ class Journal:
                 )
 
     @contextlib.contextmanager
-    def open(self) -> Iterator[Shelf]:
+    def open(self, claim: Callable[[set[str]], set[str]] = set) -> Iterator[Shelf]:
         """Hold the folder while the context lasts; remove it when that ends well.
 
         An error that leaves something to resume gets a note that says so.
+
+        Parameters
+        ----------
+        claim : callable, optional
+            Called before a run begins, with the files of an unfinished run that it takes the place of; returns all that it
+            may replace, or raises.
 
         Raises
         ------
@@ -226,14 +311,17 @@ class Journal:
             As `check` does, or if the folder cannot be made.
         """
         with _said():
-            self.shelf.folder.mkdir(exist_ok=True)
-            self._take_lock()
+            if not os.path.lexists(self.shelf.folder):
+                self.shelf.folder.mkdir(exist_ok=True)
+            self._take(make=True)
         try:
             self._refuse()
+            before = _manifest(self._manifest_path) or {}
+            self.own = {str(name) for name in before.get("own", ())}
             if not self.resume:
-                self._begin()
+                self._begin(claim(self.own))
             yield self.shelf
-            self._remove()
+            self._discard()
         except BaseException as error:
             if self._manifest_path.exists():
                 error.add_note(
@@ -241,19 +329,57 @@ class Journal:
                 )
             raise
         finally:
-            if not self._manifest_path.exists():
-                shutil.rmtree(self.shelf.folder, ignore_errors=True)
-            self._lock.release()
+            try:
+                if not self._manifest_path.exists():
+                    self._remove_folder()
+            finally:
+                self._lock.release()
 
-    def _begin(self) -> None:
+    def may_write(self, name: str) -> None:
+        """Remember that a file in the output folder is this run's, before it is there."""
+        if name not in self.own:
+            self.own.add(name)
+            self._write_manifest()
+
+    def _begin(self, own: set[str]) -> None:
+        self._discard()
+        self.own = own
+        self._write_manifest()
         with _said():
-            for path in self.shelf.folder.iterdir():  # left by a run that was killed while it removed them
-                if path != self._lock.path:
+            self._finished_path.unlink(missing_ok=True)
+
+    def _write_manifest(self) -> None:
+        temporary = temporary_beside(self._manifest_path)
+        with _said():
+            try:
+                content = {**self._manifest, "own": sorted(self.own)}
+                temporary.write_text(json.dumps(content, indent=2), encoding="utf-8")
+                os.replace(temporary, self._manifest_path)
+            finally:
+                temporary.unlink(missing_ok=True)
+
+    def _discard(self) -> None:
+        """Remove results and states. From the first moment on there is nothing to resume; to the last the folder is known as ours."""
+        with _said():
+            if self._manifest_path.exists():
+                os.replace(self._manifest_path, self._finished_path)
+            for path in list(self.shelf.folder.iterdir()):
+                if OURS.fullmatch(path.name) and is_ordinary(path):  # again: it is not to be undone
                     path.unlink()
-            temporary = self._manifest_path.with_suffix(".partial")
-            temporary.write_text(json.dumps(self._manifest, indent=2), encoding="utf-8")
-            os.replace(temporary, self._manifest_path)
 
-    def _remove(self) -> None:
-        with _said():
-            self._manifest_path.unlink()  # first, and alone: from now on there is nothing to resume
+    def _remove_folder(self) -> None:
+        """Remove the folder; where something else is in it, that and the mark that the folder is ours stay."""
+        with contextlib.suppress(OSError):
+            left = {path.name for path in self.shelf.folder.iterdir()}
+            if left <= {"lock", self._finished_path.name}:
+                self._finished_path.unlink(missing_ok=True)
+            if self._lock.is_ours():
+                self._lock.path.unlink()
+            self.shelf.folder.rmdir()
+
+
+def _manifest(path: Path) -> dict[str, Any] | None:
+    """Return the manifest that a run of ours has written, None where there is none."""
+    found = load_object(path) or {}
+    kinds = {"study": str, "version": str, "options": dict}
+    return found if all(isinstance(found.get(name), kind) for name, kind in kinds.items()) else None

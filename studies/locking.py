@@ -22,8 +22,10 @@ class Lock:
     Parameters
     ----------
     path : Path
-        A file in an existing folder, made where it is missing. It may be removed while the lock is held.
+        A file in an existing folder, made where it is missing. It may be removed while the lock is held. No link is followed.
     """
+
+    MARK = b"held by the run of hardspheres that writes here\n"
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -32,7 +34,12 @@ class Lock:
     def acquire(self) -> bool:
         """Take the lock; return whether it was free."""
         while True:
-            handle = os.open(self.path, os.O_RDWR | os.O_CREAT, 0o666)  # not inherited by workers
+            try:
+                handle = self._opened()  # not inherited by workers
+            except (FileNotFoundError, FileExistsError):
+                if not self.path.parent.is_dir():
+                    raise
+                continue  # made or removed by another
             try:
                 if fcntl is not None:
                     fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -48,6 +55,23 @@ class Lock:
                 self._handle = handle
                 return True
             os.close(handle)
+
+    def _opened(self) -> int:
+        plain = getattr(os, "O_NOFOLLOW", 0)
+        if os.path.lexists(self.path):
+            return os.open(self.path, os.O_RDWR | plain)
+        handle = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_EXCL | plain, 0o666)
+        try:
+            os.write(handle, self.MARK)
+        except OSError:
+            os.close(handle)
+            self.path.unlink(missing_ok=True)
+            raise
+        return handle
+
+    def is_ours(self) -> bool:
+        """Return whether such a file is there, and was made by a lock."""
+        return self.path.is_file() and not self.path.is_symlink() and self.path.read_bytes() == self.MARK
 
     def release(self) -> None:
         """Give it back; a second time does nothing."""

@@ -12,7 +12,7 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +21,9 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from studies.journal import Journal, OutputError, Shelf
+from hardspheres.temporary import remove_leftovers, temporary_beside
+from studies.journal import FOLDER, Journal, OutputError, Shelf, unfinished_run
+from studies.ownership import SUMMARY, WRITTEN, files_of_finished_run, is_ordinary, load_object, strange_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -125,11 +127,14 @@ class OutputFolder:
     Parameters
     ----------
     path : str or path-like
-        Where; nothing is touched before `create` or `running`.
+        Where; nothing is touched before `create` or `running`. A relative one counts from where the process is now.
     checkpoint_every : float, default 60
         Seconds of wall time between two checkpoints of a run.
     resume : bool, default False
         Go on with the unfinished run that is there.
+    force : bool, default False
+        Take the place of the run that is there. Its files stay until the first result of the new one is written; then its
+        summary goes, and with the new summary those of its files that have not been replaced.
 
     Attributes
     ----------
@@ -140,43 +145,78 @@ class OutputFolder:
     """
 
     def __init__(
-        self, path: str | os.PathLike[str], *, checkpoint_every: float = 60.0, resume: bool = False
+        self,
+        path: str | os.PathLike[str],
+        *,
+        checkpoint_every: float = 60.0,
+        resume: bool = False,
+        force: bool = False,
     ) -> None:
-        self.path = Path(path)
-        self.checkpoint_every, self.resume = checkpoint_every, resume
+        self.path, self._place = Path(path), Path(path).absolute()
+        self.checkpoint_every, self.resume, self.force = checkpoint_every, resume, force
         self.files: list[str] = []
+        self._own: set[str] | None = None  # names of files that may be replaced
+        self._open_journal: Journal | None = None
 
     def _journal(self, study: Any) -> Journal:
-        return Journal(self.path, study, self.checkpoint_every, self.resume)
+        return Journal(self.path, study, self.checkpoint_every, self.resume, self.force, self._place)
 
-    def check(self, study: Any = None) -> None:
+    def _claim(self, names: Iterable[str], unfinished: Iterable[str] = ()) -> set[str]:
+        """Return the names of files that may be replaced; refuse to replace others, and a finished run without being told to."""
+        old = files_of_finished_run(self._place)
+        if old is not None and not self.force:
+            raise OutputError(
+                f"{self.path} holds a finished run; give another folder with --out, or --force to replace it"
+            )
+        own = (old or set()) | set(unfinished)
+        if strange := strange_file(self._place, {SUMMARY, *names}, own):
+            raise OutputError(
+                f"{self.path / strange} is not of a finished run, and would be replaced; give another folder with --out, or move it away"
+            )
+        return own
+
+    def check(self, study: Any = None, *, resumable: bool = True) -> None:
         """Raise an error if the folder cannot be used; create nothing.
 
         Parameters
         ----------
         study : dataclass, optional
             Options of the study that is going to run, see `running`.
+        resumable : bool, default True
+            Whether it keeps checkpoints.
 
         Raises
         ------
         OutputError
-            If the folder cannot be written, or another run writes into it.
+            If the folder cannot be written, or another run writes into it; if it holds a finished run that is not to be
+            replaced, or files of others in the place of those that the study writes.
         CheckpointError
             If it holds an unfinished run that is not to be resumed, or none where one is.
         """
         try:
-            self.path.exists()
+            nowhere = next(
+                (p for p in [self.path, *self.path.parents] if p.is_symlink() and not p.exists()), None
+            )
         except OSError as error:
             raise OutputError(
                 f"{self.path} cannot be a folder: {error.strerror}; give another one with --out"
             ) from error
+        if nowhere is not None:
+            raise OutputError(
+                f"{nowhere} is a link to {os.readlink(nowhere)}, where there is nothing; give another folder with --out"
+            )
         if self.path.exists() and not self.path.is_dir():
             raise OutputError(f"{self.path} exists and is not a folder; give another one with --out")
         parent = next(p for p in [self.path, *self.path.absolute().parents] if p.exists())
         if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
             raise OutputError(f"{parent} cannot be written to; give another folder with --out")
-        if study is not None:
+        if study is not None and resumable:
             self._journal(study).check()
+        unfinished = load_object(self._place / FOLDER / "manifest.json") is not None
+        if unfinished and not (resumable and (self.resume or self.force)):
+            raise unfinished_run(self.path)
+        if not (unfinished or self.resume):
+            self._own = self._claim(WRITTEN.get(_module(study), ()))
 
     @contextlib.contextmanager
     def running(self, study: Any) -> Iterator[Shelf]:
@@ -198,13 +238,20 @@ class OutputFolder:
             As `check` does.
         """
         self.create()
-        with self._journal(study).open() as shelf:
-            yield shelf
+        journal = self._journal(study)
+        with journal.open(
+            lambda unfinished: self._claim(WRITTEN.get(_module(study), ()), unfinished)
+        ) as shelf:
+            self._own, self._open_journal = journal.own, journal
+            try:
+                yield shelf
+            finally:
+                self._open_journal = None
 
     def create(self) -> None:
         """Make the folder and its parents."""
         try:
-            self.path.mkdir(parents=True, exist_ok=True)
+            self._place.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise OutputError(f"{self.path} cannot be made: {error.strerror}") from error
 
@@ -217,25 +264,56 @@ class OutputFolder:
         name : str
             File name within the folder; the temporary one has the same extension.
         """
-        temporary = self.path / f".partial-{name}"
+        temporary = temporary_beside(self._place / name)
         try:
             yield temporary
-            os.replace(temporary, self.path / name)
+            self._put(temporary, name)
+        except OutputError:
+            raise
         except OSError as error:
             raise OutputError(f"{self.path / name} cannot be written: {error.strerror or error}") from error
         finally:
             temporary.unlink(missing_ok=True)
-        if name not in self.files:
-            self.files.append(name)
 
     def adopt(self, path: Path) -> None:
         """Move a finished file from the checkpoint folder to its place, where it may be already."""
-        if path.exists() or not (self.path / path.name).exists():
+        if path.exists() or not (self._place / path.name).exists():
             try:
-                os.replace(path, self.path / path.name)
+                self._put(path, path.name)
+            except OutputError:
+                raise
             except OSError as error:
                 raise OutputError(f"{self.path / path.name} cannot be written: {error.strerror}") from error
-        self.files.append(path.name)
+        elif path.name not in self.files:
+            self.files.append(path.name)
+
+    def _put(self, path: Path, name: str) -> None:
+        """Move a whole file to its place; what it takes the place of is ours. The summary comes last, and alone is of this run."""
+        if self._own is None:
+            self._own = self._claim([name])
+        if name not in self._own:
+            if strange := strange_file(self._place, [name], ()):
+                raise OutputError(
+                    f"{self.path / strange} is not of this run, and is not replaced; move it away"
+                )
+            if self._open_journal is not None:
+                self._open_journal.may_write(name)
+            self._own.add(name)
+        if not self.files:
+            remove_leftovers(self._place, path.stat().st_mtime)
+            self._remove(SUMMARY)
+        if name == SUMMARY:
+            for stale in self._own - {SUMMARY, *self.files}:
+                self._remove(stale)
+        os.replace(path, self._place / name)
+        if name not in self.files:
+            self.files.append(name)
+
+    def _remove(self, name: str) -> None:
+        """Remove a file of an earlier run: one that studies write, and that is a file itself."""
+        known = name in {SUMMARY}.union(*WRITTEN.values())
+        if known and name in (self._own or ()) and is_ordinary(self._place / name):
+            (self._place / name).unlink()
 
     def write_json(self, name: str, content: Mapping[str, Any]) -> None:
         """Write a JSON object, see `jsonable`."""
@@ -254,6 +332,11 @@ class OutputFolder:
         """Write a figure as PNG."""
         with self.partial(name) as path:
             figure.savefig(path, format="png")
+
+
+def _module(study: Any) -> str:
+    """Return the name of the module of a study, by which the files that it writes are known."""
+    return type(study).__module__.rpartition(".")[2]
 
 
 def _console(stderr: bool = False) -> Console:
@@ -318,9 +401,11 @@ class Screen:
         callable
             To be called after each step, without arguments.
         """
+        if not self.errors.is_terminal:
+            yield lambda: None
+            return
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-        hidden = not self.errors.is_terminal
-        with Progress(*columns, console=self.errors, disable=hidden, transient=True) as progress:
+        with Progress(*columns, console=self.errors, transient=True) as progress:
             task = progress.add_task(text, total=total)
             yield lambda: progress.advance(task)
 

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM wait for a moment at which all that was done can be saved."""
+"""Ctrl-C, SIGTERM and SIGHUP wait for a moment at which all that was done can be saved."""
 
 from __future__ import annotations
 
@@ -8,12 +8,16 @@ import threading
 from collections.abc import Callable, Iterator
 from typing import Any
 
-__all__ = ["signals_held"]
+__all__ = ["STOPPING", "signals_held"]
+
+STOPPING = [
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+]  # which end a program
 
 
 @contextlib.contextmanager
 def signals_held() -> Iterator[Callable[[], bool]]:
-    """Hold SIGINT and SIGTERM back while the context lasts; they take effect when it ends.
+    """Hold SIGINT, SIGTERM and SIGHUP back while the context lasts; they take effect when it ends.
 
     A second Ctrl-C takes effect at once. Signals that are ignored stay so, and outside the main thread, where Python
     delivers none, nothing is held.
@@ -34,7 +38,7 @@ def signals_held() -> Iterator[Callable[[], bool]]:
             previous(number, frame)
         waiting.append(number)
 
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    handlers = {number: signal.getsignal(number) for number in STOPPING}
     before = {number: own for number, own in handlers.items() if own not in (signal.SIG_IGN, None)}
     for number in before:
         signal.signal(number, hold)

@@ -19,7 +19,7 @@ from analysis import theory
 from analysis.relaxation import Comparison, RelaxationCurve
 from analysis.statistics import Estimate, deviates
 from analysis.velocities import reduced_velocities
-from hardspheres.trajectory import has_velocities, read_structure
+from hardspheres.files import Reading, read_scene
 from studies.ensemble import available_cores, replica_seeds, run_replicas
 from studies.fluid import broken, is_dense, two_species
 from studies.report import Z_MEANS, OutputFolder, Screen, engine_of, say_checks, seconds_taken
@@ -262,12 +262,13 @@ class Thermalisation:
     frames: int = 21
     animate: bool = False
     source: str | None = None
+    notes: tuple[str, ...] = ()  # what was not taken from the source as it stands
 
     @classmethod
     def from_file(
         cls,
         path: str,
-        radius: float | None,
+        reading: Reading,
         velocities: str | None,
         temperature: float | None,
         **options: Any,
@@ -281,8 +282,8 @@ class Thermalisation:
         ----------
         path : str
             Any file that ASE reads.
-        radius : float, optional
-            Radius of all particles, for a file that has none.
+        reading : Reading
+            How to take what the file leaves open.
         velocities : str, optional
             Draw velocities, whatever the file has.
         temperature : float, optional
@@ -295,10 +296,8 @@ class Thermalisation:
         TrajectoryError, SceneError
             If the file gives no legal scene.
         """
-        atoms = read_structure(path)
-        scene = hs.Scene.from_atoms(atoms, radius)
-        moving = has_velocities(atoms) and bool(np.any(scene.velocities))
-        keep = moving and velocities is None
+        scene, notes = read_scene(path, replace(reading, velocities=velocities is None))
+        keep = velocities is None and bool(np.any(scene.velocities))
         if keep and temperature is not None:
             raise hs.SceneError(f"{path} has velocities; --temperature needs --velocities to draw others")
         recipe = Recipe(
@@ -310,7 +309,7 @@ class Thermalisation:
             temperature=scene.temperature if keep else (1.0 if temperature is None else temperature),
             base=scene,
         )
-        study = cls(recipe=recipe, source=str(path), **options)
+        study = cls(recipe=recipe, source=str(path), notes=tuple(notes), **options)
         return replace(study, replicas=1) if keep else study
 
 
@@ -340,6 +339,8 @@ def thermalise(study: Thermalisation, out: OutputFolder, screen: Screen) -> tupl
     """
     began = time.perf_counter()
     recipe = study.recipe
+    for note in study.notes:
+        screen.note(f"{study.source}: {note}")
     if recipe.base is not None and recipe.velocities is None:
         screen.note(
             "the file has velocities, so all replicas would be the same: running one, without error bars"

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 import hardspheres as hs
 from hardspheres.cells import worst_overlap
 from hardspheres.kernel import compiler
+from hardspheres.kernel_cache import cache_folder, cached_in
 from hardspheres.scene import kinetic_energy
 
 __all__ = ["BACK_UP", "BOUNCE", "Count", "Stepper", "best_margin"]
@@ -227,7 +228,7 @@ def _advance(state, box, cells, sigma, margin, dt, steps, back_up, audit, scratc
     return DONE
 
 
-with compiler.cached_in(compiler.cache_folder("time_stepping")):
+with cached_in(cache_folder("time_stepping")):
     advance: Any = entry(_advance)
 
 

@@ -1,6 +1,20 @@
 """Settings that every test shares."""
 
+import signal
+
+import pytest
 from hypothesis import settings
 
 settings.register_profile("hardspheres", derandomize=True, deadline=None, print_blob=True)
 settings.load_profile("hardspheres")
+
+
+@pytest.fixture
+def heard():
+    """Signals have their usual effect, here and in child processes, also where the tests were started with some ignored (nohup)."""
+    usual = {"SIGINT": signal.default_int_handler, "SIGTERM": signal.SIG_DFL, "SIGHUP": signal.SIG_DFL}
+    known = {getattr(signal, name): handler for name, handler in usual.items() if hasattr(signal, name)}
+    before = {number: signal.signal(number, handler) for number, handler in known.items()}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)

@@ -20,6 +20,7 @@ from analysis.theory.collisions import (
     compressibility_from_rate,
     finite_size_collision_rate,
     finite_size_mean_free_path,
+    finite_size_mixture_rates,
     free_path_density,
     free_path_moment,
     free_path_survival,
@@ -65,6 +66,7 @@ from analysis.theory.mixtures import (
     mixture_contact_uncertainty,
     mixture_contact_values,
     mixture_mean_free_paths,
+    pairs_of_few,
 )
 from analysis.theory.prediction import Prediction, TheoryRangeWarning, packing_fraction
 from analysis.theory.relaxation import (
@@ -83,6 +85,7 @@ from analysis.theory.state import (
     contact_value,
     fcc_crystal,
     finite_size_compressibility,
+    finite_size_shift,
     henderson,
     kolafa_labik_malijevsky,
     virial_coefficients,
@@ -94,6 +97,7 @@ from analysis.theory.transport import (
     enskog_diffusion,
     heat_conductivity,
     periodic_diffusion_correction,
+    periodic_diffusion_window,
     shear_viscosity,
     velocity_correlation_rate,
 )
@@ -137,7 +141,9 @@ __all__ = [
     "finite_size_collision_rate",
     "finite_size_compressibility",
     "finite_size_mean_free_path",
+    "finite_size_mixture_rates",
     "finite_size_relaxation",
+    "finite_size_shift",
     "free_path_density",
     "free_path_moment",
     "free_path_survival",
@@ -158,7 +164,9 @@ __all__ = [
     "momentum_correlation",
     "near_equilibrium_rate",
     "packing_fraction",
+    "pairs_of_few",
     "periodic_diffusion_correction",
+    "periodic_diffusion_window",
     "shear_viscosity",
     "sonine_rate",
     "sound_damping",

@@ -1,4 +1,4 @@
-"""How often the particles of a one-component gas collide, and how far and long they fly between."""
+"""How often particles collide, also few of them and of several species, and how far and long they fly between."""
 
 from __future__ import annotations
 
@@ -10,8 +10,19 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from analysis.theory.maxwell import finite_mean_speed, mean_speed, speed_pdf
-from analysis.theory.prediction import Prediction, check_dim
-from analysis.theory.state import compressibility_factor, finite_size_compressibility
+from analysis.theory.mixtures import (
+    mixture_collision_rates,
+    mixture_contact_uncertainty,
+    mixture_contact_values,
+)
+from analysis.theory.prediction import Prediction, check_dim, packing_fraction
+from analysis.theory.state import (
+    compressibility_factor,
+    contact_value,
+    finite_size_compressibility,
+    finite_size_shift,
+    virial_series,
+)
 
 __all__ = [
     "collision_rate",
@@ -19,6 +30,7 @@ __all__ = [
     "compressibility_from_rate",
     "finite_size_collision_rate",
     "finite_size_mean_free_path",
+    "finite_size_mixture_rates",
     "free_path_density",
     "free_path_moment",
     "free_path_survival",
@@ -127,7 +139,13 @@ def compressibility_from_rate(
 
 
 def finite_size_collision_rate(
-    eta: ArrayLike, dim: int, n: int, diameter: float = 1.0, mass: float = 1.0, temperature: float = 1.0
+    eta: ArrayLike,
+    dim: int,
+    n: int,
+    diameter: float = 1.0,
+    mass: float = 1.0,
+    temperature: float = 1.0,
+    edge: float | None = None,
 ) -> Prediction:
     """Return nu of N particles of fixed energy in a periodic box, kT = 2 K_th/d(N - 1), [1/time].
 
@@ -144,26 +162,112 @@ def finite_size_collision_rate(
         Number of particles N >= 2.
     diameter, mass, temperature : float
         sigma [length], m and kT.
+    edge : float, optional
+        As in `finite_size_shift`.
 
     Returns
     -------
     Prediction
         u from that of Z.
     """
-    finite = finite_size_compressibility(eta, dim, n)
+    finite = finite_size_compressibility(eta, dim, n, edge=edge)
     speed = collision_speed_factor(dim * (n - 1))
     per_excess = (n - 1) / n * 2 * dim / diameter * math.sqrt(temperature / (math.pi * mass)) / speed
     return Prediction((finite.value - 1.0) * per_excess, finite.uncertainty * per_excess)
 
 
-def finite_size_mean_free_path(eta: ArrayLike, dim: int, n: int, diameter: float = 1.0) -> Prediction:
+def finite_size_mean_free_path(
+    eta: ArrayLike, dim: int, n: int, diameter: float = 1.0, edge: float | None = None
+) -> Prediction:
     """Return the mean free path <v>/nu of N particles of fixed energy in a periodic box, [length].
 
-    `finite_mean_speed` over `finite_size_collision_rate`; arguments as there, n >= 3, eta > 0.
+    `finite_mean_speed` over `finite_size_collision_rate`; arguments as there, eta > 0.
     """
-    rate = finite_size_collision_rate(eta, dim, n, diameter)
+    rate = finite_size_collision_rate(eta, dim, n, diameter, edge=edge)
     value = finite_mean_speed(dim * (n - 1), dim, 1.0 / n) / rate.value
     return Prediction(value, value * rate.uncertainty / rate.value)
+
+
+def finite_size_mixture_rates(
+    counts: ArrayLike,
+    volume: float,
+    diameters: ArrayLike,
+    masses: ArrayLike,
+    dim: int,
+    temperature: float = 1.0,
+    free_momenta: int | None = None,
+    edge: float | None = None,
+) -> Prediction:
+    """Return nu_ij, how often one of few particles of species i meets species j, at fixed energy, [1/time].
+
+    nu_ij = (N_j - delta_ij) / V times the rate with one partner in a unit of volume. Their relative velocity is a
+    component of a vector that lies evenly on a sphere in D dimensions, and its part along the total momentum is
+    nothing whatever the masses are (1/sqrt(m_i) sqrt(m_i) - 1/sqrt(m_j) sqrt(m_j) = 0): so momentum conservation
+    leaves <|v_i - v_j|> alone, and fixed energy makes it Maxwell's over `collision_speed_factor`. The contact value is
+    that of `mixture_contact_values` (of one diameter `contact_value`) times (Z_N - 1)/(Z - 1) of one species
+    (`finite_size_shift`). Two particles: exactly V/(V - v0).
+
+    Parameters
+    ----------
+    counts : (k,) array_like
+        How many particles of each species.
+    volume : float
+        V [length^d].
+    diameters, masses : (k,) array_like
+        Per species.
+    dim : {2, 3}
+        Dimension d.
+    temperature : float, default 1
+        kT = 2 K_th/D.
+    free_momenta : int, optional
+        D; d(N - 1), that of a periodic box, by default.
+    edge : float, optional
+        Shortest edge of the box, in mean diameters.
+
+    Returns
+    -------
+    Prediction
+        (k, k) arrays. u = 0 for two particles; otherwise that of the contact values and of the shift, of which in a
+        mixture of diameters the whole is uncertain.
+    """
+    number, sigma = np.asarray(counts, dtype=np.float64), np.asarray(diameters, dtype=np.float64)
+    density, n = number / volume, round(float(number.sum()))
+    partners = (number - np.eye(len(number))) / number
+    speed = 1.0 / collision_speed_factor(dim * (n - 1) if free_momenta is None else free_momenta)
+    rates = mixture_collision_rates(density, sigma, masses, dim, temperature) * partners * speed
+    g = mixture_contact_values(density, sigma, dim)
+    contact = np.add.outer(sigma, sigma) / 2
+    if (
+        n == 2
+        and free_momenta is None
+        and (volume ** (1 / dim) if edge is None else edge * sigma.mean()) >= 2 * (contact.max())
+    ):
+        excluded = packing_fraction(1.0, 2 * contact, dim)  # a ball of radius sigma_ij
+        return Prediction(rates / g * volume / (volume - excluded), np.zeros_like(rates))
+    eta = float((packing_fraction(1.0, sigma, dim) * density).sum())
+    bulk = float(compressibility_factor(eta, dim).value) - 1.0
+    shift = finite_size_shift(eta, dim, n, edge=edge)
+    few, doubt = float(shift.value) / bulk, float(shift.uncertainty) / bulk
+    if np.ptp(sigma) == 0.0:
+        rates = rates / g * float(contact_value(eta, dim))
+        relative = np.full_like(rates, math.hypot(doubt, _excess_uncertainty(eta, dim)))
+    else:
+        relative = np.hypot(mixture_contact_uncertainty(sigma, dim) * (1.0 - 1.0 / g), math.hypot(few, doubt))
+    return Prediction(rates * (1.0 + few), rates * relative)
+
+
+def _excess_uncertainty(eta: float, dim: int) -> float:
+    """Relative uncertainty of Z - 1 of the infinite fluid.
+
+    For a thin gas the stated uncertainty of an equation of state, relative to Z, says nothing of Z - 1; there the virial
+    series does, which is exact at eta -> 0.
+    """
+    bulk = compressibility_factor(eta, dim)
+    doubt = float(bulk.uncertainty)
+    if eta <= (0.5 if dim == 3 else 0.6):
+        series = virial_series(eta, dim)
+        doubt = min(doubt, abs(float(series.value - bulk.value)) + float(series.uncertainty))
+    return doubt / float(bulk.value - 1.0)
 
 
 # Flights of the dilute gas ----------------------------------------------------------------------------------
@@ -299,13 +403,13 @@ def free_path_moment(order: int, dim: int, eta: float = 0.0) -> Prediction:
     dim : {2, 3}
         Dimension d.
     eta : float, default 0
-        Packing fraction; u = eta times the value for k > 1.
+        Packing fraction; u = (k - 1) eta times the value.
     """
     value = math.factorial(order) * float(_flight_average(0.0, dim, -order, of_time=False))
-    return Prediction(value, eta * value if order > 1 else 0.0)
+    return Prediction(value, (order - 1) * eta * value)
 
 
 def free_time_moment(order: int, dim: int, eta: float = 0.0) -> Prediction:
     """Return <t^k> / <t>^k of free times: 2.076131 (3D), 2.108441 (2D) for k = 2; see `free_path_moment`."""
     value = math.factorial(order) * float(_flight_average(0.0, dim, -order, of_time=True))
-    return Prediction(value, eta * value if order > 1 else 0.0)
+    return Prediction(value, (order - 1) * eta * value)

@@ -177,11 +177,12 @@ def finite_mean_speed(
     Parameters
     ----------
     free_momenta, dim, momentum_share, temperature
-        As in `finite_energy_law`.
+        As in `finite_energy_law`; D = d, two particles, too.
     mass : float
         Mass m of the particle.
     """
-    finite_energy_law(free_momenta, dim, momentum_share)  # checks the arguments
+    if free_momenta != dim:  # two particles at rest together have one speed
+        finite_energy_law(free_momenta, dim, momentum_share)  # checks the arguments
     ratio = math.lgamma(free_momenta / 2) - math.lgamma((free_momenta + 1) / 2)
     factor = math.sqrt(free_momenta / 2) * math.exp(ratio) * math.sqrt(1.0 - momentum_share)
     return mean_speed(dim, mass, temperature) * factor

@@ -17,6 +17,7 @@ __all__ = [
     "mixture_contact_uncertainty",
     "mixture_contact_values",
     "mixture_mean_free_paths",
+    "pairs_of_few",
 ]
 
 FloatArray = NDArray[np.float64]
@@ -191,3 +192,26 @@ def mixture_mean_free_paths(
     excess = (rates * (1.0 - 1.0 / g)).sum(axis=1) / total
     value = np.array([mean_speed(dim, float(m)) for m in mass]) / total
     return Prediction(value, mixture_contact_uncertainty(diameters, dim) * excess * value)
+
+
+def pairs_of_few(counts: ArrayLike, diameters: ArrayLike, volume: float, dim: int) -> float:
+    """Return by how much Z - 1 of few particles in a periodic box differs, for the pairs that there are.
+
+    N/(N - 1) times the sum of N_i (N_j - delta_ij) sigma_ij^d g_ij over that of N_i N_j sigma_ij^d g_ij, in units of
+    kT = 2 K/d(N - 1): no particle meets itself. 1 for one species; exact in the dilute gas, where one large particle
+    among small ones meets no other large one.
+
+    Parameters
+    ----------
+    counts, diameters : (k,) array_like
+        How many of each species, and sigma_i [length].
+    volume : float
+        V [length^d].
+    dim : {2, 3}
+        Dimension d.
+    """
+    number, sigma = np.asarray(counts, dtype=np.float64), np.asarray(diameters, dtype=np.float64)
+    weights = (np.add.outer(sigma, sigma) / 2) ** dim * mixture_contact_values(number / volume, sigma, dim)
+    pairs = np.outer(number, number) - np.diag(number)
+    n = float(number.sum())
+    return n / (n - 1.0) * float((pairs * weights).sum()) / float((np.outer(number, number) * weights).sum())

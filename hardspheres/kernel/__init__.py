@@ -119,7 +119,7 @@ def specialise(
     name = f"{__name__}.{tag}"
     with _ONE_AT_A_TIME:
         if f"{name}.loop" not in sys.modules:
-            from .compiler import cache_folder, cached_in
+            from hardspheres.kernel_cache import cache_folder, cached_in
 
             package = types.ModuleType(name)
             package.__path__ = [str(Path(__file__).parent)]

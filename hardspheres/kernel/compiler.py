@@ -1,18 +1,11 @@
-"""How kernels are compiled: strict arithmetic, raw pointers, and a disk cache that never serves a stale kernel.
+"""How kernels are compiled: strict arithmetic and raw pointers; `hardspheres.kernel_cache` says where they are kept on disk.
 
 Two variables of the environment, Numba's own, give kernels for examination. ``NUMBA_DISABLE_JIT=1`` runs the same source as plain
 Python, on arrays in place of pointers. ``NUMBA_BOUNDSCHECK=1`` also has arrays in place of pointers, and every access checked: in
 plain Python negative indices are refused too; compiled (which then takes minutes and is never cached) only those beyond an end.
 """
 
-import contextlib
-import getpass
-import hashlib
-import os
 import struct
-import tempfile
-from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numba
@@ -341,57 +334,6 @@ else:
 
         integer = types.int64
         return integer(kept, integer, integer, integer, integer), codegen
-
-
-def cache_folder(tag: str) -> Path | None:
-    """Folder for the compiled kernels of one specialisation, or None where no folder can be written, or none shall.
-
-    Named by a digest of all sources that the kernels are compiled from: Numba looks only at the file of the outermost
-    function, and would serve an old kernel after an edit of a function in another file.
-    """
-    if CHECKED:
-        return None
-    here = Path(__file__).parent
-    digest = hashlib.sha256(numba.__version__.encode())
-    for source in [here.parent / "collision.py", here.parent / "growth.py", *sorted(here.glob("*.py"))]:
-        digest.update(source.name.encode() + source.read_bytes())
-    for root in _cache_roots():
-        folder = root / "hardspheres" / digest.hexdigest()[:16] / tag
-        with contextlib.suppress(OSError):
-            folder.mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryFile(dir=folder):
-                return folder
-    return None
-
-
-def _cache_roots() -> Iterator[Path]:
-    """Where a cache may be: the folder that the environment names, else the user's own, else a private one among the temporary."""
-    base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
-    if base:
-        yield Path(base)
-    else:
-        with contextlib.suppress(RuntimeError):  # a user without a home
-            yield Path.home() / ".cache"
-    with contextlib.suppress(OSError):
-        user = os.getuid() if hasattr(os, "getuid") else getpass.getuser()
-        private = Path(tempfile.gettempdir()) / f"cache-{user}"
-        private.mkdir(mode=0o700, exist_ok=True)
-        # Cached kernels are executed: nobody else may have put them there.
-        if not hasattr(os, "getuid") or (
-            private.stat().st_uid == os.getuid() and not private.stat().st_mode & 0o022
-        ):
-            yield private
-
-
-@contextlib.contextmanager
-def cached_in(folder: Path | None) -> Iterator[None]:
-    """Kernels decorated inside are cached in this folder; Numba's process-wide setting is as before afterwards."""
-    before = config.CACHE_DIR
-    config.CACHE_DIR = str(folder or "")
-    try:
-        yield
-    finally:
-        config.CACHE_DIR = before
 
 
 def jit(function):

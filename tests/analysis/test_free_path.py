@@ -126,6 +126,52 @@ def test_a_mixture_beside_its_theory(monkeypatch):
     assert len(axes.get_legend().get_texts()) == 3
 
 
+def test_a_heavy_rare_particle(monkeypatch):
+    """One of mass 50 among 100: its path is shorter by sqrt(1 - m/M), 0.81; all numbers within 4.5 errors."""
+    monkeypatch.setattr(tuning, "SPARSE_BELOW", LISTS)
+    heavy = np.arange(101) == 0
+    masses, radii = np.where(heavy, 50.0, 1.0), np.where(heavy, 0.51, 0.5)
+    scene = random_gas("3d_mixture", 101, 0.01, masses=masses, radii=radii)
+    paths, _ = measure(scene, blocks=64, per_block=250.0, equilibration=200.0)
+    checks = {check.quantity: check for check in paths.checks}
+    assert "nu 1-1" not in checks and "nu 2-1" in checks  # it does not meet itself
+    for check in checks.values():
+        assert abs(check.z) < 4.5, str(check)
+    law, edges, measured = paths.flights_in_theory(0), *paths.path_at_speed(0)
+    assert len(measured) > 6
+    z = [e.deviation(law.path_at_speed(*ends)) for e, ends in zip(measured, pairwise(edges), strict=True)]
+    assert np.abs(z).max() < 4.5
+    # sibling: the path of the infinite gas
+    infinite = theory.FreeFlights(
+        paths._particles / scene.volume, paths._diameters, paths._masses, 3, 0, scene.temperature
+    )
+    assert apart(paths.mean_free_path[0], infinite.mean_path) > 5
+
+
+def test_two_spheres():
+    """Mean free time 2.1773 of two at packing fraction 0.05, exactly; paths of two have no third moment."""
+    paths, _ = measure(random_gas("3d", 2, 0.05), blocks=64, per_block=400.0)
+    for check in paths.checks:
+        assert abs(check.z) < 4.5 and not check.quantity.startswith("<"), str(check)
+    free_time = paths.predictions["mean free time"][0]
+    assert free_time.uncertainty == 0.0 and free_time.value == pytest.approx(2.1773, abs=5e-5)
+    assert paths.predictions["mean free path"][0].value == pytest.approx(math.sqrt(1.5) * 2.1773, abs=1e-4)
+    # sibling: the infinite gas
+    assert apart(paths.mean_free_time[0], 1 / float(theory.collision_rate(0.05, 3))) > 20
+
+
+@pytest.mark.slow
+def test_a_heavy_rare_disc():
+    """One of mass 25 among 50 in 2D: 4.5 errors; the infinite gas's path is 22 % longer."""
+    heavy = np.arange(50) == 0
+    scene = hs.random_gas(n=50, dim=2, packing_fraction=0.1, masses=np.where(heavy, 25.0, 1.0), seed=1)
+    paths, _ = measure(scene, blocks=64, per_block=400.0, equilibration=200.0)
+    for check in paths.checks:
+        assert abs(check.z) < 4.5, str(check)
+    infinite = theory.mixture_mean_free_paths([1 / scene.volume, 49 / scene.volume], [1, 1], [25, 1], 2).value
+    assert apart(paths.mean_free_path[0], infinite[0]) > 5
+
+
 def test_theory_of_mixtures_of_equal_particles_is_that_of_one():
     for dim in (2, 3):
         whole = theory.FreeFlights([0.01], [1.0], [2.0], dim, temperature=3.0)

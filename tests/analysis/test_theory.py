@@ -147,6 +147,107 @@ def test_finite_size_correction():
         )
 
 
+# dim, eta, N, Z and its error: this package's collision rate, 10 runs of 500 000 collisions each, or more
+FEW = np.array(
+    [
+        (2, 0.05, 4, 1.10962, 3e-05),
+        (2, 0.1, 3, 1.24445, 9e-05),
+        (2, 0.1, 4, 1.24184, 8e-05),
+        (2, 0.1, 6, 1.23993, 0.0001),
+        (2, 0.2, 3, 1.61439, 0.00026),
+        (2, 0.2, 6, 1.58947, 0.00015),
+        (2, 0.4, 9, 2.92008, 0.00043),
+        (2, 0.4, 36, 2.84746, 0.00076),
+        (2, 0.5, 9, 4.16682, 0.0008),
+        (2, 0.5, 16, 4.21002, 0.00096),
+        (2, 0.6, 16, 6.43484, 0.00118),
+        (2, 0.6, 36, 6.58034, 0.00151),
+        (2, 0.65, 64, 8.53869, 0.0053),
+        (2, 0.65, 256, 8.42901, 0.00426),
+        (3, 0.02, 4, 1.08551, 2e-05),
+        (3, 0.05, 3, 1.24011, 8e-05),
+        (3, 0.05, 5, 1.23463, 9e-05),
+        (3, 0.1, 3, 1.58772, 0.00014),
+        (3, 0.1, 8, 1.54066, 0.00017),
+        (3, 0.2, 8, 2.47873, 0.00051),
+        (3, 0.2, 108, 2.41519, 0.00029),
+        (3, 0.3, 16, 4.1533, 0.00112),
+        (3, 0.3, 64, 4.01793, 0.00121),
+        (3, 0.35, 16, 5.56336, 0.00186),
+        (3, 0.4, 32, 7.11436, 0.00164),
+        (3, 0.4, 108, 6.97141, 0.00246),
+        (3, 0.4, 500, 6.95473, 0.00196),
+        (3, 0.45, 32, 9.47368, 0.00441),
+        (3, 0.45, 108, 9.40308, 0.00352),
+        (3, 0.45, 256, 9.42206, 0.00351),
+        (3, 0.48, 64, 11.53, 0.00629),
+        (3, 0.48, 108, 11.32797, 0.00584),
+        (3, 0.48, 500, 11.40304, 0.0033),
+    ]
+)  # fmt: skip
+
+
+def test_few_particles():
+    """Simulated Z of 3 to 500 particles: within the stated u, whose part of chi-square is as it should be."""
+    z, bare = [], []
+    for dim, eta, n, value, error in FEW:
+        theirs = theory.finite_size_compressibility(eta, int(dim), int(n))
+        z.append((value - theirs.value) / math.hypot(error, theirs.uncertainty))
+        infinite = theory.compressibility_factor(eta, int(dim))
+        bare.append(
+            (value - theirs.value)
+            / math.hypot(error, infinite.uncertainty, 0.1 * (theirs.value - infinite.value))
+        )
+    assert np.abs(z).max() < 3 and 0.2 < np.mean(np.square(z)) < 1.5
+    # sibling: a tenth of the shift alone, as u was, fails for many
+    assert np.sum(np.abs(bare) > 4) >= 5 and np.abs(bare).max() > 10
+    # no wider than it need be: where the shift is trusted u is a tenth of it
+    for eta, n in ((0.1, 256), (0.3, 500)):
+        shift = theory.finite_size_shift(eta, 3, n)
+        assert shift.uncertainty == pytest.approx(0.1 * shift.value, rel=0.05)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_two_and_three_particles_are_exact(dim):
+    """Z from the free volume V - v0 by hand; three as part of drawn places where no two overlap, 4.5 errors."""
+    excluded, eta = (4 * math.pi / 3, 0.05) if dim == 3 else (math.pi, 0.2)
+    volume = 2 * float(theory.packing_fraction(1.0, 1.0, dim)) / eta
+    two = theory.finite_size_compressibility(eta, dim, 2)
+    assert (
+        two.value == pytest.approx(1 + excluded / (volume - excluded), rel=1e-12) and two.uncertainty == 0.0
+    )
+    rate = theory.finite_size_collision_rate(eta, dim, 2)
+    area = math.pi if dim == 3 else 2.0
+    speed = math.sqrt(2 * dim)  # relative, with kT = 2 K/d = 1: it never changes
+    assert rate.value == pytest.approx(speed * area / (volume - excluded), rel=1e-12)
+    if dim == 3:
+        assert 1 / rate.value == pytest.approx(2.1773, abs=5e-5)
+    assert abs(1 / theory.collision_rate(eta, dim) * rate.value - 1) > 0.05  # sibling: the infinite gas
+    # three: d ln Q/d ln V between two volumes, where no box edge is shorter than three diameters
+    eta = 0.04 if dim == 3 else 0.2
+    rng, volume, step = (
+        np.random.default_rng(dim),
+        3 * float(theory.packing_fraction(1.0, 1.0, dim)) / eta,
+        0.05,
+    )
+    edges = [(volume * math.exp(way * step)) ** (1 / dim) for way in (1, -1)]
+    places, free = rng.random((600_000, 3, dim)), []
+    for edge in edges:  # the same places, scaled
+        apart = np.stack([places[:, a] - places[:, b] for a, b in ((0, 1), (0, 2), (1, 2))])
+        apart -= np.rint(apart)
+        free.append(((apart * edge) ** 2).sum(axis=2).min(axis=0) > 1.0)
+    larger, smaller = (part.mean() for part in free)
+    canonical = 1 + math.log(larger / smaller) / (2 * step) / 3
+    error = math.sqrt((larger - smaller) / len(places)) / larger / (2 * step) / 3
+    three = theory.finite_size_compressibility(eta, dim, 3, "canonical")
+    assert three.uncertainty == 0.0
+    assert abs(canonical - three.value) < 4.5 * error + 2e-4
+    infinite = theory.compressibility_factor(eta, dim).value
+    assert abs(canonical - infinite) > 20 * error  # sibling
+    # in a smaller box the three reach around it: the formula of many, and its u
+    assert theory.finite_size_compressibility(1.6 * eta, dim, 3, edge=2.9).uncertainty > 0.005
+
+
 @pytest.mark.parametrize("dim", [2, 3])
 def test_outside_its_range_a_theory_says_nothing(dim):
     """NaN and a warning, of every closed form that has a range; within it, next to the end, a number."""

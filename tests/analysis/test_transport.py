@@ -13,7 +13,7 @@ import hardspheres as hs
 from analysis import theory
 from analysis.calibration import calibrate
 from analysis.estimator import NoDataError
-from analysis.transport import Diffusion
+from analysis.transport import Diffusion, ShortWindowWarning
 
 GAMMA, STEP = 0.5, 0.25
 
@@ -171,7 +171,8 @@ def test_common_motion_does_not_diffuse():
     np.testing.assert_allclose(measured[0], measured[1], rtol=1e-8)
 
 
-def enskog(eta, n, spacing, count, window, seed=1):
+def spheres(eta, n, spacing, count, seed=1):
+    """Diffusion of a fluid, looked at every `spacing` mean free times."""
     sim = hs.Simulation(random_gas("3d", n, eta, seed=seed))
     sim.run(collisions=50 * n)
     step = spacing / float(theory.collision_rate(eta, 3))
@@ -179,29 +180,45 @@ def enskog(eta, n, spacing, count, window, seed=1):
     for _ in range(count):
         sim.run(time=step)
         diffusion.add(sim)
-    return diffusion, diffusion.check((window[0] * step, window[1] * step))
+    return diffusion, step
 
 
 def test_spheres_diffuse_as_known():
-    """256 spheres at eta = 0.2; the independent code of `test_diffusion_in_a_periodic_box` found 0.3684."""
-    diffusion, checks = enskog(0.2, 256, 2.0, 2000, (8, 16))
+    """256 spheres at eta = 0.2: an independent code found 0.3684; of the infinite fluid 0.4043(7) is known."""
+    diffusion, step = spheres(0.2, 256, 2.0, 2000)
+    checks = diffusion.check()
     assert abs(checks[0].measured.deviation(0.3684, 0.006)) < 4
     assert checks[0].measured.standard_error / checks[0].measured.value < 0.03
-    assert checks[1].measured.value == pytest.approx(
-        checks[0].measured.value + diffusion.periodic_correction.value
+    correction = diffusion.periodic_correction
+    assert checks[1].measured.value == pytest.approx(checks[0].measured.value + correction.value)
+    assert checks[1].measured.standard_error == pytest.approx(
+        math.hypot(checks[0].measured.standard_error, correction.uncertainty)
     )
+    assert abs(checks[1].measured.deviation(0.4043, 0.0007)) < 4
     assert abs(checks[1].z) < 2
-    # siblings: the dilute gas's D, and particles of twice the mass
+    # an earlier slope is told, and has the rest of the tail from theory
+    early = (4 * step, 8 * step)
+    with pytest.warns(ShortWindowWarning, match=r"too early for D of this box, 6\.018 to 9\.027"):
+        from_early = diffusion.infinite_diffusion(early)
+    assert abs(from_early.deviation(0.4043, 0.0007)) < 4
+    # siblings: the dilute gas's D, particles of twice the mass
     dilute = theory.enskog_diffusion(0.2, 3).value * theory.contact_value(0.2, 3)
     assert abs(checks[0].measured.deviation(dilute)) > 8
     assert abs(checks[0].measured.deviation(0.3684 / math.sqrt(2), 0.006)) > 5
+    assert from_early.value > diffusion.diffusion(early).value + correction.value
     axes = Figure().subplots()
     assert diffusion.plot(axes) is axes
 
 
+def test_a_run_too_short_for_its_box_says_so():
+    diffusion, _ = spheres(0.2, 256, 2.0, 20)
+    with pytest.raises(ValueError, match=r"the lags reach 6\.707; .* from 6\.018 to 9\.027: run on, or"):
+        diffusion.infinite_diffusion()
+
+
 def test_velocities_forget_at_the_rate_of_collisions():
     eta = 0.2
-    diffusion, _ = enskog(eta, 256, 0.05, 1500, (8, 16), seed=2)
+    diffusion, _ = spheres(eta, 256, 0.05, 1500, seed=2)
     lags, value = diffusion.lags, diffusion.velocity_autocorrelation
     rate = float(theory.velocity_correlation_rate(eta, 3))
     short = slice(0, 8)  # up to 0.4 collisions per particle
@@ -212,14 +229,16 @@ def test_velocities_forget_at_the_rate_of_collisions():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("eta", "known"), [(0.1, 0.9055), (0.3, None)])
-def test_diffusion_to_two_per_cent(eta, known):
-    _, checks = enskog(eta, 256, 2.0, 5000, (15, 30))
+@pytest.mark.parametrize(("eta", "known", "infinite"), [(0.1, 0.9055, 0.949), (0.3, None, None)])
+def test_diffusion_to_two_per_cent(eta, known, infinite):
+    diffusion, _ = spheres(eta, 256, 2.0, 5000)
+    checks = diffusion.check()
     for check in checks:
         assert check.measured.standard_error / check.measured.value < 0.02
         assert abs(check.z) < 2
     if known is not None:
         assert abs(checks[0].measured.deviation(known, 0.01 * known)) < 4
+        assert abs(checks[1].measured.deviation(infinite, 0.001)) < 4
 
 
 def test_misuse_is_named(scene):

@@ -251,3 +251,18 @@ def test_golden_checksum():
     sim = run(golden_scene(), 500)
     digest = hashlib.sha256(sim.velocities.tobytes() + sim.positions.tobytes()).hexdigest()
     assert digest[:16] == "199d5320a3c28a55"
+
+
+def test_signs_of_zero_do_not_depend_on_the_search(monkeypatch):
+    """Flights along the rows of a grid: the same bits by lists and windows, and with zeros of either sign."""
+    grid = np.stack(np.meshgrid(*[1.5 + 3.0 * np.arange(3)] * 3, indexing="ij"), -1).reshape(-1, 3)
+    along = np.random.default_rng(5).normal(size=len(grid))
+    bits = set()
+    for zero in (0.0, -0.0):
+        scene = hs.Scene(grid, np.column_stack([along, np.full((len(grid), 2), zero)]), box=(9, 9, 9))
+        for below in (LISTS, WINDOWS):
+            monkeypatch.setattr(tuning, "SPARSE_BELOW", below)
+            sim = run(scene, 100)
+            bits.add((state(sim), sim.velocities.tobytes()))
+    assert len(bits) == 1
+    assert np.all(sim.velocities[:, 1:] == 0.0) and not np.any(np.signbit(sim.velocities[:, 1:]))

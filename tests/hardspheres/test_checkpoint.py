@@ -6,6 +6,7 @@ import os
 import pickle
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from hypothesis import strategies as st
 from scenes import KINDS, everything, flight_bits, gas, one_to_ten, state
 
 import hardspheres as hs
-from hardspheres import archive, tuning
+from hardspheres import archive, temporary, tuning
 from hardspheres.engine import Engine
 
 LISTS, WINDOWS = {2: 0.0, 3: 0.0}, {2: 1.0, 3: 1.0}
@@ -219,17 +220,65 @@ def test_the_new_file_is_on_disk_before_it_has_the_name(half_way, path, monkeypa
     assert calls == ["fsync", "replace", "fsync"]  # the folder last
 
 
-@pytest.mark.skipif(os.name != "posix", reason="asks the system for processes")
-def test_what_a_killed_writer_left_is_removed(half_way, path):
-    done = subprocess.run(
-        [sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True, text=True, check=True
-    )
-    dead = path.parent / f".checkpoint-{done.stdout.strip()}-00000000.tmp"
-    alive = path.parent / f".checkpoint-{os.getpid()}-00000000.tmp"
-    dead.touch()
-    alive.touch()
+@pytest.fixture
+def dead():
+    """The id of a process that is no more."""
+    program = "import os; print(os.getpid())"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    return int(done.stdout)
+
+
+def left_by(folder, where, pid, age=0.0):
+    file = folder / f".partial-{where}-{pid}-0123abcd.npz"
+    file.write_bytes(b"half of it")
+    os.utime(file, (time.time() - age,) * 2)
+    return file
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="asks the system for processes")
+def test_what_a_killed_writer_left_is_removed_and_what_another_machine_writes_is_not(half_way, path, dead):
+    """An id of a process tells nothing about another machine, or another container on this one: there only age does."""
+    here, other = temporary._neighbourhood(), "0" * 16
+    left_by(path.parent, here, dead)
+    left_by(path.parent, here, os.getpid(), temporary.OLD + 60)
+    left_by(path.parent, other, dead, temporary.OLD + 60)
+    kept = {left_by(path.parent, here, os.getpid()), left_by(path.parent, other, dead, temporary.OLD - 60)}
     half_way.save(path)
-    assert set(path.parent.iterdir()) == {path, alive}
+    assert set(path.parent.iterdir()) == {path, *kept}
+
+
+def test_what_only_looks_like_a_leftover_stays(half_way, path, dead):
+    """A file of another name, a folder, a link and what it leads to."""
+    here, elsewhere = temporary._neighbourhood(), path.parent / "thesis.tex"
+    elsewhere.write_text("years of work")
+    (path.parent / f".partial-{here}-{dead}-0123abcd.npz").symlink_to(elsewhere)
+    (path.parent / f".partial-{here}-{dead}-abcd0123").mkdir()
+    (path.parent / f".partial-{dead}-abcd0123.npz").touch()
+    (path.parent / ".partial-thesis.tex").touch()
+    before = set(path.parent.iterdir())
+    for file in before - {path, elsewhere}:
+        os.utime(file, (0, 0), follow_symlinks=False)
+    half_way.save(path)
+    assert set(path.parent.iterdir()) == before and elsewhere.read_text() == "years of work"
+
+
+def test_machines_and_containers_are_told_apart(monkeypatch):
+    """By host, boot and namespace of processes; where these are not known nobody is taken for a neighbour."""
+    known = temporary._neighbourhood()
+    if sys.platform.startswith("linux"):
+        assert known == temporary._neighbourhood()
+        with monkeypatch.context() as patch:
+            patch.setattr(os, "readlink", lambda path: "pid:[4026532999]")
+            assert temporary._neighbourhood() != known
+        with monkeypatch.context() as patch:
+            patch.setattr(temporary.Path, "read_text", lambda *_, **__: "another boot")
+            assert temporary._neighbourhood() != known
+
+    def unknown(path):
+        raise FileNotFoundError(path)
+
+    monkeypatch.setattr(os, "readlink", unknown)
+    assert temporary._neighbourhood() != temporary._neighbourhood()
 
 
 # Files that are sealed, and lie: made with `forged`, which writes what no simulation leaves.

@@ -206,3 +206,31 @@ def test_bad_logs_are_refused(tmp_path):
             hs.Simulation(scene, log=log)
         assert "\n" not in str(caught.value)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_relative_path_is_pinned_where_the_log_began(tmp_path, monkeypatch):
+    """Somebody goes to another folder, where even a file of that name is."""
+    (tmp_path / "there").mkdir()
+    (tmp_path / "there" / "events.npy").write_text("mine")
+    monkeypatch.chdir(tmp_path)
+    sim = hs.Simulation(gas("3d", 300, 0.1, seed=5), log="events.npy")
+    monkeypatch.chdir(tmp_path / "there")
+    sim.run(collisions=100)
+    assert len(np.load(tmp_path / "events.npy")) == 100
+    assert (tmp_path / "there" / "events.npy").read_text() == "mine"
+
+
+def test_normals_have_no_negative_zeros(monkeypatch):
+    """Along the rows of a grid: a zero's sign would say which of the two the search found first."""
+    monkeypatch.setattr(tuning, "SPARSE_BELOW", WITH_FLIGHTS[1][1])
+    grid = np.stack(np.meshgrid(*[1.5 + 3.0 * np.arange(3)] * 3, indexing="ij"), -1).reshape(-1, 3)
+    odd, along = np.arange(27) % 2, np.random.default_rng(5).normal(size=27)
+    velocities = np.column_stack([along, np.zeros((27, 2))])
+    seen = []
+    scene = hs.Scene(grid, velocities, np.where(odd, 0.3, 0.5), np.where(odd, 1.0, 7.0), (9, 9, 9))
+    sim = hs.Simulation(scene, log=seen.append)
+    sim.run(collisions=200)
+    normals = np.concatenate(seen)["normal"]
+    assert np.all(normals[:, 1:] == 0.0) and not np.signbit(normals[:, 1:]).any()
+    at, raw = sim._at, sim._engine.arrays.log[: 200 * sim._at.LOG_ROW].reshape(200, -1)
+    assert np.signbit(raw[:, at.LOG_NORMAL + 1]).any()  # sibling: the kernels do write some

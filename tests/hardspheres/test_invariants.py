@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 
 import hardspheres as hs
+from hardspheres.invariants import allowed_drift
+
+EPS = float(np.finfo(np.float64).eps)
 
 
 class Case(NamedTuple):
@@ -106,3 +109,37 @@ def test_the_check_sees_one_bad_collision():
     assert np.max(np.abs(sim.momentum_drift)) > 1e-12
     with pytest.raises(hs.InvariantError):
         sim.check()
+
+
+def nearly_touching():
+    """Six spheres 3e-12 diameters apart between a wall and their own images: the same bonds collide over and over."""
+    apart = 1 + 3e-12
+    grid = np.stack(
+        np.meshgrid(*[(np.arange(k) + 0.5) * apart for k in (3, 2, 1)], indexing="ij"), -1
+    ).reshape(-1, 3)
+    velocities = np.random.default_rng(365).normal(size=grid.shape)
+    return hs.Scene(grid, velocities, box=(3 * apart, 2 * apart + 1, 2 * apart), boundary=MIXED)
+
+
+def test_bonds_that_hardly_turn_lose_energy_one_way_and_check_knows_how_much():
+    """A right run, which half a unit in the last place for each event of a particle would not allow."""
+    sim = hs.Simulation(nearly_touching())
+    sim.run(collisions=80_000)
+    sim.check()
+    assert sim.energy_drift < -max(1e-12, 0.5 * EPS * (sim.collisions + sim.wall_collisions) / 6)
+    allowed = allowed_drift(sim, sim.collisions)
+    assert allowed < 12 * -sim.energy_drift
+    # Sibling: an energy that is off by more than that is seen.
+    sim._energy *= 1 + 1.01 * allowed
+    with pytest.raises(hs.InvariantError, match="kinetic energy changed"):
+        sim.check()
+
+
+def test_what_is_allowed_follows_from_collisions_and_those_who_share_the_energy():
+    sim = hs.Simulation(hs.lattice_gas(n=500, packing_fraction=0.3, seed=1))
+    assert allowed_drift(sim, 0) == allowed_drift(sim, 10**5) == 1e-12
+    assert allowed_drift(sim, 10**9) == pytest.approx(4 * EPS * 10**9 / 500, rel=0.15)
+    few = sim.scene.velocities * (np.arange(500) < 5)[:, None]
+    one = hs.Simulation(sim.scene.replace(velocities=few))
+    assert 50 < allowed_drift(one, 10**9) / allowed_drift(sim, 10**9) < 200
+    assert allowed_drift(hs.Simulation(sim.scene.replace(velocities=0 * few)), 0) == 1e-12

@@ -127,7 +127,7 @@ def test_an_edit_anywhere_in_the_kernels_makes_a_new_cache(tmp_path):
     """Numba itself looks at the outermost function's file only."""
     copy = tmp_path / "hardspheres"
     shutil.copytree(Path(hs.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__"))
-    program = "import json, hardspheres.kernel.compiler as c; print(json.dumps([c.__file__, str(c.cache_folder('3d'))]))"
+    program = "import json, hardspheres.kernel_cache as c; print(json.dumps([c.__file__, str(c.cache_folder('3d'))]))"
     folders = set()
     for edited in (None, "kernel/events.py", "kernel/flags.py", "collision.py", "growth.py"):
         if edited:

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import hardspheres as hs
 from hardspheres import Scene, SceneError, cells
 from hardspheres.cells import worst_overlap
 from hardspheres.scene import contact_tolerance
@@ -142,6 +143,14 @@ BAD = [
     ({"masses": [1, -1]}, "the mass of particle 1 is -1.0"),
     ({"masses": [math.inf, 1]}, "the mass of particle 0 is inf"),
     ({"masses": [1, 2, 3]}, r"masses have shape \(3,\)"),
+    ({"masses": 1e308}, "masses from 1e[+]308 to 1e[+]308 leave the range .* or their sum does"),
+    ({"masses": [1e-320, 1]}, "masses from 1e-320 to 1 leave the range"),
+    ({"masses": np.ma.array([1.0, 2.0], mask=[True, False])}, "masses are a masked array, .* fill them in"),
+    ({"positions": [np.ma.array(row, mask=[0, 0, 1]) for row in TWO]}, "positions are a masked array"),
+    ({"radii": np.ma.masked}, "radii are a masked array"),
+    ({"radii": b"1"}, "radii hold text"),
+    ({"radii": True}, "radii hold truth values"),
+    ({"box": np.array([10, 10, 10], "m8[s]")}, "box edges hold timedelta"),
     ({"box": (10, 10)}, r"box has shape \(2,\), but the positions are 3-dimensional"),
     ({"box": 10}, r"box has shape \(\)"),
     ({"box": (10, 0, 10)}, "the box edge along y is 0.0"),
@@ -171,6 +180,94 @@ BAD = [
     ({"positions": [[0.2, 1, 1], [9.7, 1, 1]]}, "particles 0 and 1 overlap by 0.5 diameters"),
     ({"positions": [[1, 1, 1], [1, 1, 1]]}, "overlap by 1 diameters .*: they are 0.0 apart and touch at 1.0"),
 ]
+
+
+def moving(length=1.0, time=1.0, mass=1.0, ratio=1.0):
+    """Arguments of two spheres that meet, in some units; the second has a mass of its own."""
+    return {
+        "positions": np.array(TWO) * length,
+        "velocities": np.array([[1.0, 1, 1], [0.0, 0, 0]]) * (length / time),
+        "radii": 0.5 * length,
+        "masses": [mass, mass * ratio],
+        "box": np.full(3, 10.0 * length),
+    }
+
+
+@pytest.mark.parametrize(
+    ("units", "message"),
+    [
+        ({"mass": 1e-320}, "masses from .* leave the range"),
+        ({"mass": 8e307, "ratio": 1.5}, "masses from .* leave the range"),
+        ({"time": 1e-155}, "kinetic energy leaves the range"),
+        ({"time": 1e160}, "kinetic energy leaves the range"),
+        ({"time": 1e160, "mass": 1e100}, "squares of speeds that it allows do"),
+        ({"mass": 1e100, "ratio": 1e-300, "time": 1e-60}, "squares of speeds that it allows do"),
+        ({"length": 1e-90}, "products of the box's edges"),
+        ({"length": 1e90, "time": 1e10}, "products of the box's edges"),
+        ({"length": 1e-60, "time": 1e-60, "mass": 1e260}, "products of the box's edges"),
+    ],
+)
+def test_units_in_which_products_leave_the_range_are_refused(units, message):
+    with pytest.raises(SceneError, match=message) as caught:
+        Scene(**moving(**units))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "units",
+    [
+        {},
+        {"length": 2.0**-200, "time": 2.0**-200},
+        {"length": 2.0**200, "time": 2.0**200},
+        {"mass": 2.0**-900},
+        {"mass": 2.0**900},
+        {"time": 2.0**-400},
+        {"time": 2.0**400},
+        {"length": 2.0**-33, "time": 2.0**-40, "mass": 2.0**-86},  # SI
+    ],
+    ids=str,
+)
+def test_whatever_units_are_taken_give_the_same_numbers(units):
+    """Powers of two far from 1, short of what is refused: the same bits in these units."""
+    usual, sim = (hs.Simulation(Scene(**moving(**given))) for given in ({}, units))
+    for each in (usual, sim):
+        each.run(collisions=20)
+        each.check()
+    length, time, mass = (units.get(name, 1.0) for name in ("length", "time", "mass"))
+    assert sim.time == usual.time * time
+    assert np.array_equal(sim.positions, usual.positions * length)
+    assert sim.temperature == usual.temperature * mass * (length / time) * (length / time)
+    assert sim.compressibility_factor == usual.compressibility_factor
+
+
+def test_units_that_are_refused_would_lose_collisions(monkeypatch):
+    """Sibling: with lengths of 1e-90 squares of speed times radius are zero, and two that meet pass through each other."""
+    monkeypatch.setattr("hardspheres.scene._in_range", lambda values: True)
+    for units, met in (({}, True), ({"length": 1e-90}, False)):
+        sim = hs.Simulation(Scene(**moving(**units)))
+        sim.run(time=30.0)
+        assert (sim.collisions > 0) is met
+
+
+def test_a_state_is_checked_too():
+    """All but overlaps, which the engine leaves by its rounding; a NaN made it search for ever."""
+    scene = Scene(TWO, REST, box=(10, 10, 10))
+    x, v = scene.positions, np.ones((2, 3))
+    for change, message in (
+        ({"positions": x * [np.nan, 1, 1]}, "the position of particle 0 along x is nan"),
+        ({"velocities": v * [1, np.inf, 1]}, "the velocity of particle 0 along y is inf"),
+        ({"velocities": v * 1e200}, "kinetic energy leaves the range"),
+        ({"velocities": v * 1j}, "velocities hold complex"),
+        ({"positions": x + [0, 0, 7]}, "the position of particle 1 along z is 11.0; .* from 0 to 10.0"),
+        ({"positions": np.ma.array(x, mask=True)}, "positions are a masked array"),
+        ({"radii": [0.5]}, r"radii have shape \(1,\)"),
+        ({"radii": [0.5, -1]}, "the radius of particle 1 is -1.0"),
+    ):
+        with pytest.raises(SceneError, match=message):
+            scene.with_state(**({"positions": x, "velocities": v} | change))
+    later = scene.with_state(x, v, [0.4, 0.4])
+    assert np.array_equal(later.velocities, v)
+    assert scene.with_state([[1, 1, 1], [1.5, 1, 1]], v).n == 2
 
 
 @pytest.mark.parametrize(("change", "message"), BAD)

@@ -1,5 +1,7 @@
 """The public face of a simulation: running, frames, tallies, errors."""
 
+import copy
+import itertools
 import math
 
 import numpy as np
@@ -99,6 +101,34 @@ def test_frames(sim):
     assert [frame.collisions for frame in frames] == [300, 350, 351]
     assert frames[0].positions.shape == frames[0].velocities.shape == (100, 3)
     assert frames[0].scene is sim.scene
+
+
+def test_any_number_of_frames_takes_no_memory(sim):
+    """Moments are counted as they are due; a list of these would not fit in any machine."""
+    sim.run(time=0.3)
+    now, step = sim.time, 1e-3 / 3
+    some = itertools.islice(sim.frames(every=step, count=2**60), 40)
+    assert [frame.time for frame in some] == [now + k * step for k in range(40)]  # to the last bit
+    for times in (range(1, 2**60), itertools.count(1), itertools.count(1.0)):
+        twin = copy.copy(sim)
+        assert [frame.time for frame in itertools.islice(twin.frames(times=times), 3)] == [1.0, 2.0, 3.0]
+    for goals in (range(7, 2**50), itertools.count(7)):
+        frames = itertools.islice(copy.copy(sim).frames(collisions_per_particle=goals), 3)
+        assert [frame.collisions for frame in frames] == [350, 400, 450]
+
+
+def test_an_iterator_is_checked_as_it_comes_and_all_else_at_once(sim):
+    frames = sim.frames(times=iter([0.1, 0.3, 0.2]))
+    assert [next(frames).time, next(frames).time] == [0.1, 0.3]
+    with pytest.raises(hs.SimulationError, match="ascending"):
+        next(frames)
+    for times in ([0.4, 0.5, 0.4], range(5, 1, -1), range(-1, 9), [1.0, "2"], np.array([1.0, np.nan])):
+        with pytest.raises(hs.SimulationError, match="ascending|already|finite"):
+            sim.frames(times=times)
+    with pytest.raises(hs.SimulationError, match="below 2"):
+        sim.frames(collisions_per_particle=range(1, 2**70, 2**62))
+    assert sim.time == 0.3
+    assert list(sim.frames(times=[])) == list(sim.frames(times=range(0))) == []
 
 
 @pytest.mark.parametrize(

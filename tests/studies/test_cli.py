@@ -7,7 +7,6 @@ import sys
 import time
 
 import pytest
-from ase import Atoms
 from ase.build import bulk
 from ase.io import write
 
@@ -45,6 +44,22 @@ def test_help_and_version_load_nothing_heavy():
         (["--n", "1"], "there is one particle only"),
         (["--temperature", "0"], "no particle moves"),
         (["--radius", "1"], "--radius goes with --from"),
+        (["--box", "9,9,9"], "--box goes with --from"),
+        (["--units", "ase"], "--units goes with --from"),
+        (["--velocities-are", "reduced"], "--velocities-are goes with --from"),
+        (
+            ["--from", "argon.xyz", "--radius", "A=0.5"],
+            "the label Ar has no radius; labels are Ar, radius: A",
+        ),
+        (["--from", "argon.xyz", "--radius", "A=big"], "--radius: 'big' is no number"),
+        (["--from", "argon.xyz", "--radius", "A=1,2"], "--radius A=1,2 is not as in A=0.5,B=0.3"),
+        (["--from", "argon.xyz", "--radius", "1", "--box", "9,9,9"], "there is a cell already"),
+        (["--from", "argon.xyz", "--radius", "1", "--box", "9,x"], "--box: 'x' is no number"),
+        (["--from", "argon.xyz", "--radius", "1", "--dim", "2"], "says two dimensions, but particles 0 and"),
+        (
+            ["--from", "argon.xyz", "--radius", "1", "--boundary", "wall"],
+            "--boundary has no effect with --from",
+        ),
         (["--fraction", "0.2"], "--fraction needs --mass-ratio or --diameter-ratio"),
         (["--mass-ratio", "-1"], "must be positive"),
         (["--collisions-per-particle", "0"], "--collisions-per-particle 0 must be positive"),
@@ -52,7 +67,8 @@ def test_help_and_version_load_nothing_heavy():
         (["--from", "text.txt"], "cannot be read by ASE"),
         (["--from", "argon.xyz"], "there are no radii"),
         (["--from", "argon.xyz", "--radius", "2.5"], "overlap by"),
-        (["--from", "oblique.cif", "--radius", "0.5"], "not orthogonal"),
+        (["--from", "oblique.cif", "--radius", "0.5"], "masses are guessed from labels"),
+        (["--from", "oblique.cif", "--radius", "0.5", "--units", "ase"], "not orthogonal"),
         (["--from", "argon.xyz", "--radius", "1", "--n", "100"], "--n has no effect with --from"),
         (["--out", "text.txt"], "text.txt exists and is not a folder"),
     ],
@@ -100,18 +116,14 @@ def test_json_is_the_summary_and_alone_on_standard_output(tmp_path):
 
 
 def test_a_structure_of_ones_own(tmp_path):
-    atoms = Atoms(
-        "X8",
-        [[x, y, z] for x in (1, 4) for y in (1, 4) for z in (1, 4)],
-        cell=[6, 6, 6],
-        pbc=(True, True, False),
-    )
-    write(tmp_path / "mine.xyz", atoms)
-    options = [
-        "--from",
-        "mine.xyz",
-        "--radius",
-        0.5,
+    """Labels that are no elements, no cell, a column that nobody knows: all of it is taken, or named."""
+    places = [(x, y, z) for x in (1, 4) for y in (1, 4) for z in (1, 4)]
+    rows = [f"{'AB'[k % 2]} {x} {y} {z} 7\n" for k, (x, y, z) in enumerate(places)]
+    (tmp_path / "mine.xyz").write_text("8\nby hand\n" + "".join(rows))
+    options = ["--from", "mine.xyz", "--radius", "A=0.5,B=0.5", "--box", "6,6,6"]
+    options += [
+        "--boundary",
+        "periodic,periodic,wall",
         "--replicas",
         2,
         "--workers",
@@ -121,10 +133,12 @@ def test_a_structure_of_ones_own(tmp_path):
     ]
     done = hardspheres("thermalise", *options, "--out", "own", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
+    assert "mine.xyz: not used: what stands in column 5, which no Properties name" in done.stderr
     assert "2 x 8 hard spheres" in done.stdout and "periodic, periodic, wall box" in done.stdout
     assert (tmp_path / "own" / "summary.json").exists()
 
 
+@pytest.mark.usefixtures("heard")
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_an_interrupted_study_ends_quietly(number, code, tmp_path):

@@ -13,6 +13,9 @@ from pathlib import Path
 
 import pytest
 
+if sys.platform != "win32":
+    import pty
+
 from studies.locking import Lock
 
 pytestmark = pytest.mark.skipif(
@@ -36,6 +39,7 @@ THERMALISE = [
 ALONE = [*THERMALISE, "--workers", "1"]
 THERMALISE += ["--workers", "2"]
 OFTEN = ["--checkpoint-every", "0"]
+HUNG_UP = "hung up, as a terminal does when it is closed"
 KEPT = "the same command with --resume goes on"
 
 
@@ -106,6 +110,7 @@ def workers_of(pid):
     return found
 
 
+@pytest.mark.usefixtures("heard")
 def test_killed_and_interrupted_and_resumed(undisturbed, tmp_path):
     """Killed as soon as there is something to resume; resumed and interrupted; resumed to the end."""
     out, checkpoint = tmp_path / "out", tmp_path / "out" / "checkpoint"
@@ -280,9 +285,11 @@ def test_a_killed_worker_is_told_and_a_killed_parent_takes_its_workers_along(vic
     assert contents(out) == undisturbed(THERMALISE)[0]
 
 
+@pytest.mark.usefixtures("heard")
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("number", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
+    ("number", "code", "word"),
+    [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated"), (signal.SIGHUP, 129, HUNG_UP)],
 )
 def test_workers_save_what_they_have_before_they_end(number, code, word, undisturbed, tmp_path):
     """At an interval of one minute, so that only the signal makes them save."""
@@ -291,7 +298,10 @@ def test_workers_save_what_they_have_before_they_end(number, code, word, undistu
     run = start(*options)
     wait_for((out / "checkpoint" / "trajectory.xyz").exists)
     workers = workers_of(run.pid)
-    run.send_signal(number)
+    if number == signal.SIGTERM:
+        run.send_signal(number)
+    else:  # as a terminal does, to workers too
+        os.killpg(run.pid, number)
     errors = run.communicate(timeout=60)[1]
     assert run.returncode == code
     assert errors == f"{word}; what was done is kept in {out / 'checkpoint'}: {KEPT}\n"
@@ -300,6 +310,72 @@ def test_workers_save_what_they_have_before_they_end(number, code, word, undistu
     code, errors = finish(*options, "--resume")
     assert code == 0, errors
     assert contents(out) == undisturbed(THERMALISE)[0]
+
+
+SENDING = """
+import signal, sys
+import studies.cli as cli
+number, ignored = map(int, sys.argv[1:])
+if ignored:
+    signal.signal(number, signal.SIG_IGN)
+def run():
+    try:
+        signal.raise_signal(number)
+    except BaseException as error:
+        error.add_note("a note")
+        raise
+cli.app = run
+cli.main()
+"""
+
+
+@pytest.mark.usefixtures("heard")
+@pytest.mark.parametrize(
+    ("number", "word"),
+    [(signal.SIGINT, "interrupted"), (signal.SIGTERM, "terminated"), (signal.SIGHUP, HUNG_UP)],
+)
+def test_signals_are_told_in_a_sentence_and_those_that_are_ignored_stay_so(number, word):
+    """As under nohup. Standard error may have gone with the terminal."""
+    command = [sys.executable, "-c", SENDING, str(int(number))]
+    done = subprocess.run([*command, "0"], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr, done.stdout) == (128 + number, f"{word}; a note\n", "")
+    done = subprocess.run([*command, "1"], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr, done.stdout) == (0, "", "")
+    with open("/dev/full", "w") as full:
+        done = subprocess.run([*command, "0"], stderr=full, check=False)
+    assert done.returncode == 128 + number
+
+
+WAITING = """
+import fcntl, sys, termios, time
+import studies.cli as cli
+fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+def run():
+    print("ready", flush=True)
+    try:
+        time.sleep(60)
+    finally:
+        print("as a progress bar does", file=sys.stderr, flush=True)
+cli.app = run
+cli.main()
+"""
+
+
+@pytest.mark.usefixtures("heard")
+def test_a_terminal_that_is_closed_under_a_run():
+    """What is written on the way out goes nowhere, and does not become another error."""
+    terminal, inside = pty.openpty()
+    run = subprocess.Popen(
+        [sys.executable, "-c", WAITING],
+        stdin=inside,
+        stdout=inside,
+        stderr=inside,
+        start_new_session=True,
+    )
+    os.close(inside)
+    assert b"ready" in os.read(terminal, 100)
+    os.close(terminal)
+    assert run.wait(timeout=30) == 129
 
 
 @pytest.mark.slow

@@ -1,9 +1,12 @@
 """One run at a time in a folder; to be resumed with its own options, or not at all."""
 
+import itertools
 import multiprocessing
+import os
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -51,7 +54,7 @@ def test_a_finished_run_leaves_nothing_and_there_is_nothing_to_resume(tmp_path):
 def test_an_unfinished_run_is_not_overwritten(tmp_path):
     interrupted(tmp_path)
     for use in (lambda out: out.check(STUDY), lambda out: out.running(STUDY).__enter__()):
-        with pytest.raises(CheckpointError, match=r"holds an unfinished run; add --resume .* or remove"):
+        with pytest.raises(CheckpointError, match=r"holds an unfinished run; add --resume .* or --force"):
             use(OutputFolder(tmp_path))
 
 
@@ -92,9 +95,9 @@ def test_another_version_and_a_manifest_that_is_none_are_refused(tmp_path, monke
         patch.setattr(hs, "__version__", "9.9", raising=False)
         with pytest.raises(CheckpointError, match="another version: .*, not 9.9"):
             OutputFolder(tmp_path, resume=True).check(STUDY)
-    for text in ("", "[1]", '{"study": 1}', "\0"):
+    for text in ("", "[1]", '{"study": 1}', "\0", "[" * 10_000):
         (tmp_path / "checkpoint" / "manifest.json").write_text(text)
-        with pytest.raises(CheckpointError, match="manifest.json cannot be understood"):
+        with pytest.raises(OutputError, match="manifest.json cannot be understood"):
             OutputFolder(tmp_path, resume=True).check(STUDY)
 
 
@@ -103,22 +106,55 @@ def test_a_checkpoint_folder_that_cannot_be_one_is_refused(tmp_path):
     (tmp_path / "file").mkdir()
     (tmp_path / "file" / "checkpoint").touch()
     (tmp_path / "folder" / "checkpoint" / "lock").mkdir(parents=True)
-    for name in ("file", "folder"):
-        out = OutputFolder(tmp_path / name)
-        with pytest.raises(OutputError, match=r"checkpoint.* cannot be written"), out.running(STUDY):
-            pass
-    with pytest.raises(OutputError, match=r"lock cannot be written: Is a directory"):
-        OutputFolder(tmp_path / "folder").check(STUDY)
+    for name, sentence in (
+        ("file", "checkpoint is a file, not the folder of a run"),
+        ("folder", "lock cannot be written: Is a dir"),
+    ):
+        for use in (OutputFolder.check, lambda out, study: out.running(study).__enter__()):
+            with pytest.raises(OutputError, match=sentence):
+                use(OutputFolder(tmp_path / name), STUDY)
 
 
-def test_a_folder_without_manifest_counts_as_none_and_is_used_again(tmp_path):
-    (tmp_path / "checkpoint").mkdir()
-    (tmp_path / "checkpoint" / "done-0000.npz").write_text(
-        "left by a run that was killed while it was tidying up"
-    )
-    with OutputFolder(tmp_path).running(STUDY) as shelf:
-        assert shelf.result(0) is None
-    assert not list(tmp_path.iterdir())
+def test_what_a_run_left_that_was_killed_while_it_tidied_up_is_used_again(tmp_path, monkeypatch):
+    """Killed after each of the calls that remove something: the folder is known as ours to the end."""
+
+    class Killed(BaseException):
+        pass
+
+    def run(out):
+        with OutputFolder(out).running(STUDY) as shelf:
+            shelf.store(0, 1.0)
+            shelf.save(1, 2.0)
+            yield  # from now on the folder is removed
+
+    for count in itertools.count():
+        out, calls, running = tmp_path / str(count), itertools.count(), run(tmp_path / str(count))
+        next(running)
+
+        def dying(call, calls=calls, count=count):
+            def called(*names, **options):
+                if next(calls) >= count:
+                    raise Killed
+                return call(*names, **options)
+
+            return called
+
+        with monkeypatch.context() as patch:
+            for owner, name in ((os, "replace"), (Path, "unlink"), (Path, "rmdir")):
+                patch.setattr(owner, name, dying(getattr(owner, name)))
+            try:
+                next(running, None)
+                break
+            except Killed:
+                pass
+        left = {path.name for path in (out / "checkpoint").iterdir()}
+        if "manifest.json" in left:
+            assert count == 0  # killed before anything was removed: there is something to resume
+            continue
+        with OutputFolder(out).running(STUDY) as shelf:
+            assert shelf.result(0) is None and shelf.state(1) is None
+        assert not list(out.iterdir())
+    assert count >= 5
 
 
 def test_all_options_of_all_studies_count():

@@ -17,6 +17,7 @@ from studies.journal import Shelf
 from studies.pressure import EquationOfState, States
 from studies.resuming import Resumable, perform, until
 from studies.soak import Gas, Soaking
+from studies.stopping import STOPPING
 
 (SEED,) = replica_seeds(7, 1)
 
@@ -128,19 +129,34 @@ class Sums(Resumable):
 
 
 class Interrupting(Sums):
-    """Sends the signal of its choice in the middle of the second item."""
+    """Sends a signal in the middle of the second item."""
+
+    def __init__(self, number):
+        self.number = number
 
     def steps(self, item, state):
         for _ in super().steps(item, state):
             if item == 999 and state["sum"] == 9:
-                signal.raise_signal(signal.SIGINT)
+                signal.raise_signal(self.number)
             yield
 
 
-def test_ctrl_c_waits_for_a_pause_and_what_is_finished_is_not_done_again(tmp_path, monkeypatch):
+class Stopped(BaseException):
+    """What a signal does, other than Ctrl-C."""
+
+
+def stop(*_):
+    raise Stopped
+
+
+@pytest.mark.usefixtures("heard")
+@pytest.mark.parametrize("number", STOPPING)
+def test_a_signal_waits_for_a_pause_and_what_is_finished_is_not_done_again(number, tmp_path, monkeypatch):
     shelf = Shelf(tmp_path, math.inf)
-    with pytest.raises(KeyboardInterrupt):
-        run_replicas(Interrupting(), [12, 999, 55], workers=1, shelf=shelf)
+    if number != signal.SIGINT:
+        signal.signal(number, stop)
+    with pytest.raises(KeyboardInterrupt if number == signal.SIGINT else Stopped):
+        run_replicas(Interrupting(number), [12, 999, 55], workers=1, shelf=shelf)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["done-0000.npz", "running-0001.npz"]
     assert shelf.state(1).state == {"left": 99, "sum": 9}
     begun, told = [], []

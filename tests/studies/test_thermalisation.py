@@ -13,6 +13,7 @@ from analysis import theory
 from analysis.relaxation import RelaxationCurve
 from analysis.statistics import compare_with_theory
 from hardspheres.collision import elastic_collision
+from hardspheres.files import Reading
 from hardspheres.reference import ReferenceSimulation
 from studies.ensemble import replica_seeds, run_replicas
 from studies.report import OutputFolder, Screen
@@ -230,16 +231,16 @@ def test_a_file_with_velocities_is_run_once(finished, tmp_path):
     _, out, *_ = finished
     file = str(out.path / "trajectory.xyz")
     study = Thermalisation.from_file(
-        file, None, None, None, replicas=5, frames=0, collisions_per_particle=1.0, workers=1
+        file, Reading(), None, None, replicas=5, frames=0, collisions_per_particle=1.0, workers=1
     )
     assert study.replicas == 1 and study.recipe.placement == "file"
     summary, sound = thermalise(study, OutputFolder(tmp_path / "kept"), Screen(json_output=True))
     assert sound and summary["n"] == 200 and math.isnan(summary["relaxation"]["ks_error"][0])
-    drawn = Thermalisation.from_file(file, None, "equal-speeds", 2.0, replicas=3)
+    drawn = Thermalisation.from_file(file, Reading(), "equal-speeds", 2.0, replicas=3)
     assert drawn.replicas == 3
     scenes = [drawn.recipe.scene(seed) for seed in replica_seeds(1, 3)]
     assert all(scene.temperature == pytest.approx(2.0) for scene in scenes)
     np.testing.assert_array_equal(scenes[0].positions, scenes[1].positions)
     assert not np.array_equal(scenes[0].velocities, scenes[1].velocities)
     with pytest.raises(hs.SceneError, match="--temperature needs --velocities"):
-        Thermalisation.from_file(file, None, None, 2.0)
+        Thermalisation.from_file(file, Reading(), None, 2.0)

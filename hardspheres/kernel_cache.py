@@ -1,0 +1,234 @@
+"""Where compiled kernels are kept on disk; no kernel is compiled from this file, so that a change of it recompiles none.
+
+    ROOT/hardspheres/DIGEST/KIND     kernels for one kind of scene, from sources with this digest
+    ROOT/hardspheres/DIGEST/lock     held, shared, by every process that uses them
+
+Cached kernels are executed. A folder is used only where nobody else can have put them there: it is ours, and every folder on the
+way to it belongs to us or to the system, and can be changed by nobody else. ROOT is the first such of what NUMBA_CACHE_DIR or
+XDG_CACHE_HOME names, or else the user's cache folder, and a private folder among the temporary ones. Kernels that no process
+has used for 30 days are removed.
+"""
+
+import contextlib
+import functools
+import getpass
+import hashlib
+import multiprocessing
+import os
+import re
+import stat
+import tempfile
+import time
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numba
+import platformdirs
+
+try:
+    import fcntl
+except ImportError:  # no POSIX
+    fcntl = None  # type: ignore[assignment]
+
+__all__ = ["cache_folder", "cached_in"]
+
+UNUSED = 30 * 86400.0  # seconds without use after which kernels are removed
+NAMES = (
+    r"[0-9a-f]{16}",
+    r"\w+",
+    r"\w+_[0-9a-f]{40}",
+    r".+\.nb[ic](\.tmp\.[0-9a-f]+)?",
+)  # ours, level by level
+
+config: Any = numba.config
+_in_use: dict[Path, int] = {}
+
+
+class _Unsafe(Exception):
+    """Somebody else could have put kernels here."""
+
+
+def cache_folder(tag: str) -> Path | None:
+    """Return the folder for the compiled kernels of one specialisation, None where none can be used, or none shall.
+
+    Named by a digest of all sources that the kernels are compiled from: Numba looks only at the file of the outermost
+    function, and would serve an old kernel after an edit of a function in another file. Says once in a warning which folder
+    is not used, and why.
+    """
+    if config.BOUNDSCHECK:
+        return None
+    refused = []
+    for home in _homes():
+        try:
+            folder = _folder(_pinned(home).resolve() / _digest() / tag)
+            break
+        except (_Unsafe, OSError, RuntimeError) as error:  # RuntimeError: no home, or links in a circle
+            reason = getattr(error, "strerror", None) or error
+            refused.append(f"{home} is not used for compiled kernels: {reason}")
+    else:
+        folder = None
+    if refused:
+        instead = f"{folder.parents[1]} is used" if folder else "they are compiled anew in every process"
+        _warn(f"{'; '.join(refused)}; {instead}. Set NUMBA_CACHE_DIR to a folder that only you can write")
+    return folder
+
+
+@contextlib.contextmanager
+def cached_in(folder: Path | None) -> Iterator[None]:
+    """Kernels decorated inside are cached in this folder; Numba's process-wide setting is as before afterwards."""
+    before = config.CACHE_DIR
+    config.CACHE_DIR = str(folder or "")
+    try:
+        yield
+    finally:
+        config.CACHE_DIR = before
+
+
+def _homes() -> Iterator[Path]:
+    """Yield where our folder may be: where the environment says, else in the user's cache; else among the temporary files."""
+    base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
+    yield Path(base, "hardspheres") if base else platformdirs.user_cache_path("hardspheres", appauthor=False)
+    with contextlib.suppress(OSError):
+        user = os.getuid() if hasattr(os, "getuid") else getpass.getuser()
+        yield Path(tempfile.gettempdir()) / f"cache-{user}" / "hardspheres"
+
+
+@functools.cache
+def _pinned(home: Path) -> Path:
+    """Return the whole path, as it was when this was first asked: a process may go to another folder."""
+    return home.expanduser().absolute()
+
+
+def _digest() -> str:
+    here = Path(__file__).parent
+    digest = hashlib.sha256(numba.__version__.encode())
+    for source in [here / "collision.py", here / "growth.py", *sorted((here / "kernel").glob("*.py"))]:
+        digest.update(source.name.encode() + source.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+@functools.cache
+def _warn(text: str) -> None:
+    if multiprocessing.parent_process() is None:  # which has said it already
+        warnings.warn(text, RuntimeWarning, stacklevel=3)
+
+
+def _folder(folder: Path) -> Path:
+    """Make HOME/DIGEST/KIND, mark it as in use, and return it.
+
+    Raises
+    ------
+    _Unsafe
+        If anybody else can change what is in it, or could.
+    OSError
+        If it cannot be made or written.
+    """
+    kernels, home = folder.parent, folder.parents[1]
+    for level in [*reversed(folder.parents), folder]:
+        _make(level)
+        _require_safe(level, level == home or home in level.parents, kernels in (level, *level.parents))
+    _require_own(folder)
+    with tempfile.TemporaryFile(dir=folder):
+        pass
+    _hold(kernels)
+    folder.mkdir(mode=0o700, exist_ok=True)  # if it was being removed
+    with contextlib.suppress(OSError):
+        _clean(home)
+    return folder
+
+
+def _make(folder: Path) -> None:
+    if not folder.exists():
+        folder.mkdir(mode=0o700, exist_ok=True)
+
+
+def _require_safe(folder: Path, ours: bool, private: bool) -> None:
+    """Refuse a folder that others can change; where links were resolved there are none left."""
+    found = folder.lstat()
+    if not stat.S_ISDIR(found.st_mode):
+        raise _Unsafe(f"{folder} is not a folder")
+    if not hasattr(os, "getuid"):
+        return
+    trusted = {os.getuid()} if ours else {os.getuid(), 0, os.stat("/").st_uid}
+    if found.st_uid not in trusted:
+        raise _Unsafe(f"{folder} belongs to another user")
+    sticky = not ours and found.st_mode & stat.S_ISVTX  # as /tmp: nobody can rename what is another's
+    if found.st_mode & (0o077 if private else 0o022) and not sticky:
+        raise _Unsafe(f"other users can {'enter' if private else 'write into'} {folder}")
+
+
+def _require_own(folder: Path) -> None:
+    """Refuse a private folder that somebody has put something into before it was private."""
+    if not hasattr(os, "getuid"):
+        return
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.is_symlink() or entry.stat(follow_symlinks=False).st_uid != os.getuid():
+                raise _Unsafe(f"{entry.path} is a link or belongs to another user")
+            if entry.is_dir():
+                _require_own(Path(entry.path))
+
+
+def _hold(folder: Path) -> None:
+    """Mark the kernels as used now and, until this process ends, as in use, which keeps others from removing them."""
+    os.utime(folder)
+    while fcntl is not None and folder not in _in_use:
+        folder.mkdir(mode=0o700, exist_ok=True)
+        path = folder / "lock"
+        try:
+            handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
+        except OSError:
+            return
+        try:
+            fcntl.flock(handle, fcntl.LOCK_SH)
+            if os.fstat(handle).st_ino == path.stat().st_ino:
+                _in_use[folder] = handle
+                return
+        except FileNotFoundError:
+            pass  # removed meanwhile, the folder too
+        except OSError:  # a file system without locks
+            os.close(handle)
+            return
+        os.close(handle)
+
+
+def _clean(home: Path) -> None:
+    """Remove kernels that nobody has used for long."""
+    for folder in home.iterdir():
+        found = folder.lstat()
+        old = time.time() - found.st_mtime > UNUSED
+        if old and re.fullmatch(NAMES[0], folder.name) and stat.S_ISDIR(found.st_mode):
+            with contextlib.suppress(OSError):
+                _remove(folder)
+
+
+def _remove(folder: Path) -> None:
+    """Remove the kernels of one digest: nothing in use, and no file but Numba's."""
+    if fcntl is None:
+        return
+    lock = folder / "lock"
+    handle = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)  # OSError: in use, or a file system without locks
+        for path in folder.iterdir():
+            _remove_ours(path, NAMES[1:])
+        if list(folder.iterdir()) == [lock]:
+            lock.unlink()
+            folder.rmdir()
+    finally:
+        os.close(handle)
+
+
+def _remove_ours(path: Path, names: tuple[str, ...]) -> None:
+    """Remove a folder level by level as far as names are ours; links are neither followed nor removed."""
+    if not re.fullmatch(names[0], path.name) or path.is_symlink():
+        return
+    if len(names) == 1 and path.is_file():
+        path.unlink()
+    elif len(names) > 1 and path.is_dir():
+        for each in path.iterdir():
+            _remove_ours(each, names[1:])
+        with contextlib.suppress(OSError):  # something else is in it
+            path.rmdir()

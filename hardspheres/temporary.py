@@ -1,0 +1,65 @@
+"""Temporary files whose names say who writes them, so that what was left by writers that were killed can be removed, and no more.
+
+Process ids mean something only to processes that see each other: of one machine since it was started, and in one container. The name
+has a digest of that, and files of others are removed by age alone.
+"""
+
+import contextlib
+import hashlib
+import os
+import re
+import secrets
+import stat
+from pathlib import Path
+
+__all__ = ["remove_leftovers", "temporary_beside"]
+
+OLD = 86400.0  # seconds since a file was last written, after which nobody can be at work on it
+NAME = re.compile(r"\.partial-([0-9a-f]{16})-(\d{1,10})-[0-9a-f]{8}(\.\w{1,10})?")
+
+
+def temporary_beside(target: Path) -> Path:
+    """Return a name that no other file has, in the same folder and with the same extension."""
+    suffix = target.suffix if re.fullmatch(r"\.\w{1,10}", target.suffix) else ""
+    return target.parent / f".partial-{_neighbourhood()}-{os.getpid()}-{secrets.token_hex(4)}{suffix}"
+
+
+def remove_leftovers(folder: Path, now: float) -> None:
+    """Remove what writers that are no more have left in a folder.
+
+    Parameters
+    ----------
+    folder : Path
+        Where `temporary_beside` gave names.
+    now : float
+        Time on the clock of the file system, which may be that of another machine: when a file was just written there.
+    """
+    here = _neighbourhood()
+    with contextlib.suppress(OSError):
+        for path in folder.glob(".partial-*"):
+            with contextlib.suppress(OSError):
+                name, found = NAME.fullmatch(path.name), path.lstat()
+                if name is None or not stat.S_ISREG(found.st_mode):
+                    continue
+                if now - found.st_mtime > OLD or (name[1] == here and not _runs(int(name[2]))):
+                    path.unlink()
+
+
+def _neighbourhood() -> str:
+    """Return digits that processes have in common if they see each other's ids, and only then."""
+    try:
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii")
+        container = os.readlink("/proc/self/ns/pid")
+    except OSError:  # then nobody is known
+        return secrets.token_hex(8)
+    return hashlib.sha256(f"{os.uname().nodename} {boot} {container}".encode()).hexdigest()[:16]
+
+
+def _runs(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)  # signal 0 only asks
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:  # of another user
+        pass
+    return True
