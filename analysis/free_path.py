@@ -321,15 +321,25 @@ class FreePath(Estimator):
         edges : (b + 1,) array
             Bins of speed, a quarter of sqrt(kT/m) wide, [length/time]; from the first with 100 flights to the last.
         paths : list of Estimate
-            One for each bin, [length].
+            One for each bin, [length]; NaN for bins between that fewer than 10 blocks have flights in.
         """
         edges, counts, sums = self._by_speed("paths", species)
-        return edges, [self._ratio(sums[:, k], counts[:, k]) for k in range(len(edges) - 1)]
+        return edges, [
+            self._ratio_at_speed(sums[:, k], counts[:, k], counts[:, k]) for k in range(len(edges) - 1)
+        ]
 
     def rate_at_speed(self, species: int = 0) -> tuple[FloatArray, list[Estimate]]:
         """Return nu(v), the collision rate of the particles at a speed, [1/time]; as `path_at_speed`."""
         edges, counts, sums = self._by_speed("times", species)
-        return edges, [self._ratio(counts[:, k], sums[:, k]) for k in range(len(edges) - 1)]
+        return edges, [
+            self._ratio_at_speed(counts[:, k], sums[:, k], counts[:, k]) for k in range(len(edges) - 1)
+        ]
+
+    def _ratio_at_speed(self, above: FloatArray, below: FloatArray, counts: FloatArray) -> Estimate:
+        """Return the ratio of two columns of a bin of speeds, NaN where too few blocks have flights in it, as of a frozen species."""
+        if np.count_nonzero(counts) < FEW:
+            return Estimate(math.nan, math.nan, 0.0, 0.0)
+        return self._ratio(above, below)
 
     def _by_speed(self, what: str, species: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Edges of wide bins, and the counts and sums in them, (rows, bins)."""

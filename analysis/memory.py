@@ -169,9 +169,13 @@ def warn_if_frozen(scene: Scene, collisions_per_particle: float) -> None:
     if len(memory) > 1 and collisions_per_particle < FORGOTTEN * memory[worst]:
         warnings.warn(
             FrozenWarning(
-                f"species {worst + 1} forgets its velocities in {memory[worst]:.2g} collisions per particle, and was measured "
-                f"for {collisions_per_particle:.2g}: what depends on them is that of this start, and its error a lower bound; "
-                f"measure for {FORGOTTEN * memory[worst]:.2g}, or take the spread of many starts"
+                f"species {worst + 1} forgets its velocities in {_text(memory[worst])} collisions per particle, and was "
+                f"measured for {_text(collisions_per_particle)}: what depends on them is that of this start, and its error a lower bound; "
+                f"measure for {_text(FORGOTTEN * memory[worst])}, or take the spread of many starts"
             ),
             stacklevel=3,
         )
+
+
+def _text(number: float) -> str:
+    return f"{float(f'{number:.2g}'):.10g}"

@@ -49,7 +49,7 @@ __all__ = [
     "seconds_taken",
 ]
 
-Z_MEANS = "z: deviation from theory in standard errors, the theory's own in them, few replicas allowed for (Student's t)"
+Z_MEANS = "z: standard errors from theory, its own uncertainty and few replicas allowed for"
 """What the column z of all tables is: `Estimate.z`."""
 
 ALARM = 5.0

@@ -561,6 +561,19 @@ def _thermal(curve: RelaxationCurve) -> dict[str, Any]:
     }
 
 
+def _say_dominant(screen: Screen, curve: RelaxationCurve, reference: Comparison) -> None:
+    """Say where the theory's own uncertainty hides what was measured, if that is at more than a quarter of the points."""
+    for name, title in (("a2", "a2"), ("ks", "KS"), ("h", "H - Heq")):
+        doubt, error = getattr(reference, f"{name}_uncertainty"), getattr(curve, f"{name}_error")
+        known = np.isfinite(getattr(reference, f"{name}_z"))
+        hidden = curve.s[known & (doubt > 2.0 * error)]
+        if 4 * len(hidden) > known.sum():
+            screen.say(
+                f"{title}: the theory's uncertainty exceeds two standard errors at {len(hidden)} of {known.sum()} points, "
+                f"{hidden[0]:.4g} <= s <= {hidden[-1]:.4g}; z is small there whatever was measured"
+            )
+
+
 def _say_thermal(screen: Screen, curve: RelaxationCurve) -> None:
     checks, late = curve.equilibrium_checks, curve.not_thermal
     end = f"at s = {curve.s[-1]:.4g}"
@@ -572,7 +585,7 @@ def _say_thermal(screen: Screen, curve: RelaxationCurve) -> None:
         screen.say(f"not thermal yet {end}: {told}")
     else:
         told = ", ".join(f"{check.quantity} = {check.measured}" for check in checks)
-        screen.say(f"thermal {end}, as far as this can tell: {told}")
+        screen.say(f"{end} this gas cannot be told from a thermal one: {told}")
 
 
 def _theory_name(study: Thermalisation, curve: RelaxationCurve, reference: Comparison | None) -> str:
@@ -626,6 +639,8 @@ def _print(
         screen.say(text)
     elif recipe.velocities != "maxwell":
         screen.say(f"no decay rate: {rate['reason']}")
+    if reference is not None:
+        _say_dominant(screen, curve, reference)
     _say_thermal(screen, curve)
     say_checks(screen, summary, out)
 

@@ -100,7 +100,7 @@ def test_a_wrong_collision_rule_is_rejected(gas):
         for s in S:
             curve.add(gas.frame(rng.permutation(v), s=s))
     comparison = curve.compare()
-    assert np.abs(comparison.a2_z[1:]).min() > 100
+    assert np.abs(comparison.a2_z[1:]).min() > 20  # of 10 replicas
     assert comparison.chi_square.p_value < 1e-6
 
 

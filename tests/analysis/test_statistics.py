@@ -64,12 +64,36 @@ def test_ten_standard_errors_of_two_replicas_are_no_discovery():
     assert Estimate(9.7, 1.0, 2, 1.0).p_value(0.0) == pytest.approx(0.0654, abs=1e-4)
     assert Estimate(-9.7, 1.0).z(0.0) == -9.7  # a known error
     assert deviates([9.7, -9.7], [1.0, 1.0], [0.0, 0.0], 1.0) == pytest.approx([1.8425, -1.8425], abs=1e-4)
-    # the theory's uncertainty is known, and the rest of the error shares its freedom: Welch and Satterthwaite
-    assert Estimate(6.0, 1.0, 2, 1.0).z(0.0, 3.0) == pytest.approx(deviates(6.0, 1.0, 3.0, 1.0))
-    assert 1.85 < Estimate(6.0, 1.0, 2, 1.0).z(0.0, 3.0) < 6.0 / math.sqrt(10.0)
+    assert Estimate(6.0, 1.0, 2, 1.0).z(0.0, 1e-9) == pytest.approx(
+        Estimate(6.0, 1.0, 2, 1.0).z(0.0), abs=1e-6
+    )
+    assert Estimate(6.0, 1e-9, 2, 1.0).z(0.0, 3.0) == pytest.approx(2.0, abs=1e-6)
+    assert Estimate(6.0, 1.0, 9, 8.0).z(0.0, 1e-9) == pytest.approx(
+        Estimate(6.0, 1.0, 9, 8.0).z(0.0), abs=1e-6
+    )
+    assert Estimate(6.0, 1.0, 9, 1e6).z(0.0, 1.0) == pytest.approx(6.0 / math.sqrt(2.0), abs=1e-4)
     far = normal_deviate([30.0, 37.0, 39.0, 60.0], 1000.0)  # where probabilities end, by another formula
     assert np.all(np.diff(far) > 1) and abs(far[1] - special_deviate(37.0, 1000.0)) < 0.02
     assert math.isnan(Estimate(1.0, math.nan, 1, 0.0).z(0.0)) and math.isnan(Estimate(1.0, 0.0).z(1.0))
+
+
+@pytest.mark.parametrize("own", [0.2, 1.0, 5.0])
+def test_z_beside_an_uncertain_theory(own):
+    """Two replicas of error `own` beside a theory of uncertainty 1: |z| > 3 in no more than 0.3 % of 20 000 cases.
+
+    Sibling: Welch's degrees of freedom, which are infinite where two replicas agree by chance.
+    """
+    rng = np.random.default_rng(12)
+    values = rng.normal(0.0, own * math.sqrt(2), (20_000, 2)) + rng.standard_normal((20_000, 1))
+    mean, error = values.mean(axis=1), np.abs(np.diff(values, axis=1)[:, 0]) / 2
+    z = np.concatenate(
+        [deviates(m, e, 1.0, 1.0) for m, e in zip(np.split(mean, 20), np.split(error, 20), strict=True)]
+    )
+    assert np.mean(np.abs(z) > 3) < 0.004
+    share = error**2 / (error**2 + 1.0)
+    welch = normal_deviate(mean / np.hypot(error, 1.0), 1.0 / share**2)
+    if own == 5.0:
+        assert np.mean(np.abs(welch) > 3) > 0.01
 
 
 def special_deviate(t, freedom):

@@ -67,7 +67,7 @@ def test_a_wrong_theory_fails_the_check(finished, tmp_path, monkeypatch, capsys)
         "enskog_diffusion",
         lambda *args: Prediction(3 * right(*args).value, right(*args).uncertainty),
     )
-    study = SelfDiffusion((0.1,), Fluid(n=64), 80.0, replicas=4, seed=5, workers=1)
+    study = SelfDiffusion((0.1,), Fluid(n=64), 80.0, replicas=6, seed=5, workers=1)
     _, sound = self_diffusion(study, OutputFolder(tmp_path / "out"), Screen())
     assert not sound
     assert "CHECK FAILED, packing fraction 0.1: D is -" in capsys.readouterr().out

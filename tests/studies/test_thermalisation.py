@@ -68,6 +68,46 @@ def test_relaxation_at_full_size(dim):
     assert sonine_p_value(curve) < 1e-9
 
 
+def told(recipe, folder, capsys, end=3.0, replicas=8):
+    study = Thermalisation(recipe, collisions_per_particle=end, replicas=replicas, frames=0, workers=1)
+    summary, _ = thermalise(study, OutputFolder(folder), Screen())
+    return summary, capsys.readouterr().out
+
+
+def test_beams_are_shown_along_their_direction(tmp_path, capsys):
+    """The table, the file and the figure have T_par/T beside the Boltzmann equation; along x (sibling) it is another."""
+    summary, text = told(
+        Recipe(n=500, packing_fraction=0.001, velocities="beams"), tmp_path / "beams", capsys
+    )
+    assert "T_par/T  theory     z" in text and "not thermal yet at s = 3: " in text
+    table = summary["relaxation"]
+    assert table["temperature_parallel"][0] == pytest.approx(3.0)
+    assert np.nanmax(np.abs(table["temperature_parallel_z"])) < 4
+    assert table["temperature_x"][0] == pytest.approx(3 * hs.velocities.BEAM_DIRECTION[3][0] ** 2, rel=0.02)
+    late = {check["quantity"]: check for check in summary["thermal"]["checks"]}
+    assert not summary["thermal"]["passed"] and not late["a2"]["thermal"]
+
+
+def test_a_mixture_of_two_temperatures_is_not_thermal_yet(tmp_path, capsys):
+    """a2, KS and H of all together are noise when T1 still differs from T2; at equilibrium (sibling) nothing is said of it."""
+    mixed = Recipe(n=200, velocities="two-temperatures", mass_ratio=7.0, diameter_ratio=0.6)
+    summary, text = told(mixed, tmp_path / "mixture", capsys)
+    assert "not thermal yet at s = 3: " in text and "T1/T = " in text.split("not thermal yet")[1]
+    assert [check["thermal"] for check in summary["thermal"]["checks"]] == [True, False, False]
+    calm = Recipe(n=200, velocities="maxwell", mass_ratio=7.0, diameter_ratio=0.6)
+    summary, text = told(calm, tmp_path / "calm", capsys)
+    assert summary["thermal"]["passed"] and "cannot be told from a thermal one" in text
+
+
+def test_two_replicas_make_no_discovery(tmp_path, capsys):
+    """All z of a table of two replicas are within 4; in standard errors (sibling) some are far beyond."""
+    summary, _ = told(Recipe(n=500), tmp_path / "two", capsys, end=5.0, replicas=2)
+    table = {name: np.array(column, float) for name, column in summary["relaxation"].items()}
+    assert np.nanmax(np.abs([table["a2_z"], table["ks_z"]])) < 4
+    error = np.where(table["a2_error"] > 0, table["a2_error"], np.nan)
+    assert np.nanmax(np.abs(table["a2"] - table["a2_boltzmann"])[1:] / error[1:]) > 4
+
+
 def always_head_on(m1, v1, m2, v2, r):
     """Collide along the relative velocity instead of the line of centres: conserves all that a collision conserves."""
     g = [b - a for a, b in zip(v1, v2, strict=True)]
