@@ -9,7 +9,8 @@ from hypothesis import settings
 settings.register_profile("hardspheres", derandomize=True, deadline=None, print_blob=True)
 settings.load_profile("hardspheres")
 
-for name in ("COLUMNS", "LINES"):  # readline, which pytest's debugger loads, invents a window where there is none
+# Readline, which pytest's debugger loads, invents a window where there is none.
+for name in ("COLUMNS", "LINES"):
     os.environ.pop(name, None)
 
 
