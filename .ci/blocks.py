@@ -1,8 +1,9 @@
-"""Print the README's code blocks of one language, in order: what CI runs is what the reader is told to run."""
+"""Print the code blocks of one language in some texts, in order: CI runs what the reader is told to run."""
 
 import re
 import sys
 
-path, language = sys.argv[1:]
-with open(path, encoding="utf-8") as file:
-    print("\n".join(re.findall(rf"^```{language}\n(.*?)^```$", file.read(), re.MULTILINE | re.DOTALL)))
+language, *paths = sys.argv[1:]
+for path in paths:
+    with open(path, encoding="utf-8") as file:
+        print("\n".join(re.findall(rf"^```{language}\n(.*?)^```$", file.read(), re.MULTILINE | re.DOTALL)))
