@@ -8,11 +8,12 @@ import matplotlib
 import numpy as np
 from matplotlib import patches, pyplot
 
+from analysis.estimator import PALETTE
 from hardspheres import contact_time
-from studies.style import COLOURS, figure_style
 
 matplotlib.use("Agg")
-DARK, BLUE, RED, YELLOW, GREY = (COLOURS[name] for name in ("theory", "simulation", "warm", "other", "band"))
+DARK, BLUE, RED, GREY = "#1d2733", PALETTE[0], PALETTE[1], "#9aa7b5"
+STYLE = {"font.size": 10, "axes.titlesize": 10.5, "legend.fontsize": 9, "legend.frameon": False}
 HERE = Path(__file__).parent
 
 
@@ -217,6 +218,6 @@ def windows():
 
 SEED = 49  # four contacts within the window
 if __name__ == "__main__":
-    with figure_style():
+    with matplotlib.rc_context(STYLE):
         lists()
         windows()
