@@ -368,10 +368,15 @@ class RelaxationCurve(Estimator):
 
     @property
     def preferred_direction(self) -> FloatArray | None:
-        """The direction along which the first sample is warmest, (d,), None where that is less than 1.3 times the mean."""
+        """The direction along which the first sample is warmest, (d,), None where no start prefers one.
+
+        It does where the temperature along it is over 1.3 times the mean, and over 5 standard errors above it, which are
+        sqrt(2 / n) of n particles in equilibrium.
+        """
         first = self._tensors()[:, 0].mean(axis=0)
         values, vectors = np.linalg.eigh(first)
-        if values[-1] < 1.3 * values.mean():
+        excess = max(0.3, 5.0 * math.sqrt(2.0 / (self.n_replicas * self.n_per_replica)))
+        if values[-1] < (1.0 + excess) * values.mean():
             return None
         return np.asarray(vectors[:, -1] * np.sign(vectors[np.argmax(np.abs(vectors[:, -1])), -1]))
 

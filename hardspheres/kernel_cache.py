@@ -47,7 +47,7 @@ _in_use: dict[Path, int] = {}
 
 
 class _Unsafe(Exception):
-    """Somebody else could have put kernels here."""
+    """Other users could have put kernels here."""
 
 
 def cache_folder(tag: str) -> Path | None:
@@ -195,7 +195,7 @@ def _hold(folder: Path) -> None:
 
 
 def _clean(home: Path) -> None:
-    """Remove kernels that nobody has used for long."""
+    """Remove kernels that no process has used for long."""
     for folder in home.iterdir():
         found = folder.lstat()
         old = time.time() - found.st_mtime > UNUSED

@@ -411,7 +411,7 @@ def _numbers(values: ArrayLike, name: str) -> Floats:
     parts = values if isinstance(values, (list, tuple)) else ()
     if any(isinstance(part, np.ma.MaskedArray) for part in (values, *parts)):
         raise SceneError(
-            f"{name} are a masked array, whose masked values nobody knows; fill them in, or leave them out"
+            f"{name} are a masked array, whose masked values are not known; fill them in, or leave them out"
         )
     try:
         raw = np.asarray(values)
@@ -462,8 +462,8 @@ def _wrapped(positions: Floats, box: Floats, periodic: Bools) -> Floats:
 def _require_representable(velocities: Floats, radii: Floats, masses: Floats, box: Floats) -> None:
     """Refuse units in which anything that is computed later leaves the range of doubles.
 
-    Nobody ever moves faster than sqrt(2 E / smallest mass), which all of the energy E would give the lightest particle, and not all
-    are ever slower than sqrt(2 E / total mass). Products of lengths, masses and these speeds are what the dynamics computes.
+    With the energy E no particle is ever faster than sqrt(2 E / smallest mass), and the fastest never slower than
+    sqrt(2 E / total mass). The dynamics computes products of lengths, masses and speeds between these two.
     """
     dim, edge, small = len(box), float(box.max()), float(radii.min())
     with np.errstate(all="ignore"):

@@ -281,7 +281,7 @@ class Simulation:
     # Running.
 
     def _alone(self, work: Callable[[], Any]) -> Any:
-        """Do work that changes the simulation, unless somebody else is at it: then refuse at once."""
+        """Do work that changes the simulation, unless another call is at it: then refuse at once."""
         runs = self._runs
         if not self._lock.locked():
             with self._lock:  # taken and given back in C: no interrupt comes in between
@@ -425,7 +425,7 @@ class Simulation:
         return -(-epoch // self._stride) * self._stride
 
     def _require_meetings(self) -> None:
-        """Raise SimulationError at the beginning of an epoch if nobody has met for far longer than expected.
+        """Raise SimulationError at the beginning of an epoch if no pair has collided for far longer than expected.
 
         Speeds stay until the next collision of two, so only the rows decide, wherever a run began, stopped or was loaded.
         """

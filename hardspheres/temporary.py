@@ -14,7 +14,7 @@ from pathlib import Path
 
 __all__ = ["remove_leftovers", "temporary_beside"]
 
-OLD = 86400.0  # seconds since a file was last written, after which nobody can be at work on it
+OLD = 86400.0  # seconds since a file was last written, after which no process can still be writing it
 NAME = re.compile(r"\.partial-([0-9a-f]{16})-(\d{1,10})-[0-9a-f]{8}(\.\w{1,10})?")
 
 
@@ -50,7 +50,7 @@ def _neighbourhood() -> str:
     try:
         boot = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii")
         container = os.readlink("/proc/self/ns/pid")
-    except OSError:  # then nobody is known
+    except OSError:  # then no other process is known to share them
         return secrets.token_hex(8)
     return hashlib.sha256(f"{os.uname().nodename} {boot} {container}".encode()).hexdigest()[:16]
 

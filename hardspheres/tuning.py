@@ -123,11 +123,11 @@ def contact_value(scene: Scene) -> float:
 
 
 def collision_rate(scene: Scene, velocities: Floats) -> float:
-    """Rough number of pair collisions in a unit of time at these very velocities, whoever has the energy.
+    """Rough number of pair collisions in a unit of time at these velocities, however the energy is shared.
 
     The sum over pairs of sigma^2 |v1 - v2| pi / V (2 sigma |v1 - v2| / V in 2D), with the crude contact value, and with the sum of
     both speeds in place of |v1 - v2|. Speeds are relative to the mean velocity along periodic axes; then that is at most twice as
-    much, summed over all pairs of equal spheres (by the triangle inequality, used twice). Hits of walls do not change it.
+    much, summed over all pairs of equal spheres (by the triangle inequality, used twice). Wall collisions do not change it.
     """
     dim, n, r = scene.dim, scene.n, scene.radii
     still = velocities - np.where(scene.periodic, np.mean(velocities, axis=0), 0.0)

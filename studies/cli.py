@@ -537,9 +537,8 @@ def diffusion(
     collisions_per_particle: Annotated[
         float | None,
         typer.Option(
-            help="How long to measure in each replica, s = 2 collisions / n.  [default: three times the window of the "
-            "slope, 200 to 2000]",
-            show_default=False,
+            help="How long to measure in each replica, s = 2 collisions / n.",
+            show_default="three times the window of the slope, 200 to 2000",
         ),
     ] = None,
     replicas: Annotated[

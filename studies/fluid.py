@@ -252,7 +252,8 @@ def check_length(collisions_per_particle: float, fewest: float, why: str) -> Non
     if collisions_per_particle > LONGEST:
         raise hs.SceneError(f"{said} would never end; ask for at most {LONGEST:g}")
     if not collisions_per_particle >= fewest:
-        raise hs.SceneError(f"{said} {why}; ask for at least {fewest:.3g}")
+        enough = f"{math.ceil(fewest)}" if fewest >= 100 else f"{fewest:.3g}"
+        raise hs.SceneError(f"{said} {why}; ask for at least {enough}")
 
 
 def load_kernels(fluids: Sequence[Fluid], free_paths: bool = False) -> None:

@@ -216,7 +216,7 @@ class Journal:
         if folder.is_symlink() or not folder.is_dir():
             what = "a link" if folder.is_symlink() else "a file"
             raise OutputError(
-                f"{folder} is {what}, not the folder of a run of ours; give another folder with --out"
+                f"{folder} is {what}, not the folder of a run of hardspheres; give another folder with --out"
             )
         there = os.path.lexists(self._lock.path)
         if not there:
@@ -246,7 +246,7 @@ class Journal:
             if own and os.path.lexists(path) and not is_ordinary(path):
                 what = "a link" if path.is_symlink() else "not a file"
                 raise OutputError(
-                    f"{path} is {what}, so not of a run of ours; give another folder with --out"
+                    f"{path} is {what}, so not of a run of hardspheres; give another folder with --out"
                 )
         if _manifest(self._manifest_path) or _manifest(self._finished_path):
             return
@@ -255,12 +255,12 @@ class Journal:
             names = {name for name in names - {"lock"} if not NAME.fullmatch(name)}
         if self._manifest_path.name in names:
             raise OutputError(
-                f"{self._manifest_path} cannot be understood, so {self.shelf.folder} is not of a run of ours; give another "
+                f"{self._manifest_path} cannot be understood, so {self.shelf.folder} is not of a run of hardspheres; give another "
                 "folder with --out"
             )
         if names:
             raise OutputError(
-                f"{self.shelf.folder} is not of a run of ours: it holds {min(names)}; give another folder with --out"
+                f"{self.shelf.folder} is not of a run of hardspheres: it holds {min(names)}; give another folder with --out"
             )
 
     def unfinished(self) -> bool:

@@ -156,6 +156,8 @@ def test_beams_are_not_taken_for_random_directions(gas, direction):
     assert curve.temperature_by_axis[0] == pytest.approx(3 * unit**2, rel=2e-3)
     calm = RelaxationCurve().add(gas.frame(gas.maxwell(np.random.default_rng(8), 1000, 3)))
     assert calm.preferred_direction is None
+    pair = RelaxationCurve().add(gas.frame(np.outer([1.0, -1.0], unit)))
+    assert pair.preferred_direction is None  # two always fly along one line
 
 
 @pytest.mark.parametrize(("dim", "eta"), [(3, 0.001), (2, 2e-5)])
