@@ -49,7 +49,9 @@ def save(sim: "Simulation", path: str | PathLike[str]) -> None:
     write_archive(path, to_arrays(sim))
 
 
-def load(cls: "type[AnySimulation]", path: str | PathLike[str], log: Any = None) -> "AnySimulation":
+def load(
+    cls: "type[AnySimulation]", path: str | PathLike[str], log: Any = None, search: str = "auto"
+) -> "AnySimulation":
     """Return the simulation in a file; see `Simulation.load`.
 
     Parameters
@@ -60,6 +62,8 @@ def load(cls: "type[AnySimulation]", path: str | PathLike[str], log: Any = None)
         A file written by `save`.
     log : callable or path, optional
         As of `Simulation`, for the events from now on.
+    search : str
+        As of `Simulation`.
 
     Returns
     -------
@@ -73,7 +77,7 @@ def load(cls: "type[AnySimulation]", path: str | PathLike[str], log: Any = None)
     """
     arrays = read_archive(path)
     try:
-        return from_arrays(cls, arrays, log)
+        return from_arrays(cls, arrays, log, search)
     except CheckpointError as error:
         raise CheckpointError(f"{path} cannot be used: {error}") from None
 
@@ -99,7 +103,9 @@ def to_arrays(sim: "Simulation") -> Arrays:
     return arrays
 
 
-def restored(cls: "type[AnySimulation]", scene: Scene, arrays: Arrays, log: Any = None) -> "AnySimulation":
+def restored(
+    cls: "type[AnySimulation]", scene: Scene, arrays: Arrays, log: Any = None, search: str = "auto"
+) -> "AnySimulation":
     """Return another simulation in the state that `to_arrays` gave, unchecked: what copies are made of.
 
     Parameters
@@ -112,6 +118,8 @@ def restored(cls: "type[AnySimulation]", scene: Scene, arrays: Arrays, log: Any 
         From `to_arrays`; copied.
     log : callable, optional
         Takes the events from now on.
+    search : str
+        As of `Simulation`.
 
     Returns
     -------
@@ -119,7 +127,7 @@ def restored(cls: "type[AnySimulation]", scene: Scene, arrays: Arrays, log: Any 
         With arrays of its own.
     """
     about = json.loads(arrays["about"].tobytes())
-    sim = cls(scene, free_paths="flight" in arrays and log is None, log=log)
+    sim = cls(scene, free_paths="flight" in arrays and log is None, log=log, search=search)
     if about["epoch_length"] != sim._length:
         sim._engine = sim._engine.with_epochs(about["epoch_length"])
     _take_over(sim, arrays, about)
@@ -132,7 +140,9 @@ def _take_over(sim: "Simulation", arrays: Arrays, about: dict[str, Any]) -> None
     sim._since = tuple(about["tallied_since"])
 
 
-def from_arrays(cls: "type[AnySimulation]", arrays: Arrays, log: Any = None) -> "AnySimulation":
+def from_arrays(
+    cls: "type[AnySimulation]", arrays: Arrays, log: Any = None, search: str = "auto"
+) -> "AnySimulation":
     """Return the simulation that consists of these arrays; CheckpointError where there is none."""
     about = _read_about(arrays)
     flights = "flight" in arrays
@@ -140,7 +150,7 @@ def from_arrays(cls: "type[AnySimulation]", arrays: Arrays, log: Any = None) -> 
         raise CheckpointError(
             "log=... needs what only a simulation with free_paths=True or a log keeps, and this was none"
         )
-    sim = cls(_scene(arrays, about), free_paths=flights and log is None, log=log)
+    sim = cls(_scene(arrays, about), free_paths=flights and log is None, log=log, search=search)
     _set_epochs(sim, about["epoch_length"])
     _require_like(arrays, sim._engine.state())
     _require_state(sim, arrays, about)

@@ -72,8 +72,10 @@ class Engine:
         must not pass 1, which is what the lists are made for.
     flights : bool
         Tally free flights.
-    sink : callable, optional
-        Takes chunks of the events' log; needs `flights`.
+    logs : bool
+        Have room for the events' log, which `sink` takes; needs `flights`.
+    search : str
+        One of `tuning.SEARCHES`; spheres that grow have lists.
 
     Attributes
     ----------
@@ -84,7 +86,7 @@ class Engine:
     flights : FlightTallies or None
         What the tallies of flights mean.
     sink : callable or None
-        Takes chunks of the events' log.
+        Takes chunks of the events' log; to be set by whoever has one.
     """
 
     def __init__(
@@ -92,14 +94,15 @@ class Engine:
         scene: Scene,
         growth: tuple[float, float] | None = None,
         flights: bool = False,
-        sink: Sink | None = None,
+        logs: bool = False,
+        search: str = "auto",
     ) -> None:
         from hardspheres.kernel import specialise
 
         sizes = bool(np.any(scene.radii != scene.radii[0]))
         masses = bool(np.any(scene.masses != scene.masses[0]))
         length = epoch_length(scene)
-        plan = window_plan(scene, length) if growth is None else None
+        plan = window_plan(scene, length, search) if growth is None else None
         self.kernels: Any = specialise(
             scene.dim,
             not bool(scene.periodic.all()),
@@ -112,7 +115,7 @@ class Engine:
         self.layout: Any = self.kernels.layout
         self.scene = scene
         self.flights = FlightTallies(scene, self.layout) if flights else None
-        self.sink = sink
+        self.sink: Sink | None = None
         at = self.layout
         n, dim = scene.n, scene.dim
 
@@ -143,7 +146,7 @@ class Engine:
         count[at.BEYOND_CACHE] = int(n > CACHED)
         count[at.BEYOND_ALL] = int(n > CACHED_AT_ALL)
         count[at.KINDS] = len(units) // 3
-        count[at.LOG_ROOM] = ROOM if sink else 0
+        count[at.LOG_ROOM] = ROOM if logs else 0
         self._plan(plan, length, number, count)
 
         scratch = aligned(at.LANES * 16, np.float64)
@@ -384,7 +387,7 @@ class Engine:
         before = float(old.number[at.EPOCH_LENGTH])
         number, count, total, flight = (a.copy() for a in (old.number, old.counter, old.total, old.flight))
         other = copy.copy(self)
-        plan = window_plan(self.scene, length) if count[at.WINDOW_BUCKETS] else None
+        plan = window_plan(self.scene, length, "windows") if count[at.WINDOW_BUCKETS] else None
         other._plan(plan, length, number, count)
         for epoch in (at.EPOCH, at.LAST_PAIR_EPOCH):
             count[epoch], _ = recounted(int(count[epoch]), 0.0, before, length)

@@ -29,7 +29,7 @@ from hardspheres.scene import (
     thermal_energy,
     total_momentum,
 )
-from hardspheres.tuning import collision_rate, power_of_two_below
+from hardspheres.tuning import SEARCHES, collision_rate, power_of_two_below
 
 Floats = NDArray[np.float64]
 Look = TypeVar("Look", bound=Callable[..., Any])
@@ -208,12 +208,17 @@ class Simulation:
         the order of execution), or the path of a ``.npy`` file, replaced if it is there. Events are handed over 8192 at a
         time, and the rest when `run` returns or a frame is due; there is nothing to close. A log tallies free flights too. A
         simulation with a path has no copies; a function goes along (pickled, or copied, as Python does that).
+    search : str, default "auto"
+        How collision partners are found: "lists" (neighbour lists, for dense gases), "windows" (windows of time, for dilute
+        ones), or "auto", the faster of the two. All give the same bits; `status` tells which one is used. A copy searches
+        in the same way.
 
     Raises
     ------
     SimulationError
-        If free paths are asked for and there are more than 32 species, or the log cannot be written; from every method, if the
-        simulation is at work already.
+        If free paths are asked for and there are more than 32 species, or the log cannot be written; if windows are asked for
+        and impossible: no particle moves, one is more than 50 times as fast as a typical one, or the box is too small; from
+        every method, if the simulation is at work already.
 
     Examples
     --------
@@ -230,11 +235,14 @@ class Simulation:
         *,
         free_paths: bool = False,
         log: Callable[[NDArray[np.void]], object] | str | PathLike[str] | None = None,
+        search: str = "auto",
     ) -> None:
         if not isinstance(scene, Scene):
             raise SimulationError(f"a simulation starts from a Scene, not from {scene!r:.60}")
         if not isinstance(free_paths, (bool, np.bool_)):
             raise SimulationError(f"free_paths is {free_paths!r}; it must be True or False")
+        if not isinstance(search, str) or search not in SEARCHES:
+            raise SimulationError(f'search is {search!r}; it must be "auto", "lists" or "windows"')
         kinds = int(scene.species.max()) + 1
         if free_paths and kinds > MOST_SPECIES:
             raise SimulationError(
@@ -244,8 +252,11 @@ class Simulation:
         self._lock = threading.Lock()  # of the one that runs it
         self._runs = 0  # how often that has begun
         self._scene = scene
-        sink: Sink | None = None if log is None else sink_of(log, scene.dim)
-        self._engine = Engine(scene, flights=free_paths or sink is not None, sink=sink)
+        self._search = search
+        logs = log is not None
+        self._engine = Engine(scene, flights=free_paths or logs, logs=logs, search=search)
+        if logs:  # after all that may be refused: it begins its file anew
+            self._engine.sink = sink_of(log, scene.dim)
         self._at = self._engine.layout
         self._epoch = 0  # sim.time is two numbers: whole epochs, and the time within this one
         self._moment = 0.0
@@ -669,6 +680,7 @@ class Simulation:
         path: str | PathLike[str],
         *,
         log: Callable[[NDArray[np.void]], object] | str | PathLike[str] | None = None,
+        search: str = "auto",
     ) -> "Simulation":
         """Return the simulation in a checkpoint: running on from it gives what running on would have given, bit for bit.
 
@@ -678,6 +690,8 @@ class Simulation:
             A file written by `save`. Nothing in it is executed.
         log : callable or path, optional
             Takes the events from now on (a new file); only where the simulation that was saved had a log or `free_paths`.
+        search : str, default "auto"
+            As of `Simulation`. A checkpoint does not store it: any search goes on with the same bits.
 
         Returns
         -------
@@ -688,10 +702,12 @@ class Simulation:
         ------
         CheckpointError
             When the file is missing, torn, altered, of another format version, or holds what no simulation leaves.
+        SimulationError
+            When `log` or `search` cannot be used, as of `Simulation`.
         """
         from hardspheres.checkpoint import load
 
-        return load(cls, path, log)
+        return load(cls, path, log, search)
 
     def __copy__(self) -> "Simulation":
         return self._duplicate(lambda part: part)
@@ -709,7 +725,7 @@ class Simulation:
 
         def parts() -> tuple[Any, ...]:
             arrays = {name: array.copy() for name, array in to_arrays(self).items()}
-            return type(self), copied(self.scene), arrays, copied(self._log())
+            return type(self), copied(self.scene), arrays, copied(self._log()), self._search
 
         return restored, self._alone(parts)
 
