@@ -66,7 +66,7 @@ for kind in KINDS:
     for search in SEARCHES:
         print(kind, t.digest(gas(kind, 40, 0.05, seed=3), search))
         t.same_with_and_without(gas(kind, 40, 0.05, seed=3), 30, search)
-        t.compare_with_the_reference(gas(kind, 8, 0.2, seed=4), 20, search)
+        t.compare_with_the_reference(gas(kind, 20, 0.2, seed=4), 30, search)
 """
 
 
