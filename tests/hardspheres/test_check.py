@@ -90,18 +90,18 @@ def test_an_interrupted_run_goes_on(goal, when, search, monkeypatch):
 def test_a_second_interrupt_before_the_clock_is_set(monkeypatch):
     """Even if not one line of cleaning up is run, the next run sets the clock right."""
     sim, whole = running("auto"), running("auto")
-    run, keep = Engine.run, hs.Simulation._keep_clock
+    run, keep = Engine.run, Engine.keep_clock
 
     def interrupted(engine, *arguments):
         run(engine, *arguments)
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Engine, "run", interrupted)
-    monkeypatch.setattr(hs.Simulation, "_keep_clock", lambda sim: None)
+    monkeypatch.setattr(Engine, "keep_clock", lambda engine: None)
     with pytest.raises(KeyboardInterrupt):
         sim.run(time=7.0)
     monkeypatch.setattr(Engine, "run", run)
-    monkeypatch.setattr(hs.Simulation, "_keep_clock", keep)
+    monkeypatch.setattr(Engine, "keep_clock", keep)
     sim.run(collisions=0)
     whole.run(time=7.0)
     goal = max(sim.collisions, whole.collisions) + 100
@@ -187,7 +187,8 @@ def rows_nudged(sim, at, a):
 
 
 def clock_behind(sim, at, a):
-    sim._moment -= 1.0
+    epoch, moment = sim._engine.now
+    sim._engine.now = epoch, moment - 1.0
 
 
 def row_ahead(sim, at, a):
@@ -293,7 +294,7 @@ def test_clock_and_counters_past_2_to_the_32(search, tmp_path):
     scene = gas("3d_walls", 200, 0.1, seed=5)
     fresh, old = (hs.Simulation(scene, search=search) for _ in range(2))
     at, count, total = old._at, old._engine.arrays.counter, 2**40 + 7
-    old._epoch = total
+    old._engine.now = total, 0.0
     for name in ("EPOCH", "PAIRS", "WALL_HITS", "STALE", "RENEWALS", "LATE", "LAST_PAIR_EPOCH"):
         count[getattr(at, name)] = total
     old._engine.arrays.turns[:] = total
@@ -325,7 +326,7 @@ def test_buckets_past_2_to_the_32():
     sim, usual = (running("lists", "3d", 500, 1000) for _ in range(2))
     at, engine = sim._at, sim._engine
     number, count = engine.arrays.number, engine.arrays.counter
-    while number[at.NOW] < 0.25 * sim._length:  # away from the beginning of an epoch
+    while number[at.NOW] < 0.25 * engine.length:  # away from the beginning of an epoch
         for each in (sim, usual):
             each.run(collisions=20)
     while int(number[at.NOW] * number[at.INVERSE_WIDTH]) < 2**32:

@@ -106,7 +106,7 @@ def test_whatever_is_lost_is_missed(path, lost, monkeypatch):
     sim = hs.Simulation.load(path)
     at = sim._at
     if lost == "numbers":
-        assert sim._engine.arrays.number[at.STANDSTILL] == -sim._length
+        assert sim._engine.arrays.number[at.STANDSTILL] == -sim._engine.length
     else:
         assert everything(sim) != expected
 
@@ -347,6 +347,21 @@ def test_impossible_flights_are_refused(tmp_path, slot, value):
     sim.save(tmp_path / "crafted")
     with pytest.raises(hs.CheckpointError, match="flights"):
         hs.Simulation.load(tmp_path / "crafted")
+
+
+def test_a_refused_checkpoint_leaves_an_older_log_alone(tmp_path):
+    """Control: a sound one begins the log anew."""
+    sim = hs.Simulation(gas("3d", 300, 0.1, seed=5), free_paths=True)
+    sim.save(tmp_path / "sound")
+    sim._engine.arrays.flight[sim._at.KIND] = 1.0
+    sim.save(tmp_path / "crafted")
+    log = tmp_path / "log.npy"
+    log.write_bytes(b"mine")
+    with pytest.raises(hs.CheckpointError, match="flights"):
+        hs.Simulation.load(tmp_path / "crafted", log=log)
+    assert log.read_bytes() == b"mine"
+    hs.Simulation.load(tmp_path / "sound", log=log)
+    assert len(np.load(log)) == 0
 
 
 def test_no_log_where_nothing_is_known_of_flights(path):
