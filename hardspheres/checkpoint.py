@@ -17,7 +17,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from hardspheres.archive import Arrays, read_archive, write_archive
+from hardspheres.clock import FOREVER
+from hardspheres.engine import Engine
 from hardspheres.errors import CheckpointError, SceneError
+from hardspheres.event_log import sink_of
 from hardspheres.scene import LEFT_BY_ROUNDING, Scene, contact_tolerance
 
 if TYPE_CHECKING:
@@ -28,7 +31,6 @@ if TYPE_CHECKING:
 FORMAT = "hardspheres checkpoint"
 VERSION = 2
 SCENE = ("positions", "velocities", "radii", "masses", "box")
-MOST = 2**62  # no clock or counter gets that far
 
 
 def save(sim: "Simulation", path: str | PathLike[str]) -> None:
@@ -49,7 +51,9 @@ def save(sim: "Simulation", path: str | PathLike[str]) -> None:
     write_archive(path, to_arrays(sim))
 
 
-def load(cls: "type[AnySimulation]", path: str | PathLike[str], log: Any = None) -> "AnySimulation":
+def load(
+    cls: "type[AnySimulation]", path: str | PathLike[str], log: Any = None, search: str = "auto"
+) -> "AnySimulation":
     """Return the simulation in a file; see `Simulation.load`.
 
     Parameters
@@ -60,6 +64,8 @@ def load(cls: "type[AnySimulation]", path: str | PathLike[str], log: Any = None)
         A file written by `save`.
     log : callable or path, optional
         As of `Simulation`, for the events from now on.
+    search : str
+        As of `Simulation`.
 
     Returns
     -------
@@ -73,7 +79,7 @@ def load(cls: "type[AnySimulation]", path: str | PathLike[str], log: Any = None)
     """
     arrays = read_archive(path)
     try:
-        return from_arrays(cls, arrays, log)
+        return from_arrays(cls, arrays, log, search)
     except CheckpointError as error:
         raise CheckpointError(f"{path} cannot be used: {error}") from None
 
@@ -82,24 +88,26 @@ def to_arrays(sim: "Simulation") -> Arrays:
     """Return what a checkpoint of a simulation consists of (views)."""
     from hardspheres import __version__
 
-    sim._keep_clock()
-    sim._keep_pace()
+    sim._engine.keep_clock()
+    engine = sim._engine = sim._engine.in_pace()
     about = {
         "format": FORMAT,
         "version": VERSION,
         "package": __version__,
         "boundary": list(sim.scene.boundary),
-        "epoch_length": sim._length,
-        "clock": [sim._epoch, sim._moment],
-        "tallied_since": list(sim._since),
+        "epoch_length": engine.length,
+        "clock": list(engine.now),
+        "tallied_since": list(engine.since),
     }
     text = np.frombuffer(json.dumps(about).encode(), dtype=np.uint8)
     scene = {name: getattr(sim.scene, name) for name in SCENE}
-    arrays: Arrays = {"about": text} | scene | sim._engine.state()
+    arrays: Arrays = {"about": text} | scene | engine.state()
     return arrays
 
 
-def restored(cls: "type[AnySimulation]", scene: Scene, arrays: Arrays, log: Any = None) -> "AnySimulation":
+def restored(
+    cls: "type[AnySimulation]", scene: Scene, arrays: Arrays, log: Any = None, search: str = "auto"
+) -> "AnySimulation":
     """Return another simulation in the state that `to_arrays` gave, unchecked: what copies are made of.
 
     Parameters
@@ -112,6 +120,8 @@ def restored(cls: "type[AnySimulation]", scene: Scene, arrays: Arrays, log: Any 
         From `to_arrays`; copied.
     log : callable, optional
         Takes the events from now on.
+    search : str
+        As of `Simulation`.
 
     Returns
     -------
@@ -119,20 +129,21 @@ def restored(cls: "type[AnySimulation]", scene: Scene, arrays: Arrays, log: Any 
         With arrays of its own.
     """
     about = json.loads(arrays["about"].tobytes())
-    sim = cls(scene, free_paths="flight" in arrays and log is None, log=log)
-    if about["epoch_length"] != sim._length:
+    sim = cls(scene, free_paths="flight" in arrays and log is None, log=log, search=search)
+    if about["epoch_length"] != sim._engine.length:
         sim._engine = sim._engine.with_epochs(about["epoch_length"])
-    _take_over(sim, arrays, about)
+    _take_over(sim._engine, arrays, about)
     return sim
 
 
-def _take_over(sim: "Simulation", arrays: Arrays, about: dict[str, Any]) -> None:
-    sim._engine.restore(arrays)
-    sim._epoch, sim._moment = about["clock"]
-    sim._since = tuple(about["tallied_since"])
+def _take_over(engine: Engine, arrays: Arrays, about: dict[str, Any]) -> None:
+    engine.restore(arrays)
+    engine.now, engine.since = tuple(about["clock"]), tuple(about["tallied_since"])
 
 
-def from_arrays(cls: "type[AnySimulation]", arrays: Arrays, log: Any = None) -> "AnySimulation":
+def from_arrays(
+    cls: "type[AnySimulation]", arrays: Arrays, log: Any = None, search: str = "auto"
+) -> "AnySimulation":
     """Return the simulation that consists of these arrays; CheckpointError where there is none."""
     about = _read_about(arrays)
     flights = "flight" in arrays
@@ -140,13 +151,20 @@ def from_arrays(cls: "type[AnySimulation]", arrays: Arrays, log: Any = None) -> 
         raise CheckpointError(
             "log=... needs what only a simulation with free_paths=True or a log keeps, and this was none"
         )
-    sim = cls(_scene(arrays, about), free_paths=flights and log is None, log=log)
-    _set_epochs(sim, about["epoch_length"])
-    _require_like(arrays, sim._engine.state())
-    _require_state(sim, arrays, about)
-    _take_over(sim, arrays, about)
+    placeholder = None if log is None else _not_yet
+    sim = cls(_scene(arrays, about), free_paths=flights and log is None, log=placeholder, search=search)
+    engine = sim._engine = _with_epochs(sim._engine, about["epoch_length"])
+    _require_like(arrays, engine.state())
+    _require_state(engine, arrays, about)
+    _take_over(engine, arrays, about)
     _require_as_left(sim)
+    if log is not None:  # after all that may be refused: it begins its file anew
+        engine.sink = sink_of(log, engine.scene.dim)
     return sim
+
+
+def _not_yet(events: Any) -> None:
+    """Stands for the log until the checkpoint has been found to be sound."""
 
 
 def _read_about(arrays: Arrays) -> dict[str, Any]:
@@ -176,7 +194,7 @@ def _is_list(values: Any, *types: type) -> bool:
     """Whether this is a list of these types, whole numbers in the range of counters and others finite and not negative."""
     if not isinstance(values, list) or [type(value) for value in values] != list(types):
         return False
-    return all(isinstance(value, str) or (0 <= value < MOST and math.isfinite(value)) for value in values)
+    return all(isinstance(value, str) or (0 <= value < FOREVER and math.isfinite(value)) for value in values)
 
 
 def _scene(arrays: Arrays, about: dict[str, Any]) -> Scene:
@@ -190,16 +208,16 @@ def _scene(arrays: Arrays, about: dict[str, Any]) -> Scene:
         raise CheckpointError(f"its scene is impossible: {error}") from None
 
 
-def _set_epochs(sim: "Simulation", length: float) -> None:
-    """Have epochs of the length that the file tells, if the simulation can have come to them."""
-    usual = sim._length
+def _with_epochs(engine: Engine, length: float) -> Engine:
+    """Return the engine with epochs of the length that the file tells, if the simulation can have come to them."""
+    usual = engine.length
     mantissa, _ = math.frexp(length)
     if length == usual:
-        return
-    change = math.isfinite(float(sim._engine.arrays.number[sim._at.HASTE]))
+        return engine
+    change = math.isfinite(float(engine.arrays.number[engine.layout.HASTE]))
     if not (change and mantissa == 0.5 and 2.0**-60 * usual <= length < usual):
         raise CheckpointError(f"its epochs are {length!r} long, but this scene's are {usual!r}")
-    sim._engine = sim._engine.with_epochs(length)
+    return engine.with_epochs(length)
 
 
 def _require_like(arrays: Arrays, fresh: Arrays) -> None:
@@ -217,15 +235,15 @@ def _require_like(arrays: Arrays, fresh: Arrays) -> None:
             raise CheckpointError(f"{name} holds a value that is not finite")
 
 
-def _require_state(sim: "Simulation", arrays: Arrays, about: dict[str, Any]) -> None:
+def _require_state(engine: Engine, arrays: Arrays, about: dict[str, Any]) -> None:
     """Require rows, clocks and counters that runs of this scene can reach, as far as the kernels rely on it."""
-    at, scene, length = sim._at, sim.scene, sim._length
+    at, scene, length = engine.layout, engine.scene, engine.length
     counters = dict(zip(at.STATE_COUNTERS, arrays["counters"].tolist(), strict=True))
     numbers = dict(zip(at.STATE_NUMBERS, arrays["numbers"].tolist(), strict=True))
     epoch, moment = about["clock"]
     counts = [*counters.values(), *arrays["counts"].tolist()]
-    if not all(0 <= count < MOST for count in counts) or not np.all(
-        (arrays["turns"] > -MOST) & (arrays["turns"] < MOST)
+    if not all(0 <= count < FOREVER for count in counts) or not np.all(
+        (arrays["turns"] > -FOREVER) & (arrays["turns"] < FOREVER)
     ):
         raise CheckpointError("a counter is out of range")
     now = max(numbers[at.NOW], 0.0)
@@ -234,9 +252,9 @@ def _require_state(sim: "Simulation", arrays: Arrays, about: dict[str, Any]) -> 
     since = about["tallied_since"]
     if since[:2] > [epoch, moment] or since[2] > counters[at.PAIRS] or since[3] > counters[at.WALL_HITS]:
         raise CheckpointError("its tallies begin after its time")
-    _require_rows(scene, sim._engine.rows, arrays["row"], at, now)
-    if sim._engine.flights:
-        _require_flights(arrays, sim._engine.state(), at, epoch, length)
+    _require_rows(scene, engine.rows, arrays["row"], at, now)
+    if engine.flights:
+        _require_flights(arrays, engine.state(), at, epoch, length)
 
 
 def _require_flights(arrays: Arrays, fresh: Arrays, at: Any, epoch: int, length: float) -> None:

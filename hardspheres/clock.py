@@ -2,7 +2,9 @@
 
 import math
 
-__all__ = ["carried", "recounted"]
+__all__ = ["FOREVER", "carried", "recounted"]
+
+FOREVER = 2**62  # no clock or counter gets that far
 
 
 def carried(epoch: int, moment: float, length: float) -> tuple[int, float]:

@@ -21,6 +21,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hardspheres.clock import carried
 from hardspheres.engine import Engine
 from hardspheres.errors import SceneError, SimulationError
 from hardspheres.initial import checked_arguments, cubic_box, with_velocities
@@ -46,7 +47,6 @@ ORDERED = {2: 0.5, 3: 0.1}  # psi6, Q6 above which a scene of many particles is 
 FLUCTUATION = {2: 20.0, 3: 4.0}  # or this over sqrt(N), if more: three times what dense fluids show, or more
 HEXATIC = 0.70  # packing fraction from which discs order by themselves
 SLICE = 0.1  # seconds after which control comes back to Python
-FOREVER = 2**62
 
 
 def compressed_gas(
@@ -257,19 +257,17 @@ class Compression:
         last = self.scene.with_state(self.scene.positions, self.scene.velocities, self._radii * until)
         engine = Engine(last, growth=(self.scale / until, rate / until))
         at, number = engine.layout, engine.arrays.number
-        length = float(number[at.EPOCH_LENGTH])
-        epoch = math.floor(duration / length)
-        moment = duration - epoch * length
+        epoch, moment = carried(0, duration, engine.length)
         while not self._slice(engine, epoch, moment, limit):
             pass
         done = int(engine.arrays.counter[at.PAIRS])
         if done >= limit:
-            epoch, moment = int(engine.arrays.counter[at.EPOCH]), max(float(number[at.NOW]), 0.0)
+            epoch, moment = engine.last_event
             self.scale = until * min(float(number[at.SCALE] + number[at.GROWTH] * moment), 1.0)
         else:
             self.scale = until
         self.collisions += done
-        self._read(engine, epoch * length + moment, moment)
+        self._read(engine, epoch * engine.length + moment, moment)
 
     def _slice(self, engine: Engine, epoch: int, moment: float, limit: int) -> bool:
         """Run for about SLICE seconds; True when the stage is over."""

@@ -1,4 +1,4 @@
-"""The engine's state: a scene turned into the kernels' arrays, with room found for them as it is needed."""
+"""The engine's state: a scene turned into the kernels' arrays, with room found for them as it is needed, and the clock."""
 
 import copy
 import math
@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from hardspheres.clock import recounted
+from hardspheres.clock import FOREVER, recounted
 from hardspheres.errors import SimulationError
 from hardspheres.event_log import ROOM, Sink, as_events
 from hardspheres.free_paths import FlightTallies
@@ -72,8 +72,10 @@ class Engine:
         must not pass 1, which is what the lists are made for.
     flights : bool
         Tally free flights.
-    sink : callable, optional
-        Takes chunks of the events' log; needs `flights`.
+    logs : bool
+        Have room for the events' log, which `sink` takes; needs `flights`.
+    search : str
+        One of `tuning.SEARCHES`; spheres that grow have lists.
 
     Attributes
     ----------
@@ -84,7 +86,11 @@ class Engine:
     flights : FlightTallies or None
         What the tallies of flights mean.
     sink : callable or None
-        Takes chunks of the events' log.
+        Takes chunks of the events' log; to be set by whoever has one.
+    now : (int, float)
+        The time: whole epochs, and the time within this one. Where a run was asked to stop, or at the last event.
+    since : (int, float, int, int)
+        Where the tallies began: epoch, time within it, pair collisions, wall collisions.
     """
 
     def __init__(
@@ -92,14 +98,15 @@ class Engine:
         scene: Scene,
         growth: tuple[float, float] | None = None,
         flights: bool = False,
-        sink: Sink | None = None,
+        logs: bool = False,
+        search: str = "auto",
     ) -> None:
         from hardspheres.kernel import specialise
 
         sizes = bool(np.any(scene.radii != scene.radii[0]))
         masses = bool(np.any(scene.masses != scene.masses[0]))
         length = epoch_length(scene)
-        plan = window_plan(scene, length) if growth is None else None
+        plan = window_plan(scene, length, search) if growth is None else None
         self.kernels: Any = specialise(
             scene.dim,
             not bool(scene.periodic.all()),
@@ -112,7 +119,7 @@ class Engine:
         self.layout: Any = self.kernels.layout
         self.scene = scene
         self.flights = FlightTallies(scene, self.layout) if flights else None
-        self.sink = sink
+        self.sink: Sink | None = None
         at = self.layout
         n, dim = scene.n, scene.dim
 
@@ -143,7 +150,7 @@ class Engine:
         count[at.BEYOND_CACHE] = int(n > CACHED)
         count[at.BEYOND_ALL] = int(n > CACHED_AT_ALL)
         count[at.KINDS] = len(units) // 3
-        count[at.LOG_ROOM] = ROOM if sink else 0
+        count[at.LOG_ROOM] = ROOM if logs else 0
         self._plan(plan, length, number, count)
 
         scratch = aligned(at.LANES * 16, np.float64)
@@ -165,6 +172,8 @@ class Engine:
             total=np.zeros(at.FLIGHT_SUMS + sums),
             **self._searching_arrays(count, self.chunks),
         )
+        self.now = (0, 0.0)
+        self.reset_tallies()
         self._afresh = True
         self.paused = False  # whether the last run ended because its budget of work ran out
 
@@ -364,10 +373,33 @@ class Engine:
         self.chunks = chunks
 
     @property
+    def length(self) -> float:
+        """Length of an epoch."""
+        return float(self.arrays.number[self.layout.EPOCH_LENGTH])
+
+    @property
+    def last_event(self) -> tuple[int, float]:
+        """When the last event was: its epoch, and the time within that one."""
+        at, arrays = self.layout, self.arrays
+        return int(arrays.counter[at.EPOCH]), max(float(arrays.number[at.NOW]), 0.0)
+
+    def keep_clock(self) -> None:
+        """Set the time to that of the last event, where that is later than what was asked for before."""
+        self.now = max(self.now, self.last_event)
+
+    def reset_tallies(self) -> None:
+        """Begin the tallies anew."""
+        at, arrays = self.layout, self.arrays
+        arrays.total[: at.SUMS] = 0.0
+        self.since = (*self.now, int(arrays.counter[at.PAIRS]), int(arrays.counter[at.WALL_HITS]))
+        if self.flights:
+            self.flights.reset(arrays, *self.now)
+
+    @property
     def due(self) -> float:
         """Length that epochs ought to have from now on, by the mean square speed at the beginning of this one."""
         at, number, epoch = self.layout, self.arrays.number, int(self.arrays.counter[self.layout.EPOCH])
-        length, v2 = float(number[at.EPOCH_LENGTH]), float(number[at.MEAN_SQUARE])
+        length, v2 = self.length, float(number[at.MEAN_SQUARE])
         if v2 >= number[at.HASTE]:
             return epoch_length_at(self.scene, v2)
         if v2 < number[at.LEISURE] and epoch % 16 == 0:
@@ -375,16 +407,27 @@ class Engine:
             return min(longest, length * (epoch & -epoch))  # it begins where a longer one would
         return length
 
+    def in_pace(self) -> "Engine":
+        """Return this engine, or one with other epochs where the last one left particles behind that are far faster or slower."""
+        length = self.due
+        if length == self.length:
+            return self
+        if recounted(self.last_event[0], 0.0, self.length, length)[0] >= FOREVER:
+            epoch, moment = self.now
+            raise SimulationError(
+                f"at a time of {epoch * self.length + moment:.3g} particles have become so fast that it can no longer be counted"
+            )
+        return self.with_epochs(length)
+
     def with_epochs(self, length: float) -> "Engine":
         """Return this engine, at the beginning of an epoch, with epochs of another length, a power of two times this one.
 
-        Rows and clocks stay; what counts epochs is counted in the new ones.
+        Rows and times stay; what counts epochs is counted in the new ones.
         """
-        at, old = self.layout, self.arrays
-        before = float(old.number[at.EPOCH_LENGTH])
+        at, old, before = self.layout, self.arrays, self.length
         number, count, total, flight = (a.copy() for a in (old.number, old.counter, old.total, old.flight))
         other = copy.copy(self)
-        plan = window_plan(self.scene, length) if count[at.WINDOW_BUCKETS] else None
+        plan = window_plan(self.scene, length, "windows") if count[at.WINDOW_BUCKETS] else None
         other._plan(plan, length, number, count)
         for epoch in (at.EPOCH, at.LAST_PAIR_EPOCH):
             count[epoch], _ = recounted(int(count[epoch]), 0.0, before, length)
@@ -399,6 +442,8 @@ class Engine:
             flight=flight,
             **other._searching_arrays(count, other.chunks),
         )
+        other.now = recounted(*self.now, before, length)
+        other.since = (*recounted(*self.since[:2], before, length), *self.since[2:])
         other._afresh = True
         return other
 

@@ -17,6 +17,7 @@ from hardspheres.errors import InvariantError
 from hardspheres.scene import contact_tolerance, returned_to_box
 
 if TYPE_CHECKING:
+    from hardspheres.engine import Engine
     from hardspheres.simulation import Simulation
 
 Floats = NDArray[np.float64]
@@ -26,25 +27,27 @@ ALL_PAIRS_UP_TO = 512  # particles whose pairs are all looked at
 STAMP_BITS = 0xFFFFFFFF
 
 
-def verify(sim: "Simulation") -> None:
+def verify(sim: "Simulation", engine: "Engine") -> None:
     """Raise InvariantError for the first invariant that does not hold; see `Simulation.check`.
 
     Parameters
     ----------
     sim : Simulation
         At any moment; it stays as it is.
+    engine : Engine
+        Its engine.
 
     Raises
     ------
     InvariantError
         Naming what broke, by how much, and what is allowed.
     """
-    _counters_make_sense(sim)
+    _counters_make_sense(engine)
     _energy_and_momentum_are_kept(sim)
     _nobody_overlaps(sim)
-    if not sim._engine._afresh:  # otherwise all that follows is found from the rows before the next event
-        search = _Search(sim)
-        if sim._engine.arrays.counter[sim._at.WINDOW_BUCKETS] == 0:
+    if not engine._afresh:  # otherwise all that follows is found from the rows before the next event
+        search = _Search(engine)
+        if engine.arrays.counter[engine.layout.WINDOW_BUCKETS] == 0:
             search.lists_are_complete()
         if sim.scene.n <= ALL_PAIRS_UP_TO:
             search.nothing_is_forgotten()
@@ -55,18 +58,16 @@ def _require(holds: Any, sentence: str) -> None:
         raise InvariantError(sentence)
 
 
-def _counters_make_sense(sim: "Simulation") -> None:
-    at, engine = sim._at, sim._engine
-    count, number, rows = engine.arrays.counter, engine.arrays.number, engine.rows
+def _counters_make_sense(engine: "Engine") -> None:
+    at, count, rows = engine.layout, engine.arrays.counter, engine.rows
     for name in ("EPOCH", "PAIRS", "WALL_HITS", "LATE", "STALE", "RENEWALS", "LONE"):
         value = int(count[getattr(at, name)])
         _require(0 <= value < 2**62, f"the counter {name} is {value}; it must lie between 0 and 2^62")
     _require(np.isfinite(rows).all(), "a row holds a value that is not finite")
-    now = max(float(number[at.NOW]), 0.0)
+    (last, now), (epoch, moment) = engine.last_event, engine.now
     _require(
-        (int(count[at.EPOCH]), now) <= (sim._epoch, sim._moment),
-        f"the last event, at {now} of epoch {count[at.EPOCH]}, lies after the simulation's time, {sim._moment} of epoch "
-        f"{sim._epoch}",
+        (last, now) <= (epoch, moment),
+        f"the last event, at {now} of epoch {last}, lies after the simulation's time, {moment} of epoch {epoch}",
     )
     t = rows[:, at.T]
     late = int(np.argmax(t))
@@ -139,12 +140,12 @@ def _nobody_overlaps(sim: "Simulation") -> None:
 class _Search:
     """What the engine has written down about coming events, and what follows from its rows."""
 
-    def __init__(self, sim: "Simulation") -> None:
-        self.at, self.arrays, self.scene = sim._at, sim._engine.arrays, sim.scene
-        at, rows, dim = self.at, sim._engine.rows, self.scene.dim
+    def __init__(self, engine: "Engine") -> None:
+        self.at, self.arrays, self.scene = engine.layout, engine.arrays, engine.scene
+        at, rows, dim = self.at, engine.rows, self.scene.dim
         self.n = self.scene.n
         self.x, self.v, self.t = rows[:, at.X : at.X + dim], rows[:, at.V : at.V + dim], rows[:, at.T]
-        self.now = max(float(self.arrays.number[at.NOW]), 0.0)
+        _, self.now = engine.last_event
         self.one_size = bool(np.all(self.scene.radii == self.scene.radii[0]))
 
     # Lists.

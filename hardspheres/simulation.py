@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hardspheres.clock import carried, recounted
+from hardspheres.clock import FOREVER, carried, recounted
 from hardspheres.engine import Engine
 from hardspheres.errors import SimulationError
 from hardspheres.event_log import NpyStream, Sink, sink_of
@@ -29,13 +29,12 @@ from hardspheres.scene import (
     thermal_energy,
     total_momentum,
 )
-from hardspheres.tuning import collision_rate, power_of_two_below
+from hardspheres.tuning import SEARCHES, collision_rate, power_of_two_below
 
 Floats = NDArray[np.float64]
 Look = TypeVar("Look", bound=Callable[..., Any])
 
 SLICE = 0.1  # seconds after which control comes back to Python
-FOREVER = 2**62
 PATIENCE = 1000.0  # expected times to the next collision without one, until `run(collisions=...)` gives up,
 LEAST_PATIENCE = 10  # but not in fewer epochs
 ROWS_BETWEEN_LOOKS = 1 << 16  # it looks after as many epochs as take so many rows into the next one,
@@ -222,12 +221,17 @@ class Simulation:
         the order of execution), or the path of a ``.npy`` file, replaced if it is there. Events are handed over 8192 at a
         time, and the rest when `run` returns or a frame is due; there is nothing to close. A log tallies free flights too. A
         simulation with a path has no copies; a function goes along (pickled, or copied, as Python does that).
+    search : str, default "auto"
+        How collision partners are found: "lists" (neighbour lists, for dense gases), "windows" (windows of time, for dilute
+        ones), or "auto", the faster of the two. All give the same bits; `status` tells which one is used. A copy searches
+        in the same way.
 
     Raises
     ------
     SimulationError
-        If free paths are asked for and there are more than 32 species, or the log cannot be written; from every method, if the
-        simulation is at work already.
+        If free paths are asked for and there are more than 32 species, or the log cannot be written; if windows are asked for
+        and impossible: no particle moves, one is more than 50 times as fast as a typical one, or the box is too small; from
+        every method, if the simulation is at work already.
 
     Examples
     --------
@@ -246,11 +250,14 @@ class Simulation:
         *,
         free_paths: bool = False,
         log: Callable[[NDArray[np.void]], object] | str | PathLike[str] | None = None,
+        search: str = "auto",
     ) -> None:
         if not isinstance(scene, Scene):
             raise SimulationError(f"a simulation starts from a Scene, not from {scene!r:.60}")
         if not isinstance(free_paths, (bool, np.bool_)):
             raise SimulationError(f"free_paths is {free_paths!r}; it must be True or False")
+        if not isinstance(search, str) or search not in SEARCHES:
+            raise SimulationError(f'search is {search!r}; it must be "auto", "lists" or "windows"')
         kinds = int(scene.species.max()) + 1
         if free_paths and kinds > MOST_SPECIES:
             raise SimulationError(
@@ -260,18 +267,17 @@ class Simulation:
         self._lock = threading.Lock()  # of the one that runs it
         self._runs = 0  # how often that has begun
         self._scene = scene
-        sink: Sink | None = None if log is None else sink_of(log, scene.dim)
-        self._engine = Engine(scene, flights=free_paths or sink is not None, sink=sink)
+        self._search = search
+        logs = log is not None
+        self._engine = Engine(scene, flights=free_paths or logs, logs=logs, search=search)
+        if logs:  # after all that may be refused: it begins its file anew
+            self._engine.sink = sink_of(log, scene.dim)
         self._at = self._engine.layout
-        self._epoch = 0  # sim.time is two numbers: whole epochs, and the time within this one
-        self._moment = 0.0
         self._budget = 2000 + scene.n
         self._energy = scene.kinetic_energy
         most = max(ROWS_BETWEEN_LOOKS / scene.n, 1)
         self._stride = int(power_of_two_below(min(most, MOST_BETWEEN_LOOKS)))  # epochs between two looks
         self._moving = False  # whether somebody is known to move relative to another
-        self._since = (0, 0.0, 0, 0)  # where the tallies began: epoch, moment, collisions, hits of walls
-        self._reset_tallies()
 
     @property
     def scene(self) -> Scene:
@@ -314,28 +320,25 @@ class Simulation:
     def _run(self, time: float | None, collisions: int | None) -> None:
         if (time is None) == (collisions is None):
             raise SimulationError("run needs either time=... or collisions=..., and not both")
-        self._keep_clock()  # an interrupt may have come before the last run could do that
+        self._engine.keep_clock()  # an interrupt may have come before the last run could do that
         if time is not None:
             duration = _number("run(time=...)", time)
             if duration < 0:
                 raise SimulationError(f"run(time={time}) must be a time of at least 0")
-            self._run_until(*self._later(self._epoch, self._moment + duration))
+            epoch, moment = self._engine.now
+            self._run_until(*self._later(epoch, moment + duration))
         elif collisions is not None:
             self._run_collisions(self.collisions + _whole("run(collisions=...)", collisions))
 
     def _later(self, epoch: int, moment: float) -> tuple[int, float]:
         """Bring the time within an epoch into its range."""
-        length = self._length
+        length = self._engine.length
         later = carried(epoch, moment, length)
         if later[0] >= FOREVER:
             raise SimulationError(
                 f"a time of {epoch * length + moment:.3g} is more than can be counted; {FOREVER * length:.3g} is"
             )
         return later
-
-    @property
-    def _length(self) -> float:
-        return float(self._engine.arrays.number[self._at.EPOCH_LENGTH])
 
     def _slice(self, epoch: int, moment: float, pairs: int) -> bool:
         """Run for about SLICE seconds; True when the goal is reached."""
@@ -350,48 +353,21 @@ class Simulation:
             self._budget = int(budget * min(max(SLICE / max(took, 1e-6), 0.5), 2.0)) + 1
         return reached
 
-    def _keep_pace(self) -> None:
-        """Change the length of the epochs where the last one left particles behind that are far faster or slower.
-
-        Complete, or not at all: it ends with plain assignments, which nothing interrupts.
-        """
-        before, length = self._length, self._engine.due
-        if length == before:
-            return
-        last = recounted(int(self._engine.arrays.counter[self._at.EPOCH]), 0.0, before, length)
-        if last[0] >= FOREVER:
-            raise SimulationError(
-                f"at a time of {self._time:.3g} particles have become so fast that it can no longer be counted"
-            )
-        now = recounted(self._epoch, self._moment, before, length)
-        epoch, moment, collisions, wall_collisions = self._since
-        since = (*recounted(epoch, moment, before, length), collisions, wall_collisions)
-        engine = self._engine.with_epochs(length)
-        self._engine, (self._epoch, self._moment), self._since = engine, now, since
-
-    def _keep_clock(self) -> None:
-        """Set the time to that of the last event, where that is later than what was asked for before."""
-        here = (
-            int(self._engine.arrays.counter[self._at.EPOCH]),
-            max(float(self._engine.arrays.number[self._at.NOW]), 0.0),
-        )
-        self._epoch, self._moment = max((self._epoch, self._moment), here)
-
     def _run_until(self, epoch: int, moment: float) -> None:
         if self._energy == 0.0:  # nobody moves: there is no need to pass through empty epochs
             self._engine.arrays.counter[self._at.EPOCH] = epoch
         try:
             while True:
-                before = self._length
-                self._keep_pace()
-                epoch, moment = self._later(*recounted(epoch, moment, before, self._length))
+                before = self._engine.length
+                self._engine = self._engine.in_pace()
+                epoch, moment = self._later(*recounted(epoch, moment, before, self._engine.length))
                 if self._slice(epoch, moment, FOREVER):
                     break
         except BaseException:
-            self._keep_clock()
+            self._engine.keep_clock()
             raise
         else:
-            self._epoch, self._moment = epoch, moment
+            self._engine.now = epoch, moment
         finally:
             self._engine.hand_over_log()
 
@@ -401,9 +377,9 @@ class Simulation:
         look = 0  # the epoch at whose beginning it looks next whether there are collisions at all
         try:
             while True:
-                before = self._length
-                self._keep_pace()
-                if self._length != before:
+                before = self._engine
+                self._engine = before.in_pace()
+                if self._engine is not before:
                     look = 0
                 look = max(look, self._next_look())
                 if self._slice(look, 0.0, goal):
@@ -412,7 +388,7 @@ class Simulation:
                     self._require_meetings()
                     look += self._stride
         finally:
-            self._keep_clock()
+            self._engine.keep_clock()
             self._engine.hand_over_log()
 
     def _next_look(self) -> int:
@@ -434,9 +410,9 @@ class Simulation:
         if idle < LEAST_PATIENCE:
             return
         v = self._rows[:, at.V : at.V + self.scene.dim]
-        if idle * self._length * collision_rate(self.scene, v) > PATIENCE:
+        if idle * self._engine.length * collision_rate(self.scene, v) > PATIENCE:
             raise SimulationError(
-                f"no two particles met for {idle * self._length:.3g} time units, over {PATIENCE:.0f} times the expected "
+                f"no two particles met for {idle * self._engine.length:.3g} time units, over {PATIENCE:.0f} times the expected "
                 "time to a collision; these particles may never meet: use run(time=...)"
             )
 
@@ -543,7 +519,7 @@ class Simulation:
 
     def _reach(self, t: float) -> None:
         target = self._later(0, t)
-        if target > (self._epoch, self._moment):
+        if target > self._engine.now:
             self._run_until(*target)
 
     def _frames_after(self, collisions: Iterable[int]) -> Iterator[Frame]:
@@ -576,7 +552,8 @@ class Simulation:
 
     @property
     def _time(self) -> float:
-        return self._epoch * self._length + self._moment
+        epoch, moment = self._engine.now
+        return epoch * self._engine.length + moment
 
     @property
     def collisions(self) -> int:
@@ -602,8 +579,9 @@ class Simulation:
         """Positions now, as the rows count them: up to an epoch's flight out of the box on periodic axes."""
         at, dim = self._at, self.scene.dim
         rows = self._rows
-        behind = self._epoch - int(self._engine.arrays.counter[at.EPOCH])
-        dt = (behind * self._length + self._moment) - rows[:, at.T]
+        epoch, moment = self._engine.now
+        behind = epoch - int(self._engine.arrays.counter[at.EPOCH])
+        dt = (behind * self._engine.length + moment) - rows[:, at.T]
         flown: Floats = rows[:, at.X : at.X + dim] + rows[:, at.V : at.V + dim] * dt[:, None]
         return flown
 
@@ -688,6 +666,7 @@ class Simulation:
         path: str | PathLike[str],
         *,
         log: Callable[[NDArray[np.void]], object] | str | PathLike[str] | None = None,
+        search: str = "auto",
     ) -> "Simulation":
         """Return the simulation in a checkpoint: running on from it gives what running on would have given, bit for bit.
 
@@ -697,6 +676,8 @@ class Simulation:
             A file written by `save`. Nothing in it is executed.
         log : callable or path, optional
             Takes the events from now on (a new file); only where the simulation that was saved had a log or `free_paths`.
+        search : str, default "auto"
+            As of `Simulation`. A checkpoint does not store it: any search goes on with the same bits.
 
         Returns
         -------
@@ -707,10 +688,12 @@ class Simulation:
         ------
         CheckpointError
             When the file is missing, torn, altered, of another format version, or holds what no simulation leaves.
+        SimulationError
+            When `log` or `search` cannot be used, as of `Simulation`.
         """
         from hardspheres.checkpoint import load
 
-        return load(cls, path, log)
+        return load(cls, path, log, search)
 
     def __copy__(self) -> "Simulation":
         return self._duplicate(lambda part: part)
@@ -728,7 +711,7 @@ class Simulation:
 
         def parts() -> tuple[Any, ...]:
             arrays = {name: array.copy() for name, array in to_arrays(self).items()}
-            return type(self), copied(self.scene), arrays, copied(self._log())
+            return type(self), copied(self.scene), arrays, copied(self._log()), self._search
 
         return restored, self._alone(parts)
 
@@ -745,13 +728,7 @@ class Simulation:
 
     def reset_tallies(self) -> None:
         """Begin the tallies anew; time, collisions and the dynamics go on."""
-        self._alone(self._reset_tallies)
-
-    def _reset_tallies(self) -> None:
-        self._engine.arrays.total[: self._at.SUMS] = 0.0
-        self._since = (self._epoch, self._moment, self.collisions, self.wall_collisions)
-        if self._engine.flights:
-            self._engine.flights.reset(self._engine.arrays, self._epoch, self._moment)
+        self._alone(lambda: self._engine.reset_tallies())  # the engine as it is once no other thread runs it
 
     def _sums(self, first: int) -> Floats:
         sums: Floats = read_only(
@@ -764,14 +741,14 @@ class Simulation:
     def tallies(self) -> Tallies:
         """What was counted since `reset_tallies`."""
         at, total = self._at, self._engine.arrays.total
-        epoch, moment, collisions, wall_collisions = self._since
+        epoch, moment, collisions, wall_collisions = self._engine.since
         passed = self._passed
         places = np.array(COMPONENTS[self.scene.dim])
         v, m = self.velocities, self.scene.masses
         # integral of K from t0 to t1 = K(t1) (t1 - t0) - sum over events of dK (t - t0)
-        moments = (total[at.STRESS_EPOCHS + places] - epoch * total[at.STRESS + places]) * self._length + (
-            total[at.STRESS_MOMENT + places] - moment * total[at.STRESS + places]
-        )
+        moments = (
+            total[at.STRESS_EPOCHS + places] - epoch * total[at.STRESS + places]
+        ) * self._engine.length + (total[at.STRESS_MOMENT + places] - moment * total[at.STRESS + places])
         return Tallies(
             passed,
             self.collisions - collisions,
@@ -784,8 +761,8 @@ class Simulation:
 
     @property
     def _passed(self) -> float:
-        epoch, moment, *_ = self._since
-        return (self._epoch - epoch) * self._length + (self._moment - moment)
+        (epoch, moment), (first, begun, *_) = self._engine.now, self._engine.since
+        return (epoch - first) * self._engine.length + (moment - begun)
 
     @property
     @at_rest
@@ -806,7 +783,7 @@ class Simulation:
             raise SimulationError(
                 f"free paths are tallied for up to {MOST_SPECIES} species only; read them from the log"
             )
-        return flights.read(self._engine.arrays, self._epoch, self._moment, self._passed)
+        return flights.read(self._engine.arrays, *self._engine.now, self._passed)
 
     @property
     @at_rest
@@ -921,7 +898,7 @@ class Simulation:
         """
         from hardspheres.invariants import verify
 
-        verify(self)
+        verify(self, self._engine)
 
     @at_rest
     def status(self) -> dict[str, Any]:
@@ -953,7 +930,7 @@ class Simulation:
             "shell": float(number[at.SHELL]),
             "window": 2.0 * float(number[at.HALF_WINDOW]),
             "list_renewals": int(count[at.RENEWALS]),
-            "epoch_length": self._length,
+            "epoch_length": self._engine.length,
             "bytes_per_particle": self._engine.bytes / self.scene.n,
             "collisions_per_second": self._timed[0] / self._timed[1] if self._timed[0] else math.nan,
         }

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hardspheres.errors import SimulationError
 from hardspheres.scene import Scene
 
 Floats = NDArray[np.float64]
@@ -23,6 +24,7 @@ THERMAL_SPEED = 3.5  # windows: flights up to this many sqrt(kT/m) are registere
 # One of these numbers of windows in an epoch is chosen.
 WINDOWS_IN_AN_EPOCH = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
 OUT_OF_PACE = 16.0  # epochs that are this many times too long or too short are changed
+SEARCHES = ("auto", "lists", "windows")  # the faster one, or by name
 SPARSE_BELOW = {2: 0.4, 3: 0.25}  # packing fraction below which windows are faster than lists
 REG, PIECE, PAIR, CELL, COLL, NEWP, NEWC = (
     60.0,
@@ -307,14 +309,43 @@ def share_faster(speed: float, dim: int) -> float:
     return tail if dim == 2 else math.erfc(speed / math.sqrt(2.0)) + math.sqrt(2.0 / math.pi) * speed * tail
 
 
-def window_plan(scene: Scene, epoch: float) -> WindowPlan | None:
-    """Return the windows that cost least for epochs of this length, or None where lists serve better or the box is too small for them."""
-    now = np.sum(scene.velocities * scene.velocities, axis=1)
-    rms = max(math.sqrt(float(np.mean(now))), typical_speed(scene, scene.kinetic_energy))
+def window_plan(scene: Scene, epoch: float, search: str = "auto") -> WindowPlan | None:
+    """Return the windows that cost least for epochs of this length, or None where the search is by neighbour lists.
+
+    Parameters
+    ----------
+    scene : Scene
+        The gas.
+    epoch : float
+        Length of an epoch.
+    search : str
+        One of SEARCHES. With "auto", lists are used where they are faster, or where windows are impossible.
+
+    Raises
+    ------
+    SimulationError
+        With "windows", where they are impossible.
+    """
     # Lists pay for cells made for the largest: where sizes differ they take over at a higher density.
     crowding = scene.packing_fraction * float(scene.radii.mean() / scene.radii.max())
-    if crowding > SPARSE_BELOW[scene.dim] or rms == 0.0 or math.sqrt(np.max(now)) > 50.0 * rms:
+    if search == "lists" or (search == "auto" and crowding > SPARSE_BELOW[scene.dim]):
         return None
+    plan = _cheapest_windows(scene, epoch)
+    if isinstance(plan, WindowPlan):
+        return plan
+    if search == "windows":
+        raise SimulationError(f'search="windows" cannot be used here: {plan}; take "lists" or "auto"')
+    return None
+
+
+def _cheapest_windows(scene: Scene, epoch: float) -> WindowPlan | str:
+    """Return the windows that cost least, or why there are none."""
+    now = np.sum(scene.velocities * scene.velocities, axis=1)
+    rms = max(math.sqrt(float(np.mean(now))), typical_speed(scene, scene.kinetic_energy))
+    if rms == 0.0:
+        return "no particle moves"
+    if math.sqrt(np.max(now)) > 50.0 * rms:
+        return f"particle {int(np.argmax(now))} is more than 50 times as fast as a typical one"
     frequency = collision_frequency(scene)
     plans = {}
     in_pieces = share_faster(THERMAL_SPEED, scene.dim)
@@ -323,4 +354,9 @@ def window_plan(scene: Scene, epoch: float) -> WindowPlan | None:
         plan = split.plan(length, 0.5 * THERMAL_SPEED * rms / math.sqrt(scene.dim) * length)
         if plan is not None:
             plans[split.cost(plan, frequency * length, in_pieces) / length] = plan
-    return plans[min(plans)] if plans else None
+    if plans:
+        return plans[min(plans)]
+    return (
+        "the box is too small: well over three of the largest diameter must fit along each periodic axis, and well over one "
+        "between walls"
+    )

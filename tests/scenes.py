@@ -43,14 +43,9 @@ def state(sim):
     )
 
 
-LISTS, WINDOWS = {2: 0.0, 3: 0.0}, {2: 1.0, 3: 1.0}  # for `tuning.SPARSE_BELOW`
-# Kinds and methods that the default tests compile with tallies of flights.
-WITH_FLIGHTS = [("3d", WINDOWS), ("3d_mixture", LISTS)]
-
-
-def method_name(value):
-    """Name of a parameter in the tests of flights."""
-    return value if isinstance(value, str) else ("lists" if value is LISTS else "windows")
+SEARCHES = ("lists", "windows")
+# Kinds and searches that the default tests compile with tallies of flights.
+WITH_FLIGHTS = [("3d", "windows"), ("3d_mixture", "lists")]
 
 
 def state_without_flights(sim):

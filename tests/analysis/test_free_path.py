@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from scenes import LISTS, WITH_FLIGHTS
+from scenes import WITH_FLIGHTS
 from scenes import gas as random_gas
 
 import hardspheres as hs
@@ -18,9 +18,8 @@ from analysis.free_path import FirstFlightsWarning, FreePath
 from analysis.pressure import Pressure
 from analysis.series import DriftWarning, SeriesWarning
 from analysis.statistics import combine_replicas, estimate_from_replicas
-from hardspheres import tuning
 
-assert ("3d_mixture", LISTS) in WITH_FLIGHTS  # which the mixture here uses, compiled already
+assert ("3d_mixture", "lists") in WITH_FLIGHTS  # which the mixture here uses, compiled already
 # 64 blocks are on the short side for some of the numbers.
 pytestmark = pytest.mark.filterwarnings("ignore::analysis.series.ShortSeriesWarning")
 
@@ -32,9 +31,9 @@ SURVIVAL = {
 }
 
 
-def measure(scene, blocks=64, per_block=5.0, equilibration=20.0):
+def measure(scene, blocks=64, per_block=5.0, equilibration=20.0, search="auto"):
     """FreePath and Pressure from the same blocks, after `equilibration` collisions per particle."""
-    sim = hs.Simulation(scene, free_paths=True)
+    sim = hs.Simulation(scene, free_paths=True, search=search)
     sim.run(collisions=int(equilibration * scene.n / 2))
     paths, pressure = FreePath(sim.to_scene()), Pressure(sim.to_scene())
     for _ in range(blocks):
@@ -105,10 +104,10 @@ def test_pressure_from_the_same_rate(dilute):
     assert apart(paths.compressibility_factor, 1.0) > 100
 
 
-def test_a_mixture_beside_its_theory(monkeypatch):
+def test_a_mixture_beside_its_theory():
     """Diameters 0.6:1, masses 7:1, by lists: rates between species, path of each; Z of both from the same counts."""
-    monkeypatch.setattr(tuning, "SPARSE_BELOW", LISTS)
-    paths, pressure = measure(random_gas("3d_mixture", 200, 0.05), blocks=64, per_block=10.0)
+    scene = random_gas("3d_mixture", 200, 0.05)
+    paths, pressure = measure(scene, blocks=64, per_block=10.0, search="lists")
     checks = {check.quantity: check for check in paths.checks}
     assert {"nu 1-1", "nu 1-2", "nu 2-1", "nu 2-2", "mean free path of species 2"} <= set(checks)
     for check in checks.values():
@@ -126,13 +125,12 @@ def test_a_mixture_beside_its_theory(monkeypatch):
     assert len(axes.get_legend().get_texts()) == 3
 
 
-def test_a_heavy_rare_particle(monkeypatch):
+def test_a_heavy_rare_particle():
     """One of mass 50 among 100: its path is shorter by sqrt(1 - m/M), 0.81; all numbers within 4.5 errors."""
-    monkeypatch.setattr(tuning, "SPARSE_BELOW", LISTS)
     heavy = np.arange(101) == 0
     masses, radii = np.where(heavy, 50.0, 1.0), np.where(heavy, 0.51, 0.5)
     scene = random_gas("3d_mixture", 101, 0.01, masses=masses, radii=radii)
-    paths, _ = measure(scene, blocks=64, per_block=250.0, equilibration=200.0)
+    paths, _ = measure(scene, blocks=64, per_block=250.0, equilibration=200.0, search="lists")
     checks = {check.quantity: check for check in paths.checks}
     assert "nu 1-1" not in checks and "nu 2-1" in checks  # it does not meet itself
     for check in checks.values():

@@ -16,21 +16,15 @@ from scenes import KINDS, gas
 import numpy as np
 import hardspheres as hs
 from hardspheres import engine, tuning
-
-LISTS, WINDOWS = {{2: 0.0, 3: 0.0}}, {{2: 1.0, 3: 1.0}}
-
-def simulation(scene, method):
-    tuning.SPARSE_BELOW = method
-    return hs.Simulation(scene)
 """
 
 EVERY_KIND = """
 seen = {{}}
 for kind, cached in [(kind, cached) for kind in {kinds} for cached in (0, 1000)]:
     engine.CACHED = engine.CACHED_AT_ALL = cached
-    for n, eta, method, wanted in ((10, 0.2, LISTS, 12), (30, 0.02, LISTS, 1), (10, 0.02, WINDOWS, 0)):
+    for n, eta, search, wanted in ((10, 0.2, "lists", 12), (30, 0.02, "lists", 1), (10, 0.02, "windows", 0)):
         tuning.NEIGHBOURS_WANTED = {{2: wanted, 3: wanted}}
-        sim = simulation(gas(kind, n, eta, seed=3), method)
+        sim = hs.Simulation(gas(kind, n, eta, seed=3), search=search)
         sim.run(collisions={collisions})
         seen[kind, cached, n, eta, sim.status()["method"]] = [sim.collisions, float(abs(sim.energy_drift))]
 print(json.dumps(list(seen.items())))
@@ -38,11 +32,11 @@ print(json.dumps(list(seen.items())))
 
 LITTLE_ROOM = """
 grown = []
-for method in (LISTS, WINDOWS):
-    sim = simulation(gas("3d_mixture", 20, 0.1, seed=3), method)
+for search in ("lists", "windows"):
+    sim = hs.Simulation(gas("3d_mixture", 20, 0.1, seed=3), search=search)
     at, e = sim._at, sim._engine
     small = {at.AGENDA_ROOM: 2, at.LIST_ROOM: at.LANES, at.CELL_ROOM: at.CELL_LANES}
-    if method is WINDOWS:
+    if search == "windows":
         small = {at.AGENDA_ROOM: 2, at.LINE_ROOM: 10, at.CANDIDATE_ROOM: 2, at.NODE_ROOM: 7, at.NEAR_ROOM: 1}
     for slot, room in small.items():
         e.arrays.counter[slot] = room
@@ -65,12 +59,12 @@ print(json.dumps(pairs))
 
 ONE_TOO_SHORT = """
 short = []
-for method, names in (
-    (LISTS, ("event", "neighbours", "images", "cell_ids", "cell_places", "near", "chunks", "scratch")),
-    (WINDOWS, ("order", "drafts", "lines", "bounds", "cell_of_line", "column", "pair_slot", "pair_own", "meetings", "changed", "version")),
+for search, names in (
+    ("lists", ("event", "neighbours", "images", "cell_ids", "cell_places", "near", "chunks", "scratch")),
+    ("windows", ("order", "drafts", "lines", "bounds", "cell_of_line", "column", "pair_slot", "pair_own", "meetings", "changed", "version")),
 ):
     for name in names:
-        sim = simulation(gas("3d", 10, 0.02, seed=3), method)
+        sim = hs.Simulation(gas("3d", 10, 0.02, seed=3), search=search)
         e = sim._engine
         whole = getattr(e.arrays, name)
         e.arrays = e.arrays._replace(**{name: whole[:1]})

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import KINDS, gas, state
+from scenes import KINDS, SEARCHES, gas, state
 
 import hardspheres as hs
 from hardspheres import engine, tuning
@@ -17,14 +17,10 @@ from hardspheres import engine, tuning
 COLLISIONS = 3000
 
 
-def run(scene, collisions=COLLISIONS):
-    sim = hs.Simulation(scene)
+def run(scene, collisions=COLLISIONS, search="auto"):
+    sim = hs.Simulation(scene, search=search)
     sim.run(collisions=collisions)
     return sim
-
-
-LISTS = {2: 0.0, 3: 0.0}
-WINDOWS = {2: 1.0, 3: 1.0}
 
 
 @pytest.fixture(scope="module", params=KINDS)
@@ -34,23 +30,20 @@ def scene(request):
 
 @pytest.fixture(scope="module")
 def expected(scene):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tuning, "SPARSE_BELOW", LISTS)
-        sim = run(scene)
+    sim = run(scene, search="lists")
     assert "lists" in sim.status()["method"]
     return state(sim)
 
 
-@pytest.fixture(params=[LISTS, WINDOWS], ids=["lists", "windows"])
-def method(request, monkeypatch):
-    monkeypatch.setattr(tuning, "SPARSE_BELOW", request.param)
+@pytest.fixture(params=SEARCHES)
+def search(request):
     return request.param
 
 
-def test_both_searches_give_the_same_bits(scene, expected, method):
-    sim = run(scene)
-    assert ("windows" in sim.status()["method"]) is (method is WINDOWS)
-    assert state(sim) == expected
+def test_every_search_gives_the_same_bits(scene, expected, search):
+    sim = run(scene, search=search)
+    assert search in sim.status()["method"]
+    assert state(sim) == expected == state(run(scene, search="auto"))
 
 
 def test_a_changed_bit_is_seen(scene, expected):
@@ -60,8 +53,8 @@ def test_a_changed_bit_is_seen(scene, expected):
     assert state(run(scene.replace(velocities=velocities))) != expected
 
 
-def test_looking_changes_nothing(scene, expected, method):
-    sim = hs.Simulation(scene)
+def test_looking_changes_nothing(scene, expected, search):
+    sim = hs.Simulation(scene, search=search)
     for _ in sim.frames(collisions_per_particle=np.linspace(0, 2 * COLLISIONS / scene.n, 37)):
         sim.check()
         repr(sim)
@@ -85,10 +78,9 @@ def test_any_set_of_stops_gives_the_same_bits(cuts):
 
 @pytest.mark.parametrize("wanted", [4.0, 30.0])
 def test_the_width_of_the_shells_changes_nothing(scene, expected, wanted, monkeypatch):
-    monkeypatch.setattr(tuning, "SPARSE_BELOW", LISTS)
-    usual = hs.Simulation(scene).status()["shell"]
+    usual = hs.Simulation(scene, search="lists").status()["shell"]
     monkeypatch.setattr(tuning, "NEIGHBOURS_WANTED", {2: wanted, 3: wanted})
-    sim = run(scene)
+    sim = run(scene, search="lists")
     assert state(sim) == expected
     assert sim.status()["shell"] != usual
 
@@ -96,9 +88,8 @@ def test_the_width_of_the_shells_changes_nothing(scene, expected, wanted, monkey
 @pytest.mark.parametrize(("patience", "often"), [(1e-9, True), (1e6, False)])
 def test_renewing_all_lists_at_once_changes_nothing(scene, expected, patience, often, monkeypatch):
     """Whenever one list has been renewed, or, sibling, at the beginning of epochs only."""
-    monkeypatch.setattr(tuning, "SPARSE_BELOW", LISTS)
     monkeypatch.setattr(engine, "PATIENCE", patience)
-    sim = hs.Simulation(scene)
+    sim = hs.Simulation(scene, search="lists")
     for _ in range(5):
         sim.run(collisions=COLLISIONS // 5)
         sim.check()
@@ -110,17 +101,15 @@ def test_renewing_all_lists_at_once_changes_nothing(scene, expected, patience, o
 @pytest.mark.parametrize("speeds", [0.7, 5.0])
 def test_the_length_of_the_pieces_changes_nothing(scene, expected, speeds, monkeypatch):
     """Flights registered in many pieces, or in ones so long that others lie many cells away."""
-    monkeypatch.setattr(tuning, "SPARSE_BELOW", WINDOWS)
-    usual = tuning.window_plan(scene, tuning.epoch_length(scene))
+    usual = tuning.window_plan(scene, tuning.epoch_length(scene), "windows")
     monkeypatch.setattr(tuning, "THERMAL_SPEED", speeds)
-    assert tuning.window_plan(scene, tuning.epoch_length(scene)) != usual
-    assert state(run(scene)) == expected
+    assert tuning.window_plan(scene, tuning.epoch_length(scene), "windows") != usual
+    assert state(run(scene, search="windows")) == expected
 
 
-def test_naming_the_image_changes_nothing(scene, expected, monkeypatch):
+def test_naming_the_image_changes_nothing(scene, expected):
     """Lists that name the periodic image, needed in small boxes only, give what the nearest image gives."""
-    monkeypatch.setattr(tuning, "SPARSE_BELOW", LISTS)
-    sim = hs.Simulation(scene)
+    sim = hs.Simulation(scene, search="lists")
     at, e = sim._at, sim._engine
     assert e.arrays.counter[at.IMAGES] == 0
     e.arrays.counter[at.IMAGES] = 1
@@ -129,13 +118,13 @@ def test_naming_the_image_changes_nothing(scene, expected, monkeypatch):
     assert state(sim) == expected
 
 
-def test_running_out_of_room_changes_nothing(scene, expected, method):
+def test_running_out_of_room_changes_nothing(scene, expected, search):
     """Lists, cells, lines, candidates and calendar that begin far too small grow on the way."""
-    sim = hs.Simulation(scene)
+    sim = hs.Simulation(scene, search=search)
     at, e = sim._at, sim._engine
     small = (
         {at.LIST_ROOM: at.LANES}
-        if method is LISTS
+        if search == "lists"
         else {at.LINE_ROOM: 10, at.CANDIDATE_ROOM: 2, at.NODE_ROOM: 7, at.NEAR_ROOM: 1}
     )
     small |= {at.AGENDA_ROOM: 2}
@@ -146,34 +135,32 @@ def test_running_out_of_room_changes_nothing(scene, expected, method):
     sim.run(collisions=COLLISIONS)
     assert state(sim) == expected
     grown = {slot for slot, room in small.items() if e.arrays.counter[slot] > room}
-    assert grown >= ({at.LIST_ROOM} if method is LISTS else {at.LINE_ROOM, at.CANDIDATE_ROOM})
+    assert grown >= ({at.LIST_ROOM} if search == "lists" else {at.LINE_ROOM, at.CANDIDATE_ROOM})
 
 
-def test_fetching_ahead_changes_nothing(scene, expected, method, monkeypatch):
+def test_fetching_ahead_changes_nothing(scene, expected, search, monkeypatch):
     monkeypatch.setattr(engine, "CACHED", 0)
     monkeypatch.setattr(engine, "CACHED_AT_ALL", 0)
-    sim = run(scene)
+    sim = run(scene, search=search)
     assert all(sim._engine.arrays.counter[at] for at in (sim._at.BEYOND_CACHE, sim._at.BEYOND_ALL))
     assert state(sim) == expected
 
 
-def test_a_crowded_cell_changes_nothing(monkeypatch):
+def test_a_crowded_cell_changes_nothing():
     """A droplet in a large box: some cells hold many times what they were made for."""
     droplet = hs.lattice_gas(n=300, packing_fraction=0.4, seed=5)
     box = 4.0 * droplet.box
     scene = hs.Scene(droplet.positions + droplet.box, droplet.velocities, 0.5, 1.0, box, "periodic")
-    monkeypatch.setattr(tuning, "SPARSE_BELOW", LISTS)
-    sim = hs.Simulation(scene)
+    sim = hs.Simulation(scene, search="lists")
     room = sim._engine.arrays.counter[sim._at.CELL_ROOM]
     sim.run(collisions=COLLISIONS)
     assert sim._engine.arrays.counter[sim._at.CELL_ROOM] > room
-    monkeypatch.setattr(tuning, "SPARSE_BELOW", WINDOWS)
-    assert state(run(scene)) == state(sim)
+    assert state(run(scene, search="windows")) == state(sim)
 
 
-def test_searching_anew_at_any_moment_changes_nothing(scene, expected, method):
+def test_searching_anew_at_any_moment_changes_nothing(scene, expected, search):
     """Everything but the rows can be thrown away: what a restart will rely on."""
-    sim = hs.Simulation(scene)
+    sim = hs.Simulation(scene, search=search)
     for _ in range(10):
         sim.run(collisions=COLLISIONS // 10)
         sim._engine._afresh = True
@@ -181,8 +168,8 @@ def test_searching_anew_at_any_moment_changes_nothing(scene, expected, method):
 
 
 @pytest.mark.parametrize(("length", "time"), [(2.0, 1.0), (0.25, 1.0), (1.0, 4.0), (1024.0, 0.5)])
-def test_scaling_by_powers_of_two_is_exact(scene, length, time, method):
-    sim = run(scene)
+def test_scaling_by_powers_of_two_is_exact(scene, length, time, search):
+    sim = run(scene, search=search)
     scaled = run(
         hs.Scene(
             scene.positions * length,
@@ -191,7 +178,8 @@ def test_scaling_by_powers_of_two_is_exact(scene, length, time, method):
             scene.masses,
             scene.box * length,
             scene.boundary,
-        )
+        ),
+        search=search,
     )
     assert np.array_equal(scaled.positions, sim.positions * length)
     assert np.array_equal(scaled.velocities, sim.velocities * (length / time))
@@ -253,16 +241,15 @@ def test_golden_checksum():
     assert digest[:16] == "199d5320a3c28a55"
 
 
-def test_signs_of_zero_do_not_depend_on_the_search(monkeypatch):
+def test_signs_of_zero_do_not_depend_on_the_search():
     """Flights along the rows of a grid: the same bits by lists and windows, and with zeros of either sign."""
     grid = np.stack(np.meshgrid(*[1.5 + 3.0 * np.arange(3)] * 3, indexing="ij"), -1).reshape(-1, 3)
     along = np.random.default_rng(5).normal(size=len(grid))
     bits = set()
     for zero in (0.0, -0.0):
         scene = hs.Scene(grid, np.column_stack([along, np.full((len(grid), 2), zero)]), box=(9, 9, 9))
-        for below in (LISTS, WINDOWS):
-            monkeypatch.setattr(tuning, "SPARSE_BELOW", below)
-            sim = run(scene, 100)
+        for search in SEARCHES:
+            sim = run(scene, 100, search)
             bits.add((state(sim), sim.velocities.tobytes()))
     assert len(bits) == 1
     assert np.all(sim.velocities[:, 1:] == 0.0) and not np.any(np.signbit(sim.velocities[:, 1:]))

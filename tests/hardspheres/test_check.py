@@ -2,31 +2,28 @@
 
 import numpy as np
 import pytest
-from scenes import KINDS, everything, gas, state
+from scenes import KINDS, SEARCHES, everything, gas, state
 
 import hardspheres as hs
 from hardspheres import tuning
 from hardspheres.engine import Engine
 
-LISTS, WINDOWS = {2: 0.0, 3: 0.0}, {2: 1.0, 3: 1.0}
 
-
-@pytest.fixture(params=[LISTS, WINDOWS], ids=["lists", "windows"])
-def method(request, monkeypatch):
-    monkeypatch.setattr(tuning, "SPARSE_BELOW", request.param)
+@pytest.fixture(params=SEARCHES)
+def search(request):
     return request.param
 
 
-def running(kind="3d_walls", n=200, collisions=500):
-    sim = hs.Simulation(gas(kind, n, 0.1, seed=5))
+def running(search, kind="3d_walls", n=200, collisions=500):
+    sim = hs.Simulation(gas(kind, n, 0.1, seed=5), search=search)
     sim.run(collisions=collisions)
     return sim
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_check_holds_after_every_operation_and_changes_nothing(kind, method, tmp_path, monkeypatch):
+def test_check_holds_after_every_operation_and_changes_nothing(kind, search, tmp_path):
     scene = gas(kind, 200, 0.1, seed=5)
-    sim, unwatched = hs.Simulation(scene), hs.Simulation(scene)
+    sim, unwatched = (hs.Simulation(scene, search=search) for _ in range(2))
     sim.check()
     for step in ({"collisions": 300}, {"time": 0.37}, {"collisions": 1}, {"time": 0.0}, {"time": 9.1}):
         sim.run(**step)
@@ -45,20 +42,20 @@ def test_check_holds_after_every_operation_and_changes_nothing(kind, method, tmp
     sim.check()
     sim.save(tmp_path / "checkpoint")
     sim.check()
-    loaded = hs.Simulation.load(tmp_path / "checkpoint")
+    loaded = hs.Simulation.load(tmp_path / "checkpoint", search=search)
     loaded.check()
     for each in (sim, loaded, unwatched):
         each.run(collisions=100)
         each.check()
     assert everything(sim) == everything(loaded) == everything(unwatched)
-    hs.Simulation(sim.to_scene()).check()
+    hs.Simulation(sim.to_scene(), search=search).check()
 
 
 @pytest.mark.parametrize("when", ["before", "after"])
 @pytest.mark.parametrize("goal", [{"collisions": 4000}, {"time": 20.0}])
-def test_an_interrupted_run_goes_on(goal, when, method, monkeypatch):
+def test_an_interrupted_run_goes_on(goal, when, search, monkeypatch):
     """Ctrl-C just before or just after any call of the kernels: sound at once, and the same bits in the end."""
-    whole = running()
+    whole = running(search)
     calls, run = [], Engine.run
 
     def interrupted(engine, *arguments):
@@ -69,13 +66,12 @@ def test_an_interrupted_run_goes_on(goal, when, method, monkeypatch):
             raise KeyboardInterrupt
         return run(engine, *arguments)
 
-    sim = running()
+    sim = running(search)
     monkeypatch.setattr(Engine, "run", interrupted)
     for each in (sim, whole):
         each._budget = 3000
         if each is whole:
             monkeypatch.undo()
-            monkeypatch.setattr(tuning, "SPARSE_BELOW", method)
         end = each.collisions + goal["collisions"] if "collisions" in goal else each.time + goal["time"]
         while True:
             try:
@@ -93,19 +89,19 @@ def test_an_interrupted_run_goes_on(goal, when, method, monkeypatch):
 
 def test_a_second_interrupt_before_the_clock_is_set(monkeypatch):
     """Even if not one line of cleaning up is run, the next run sets the clock right."""
-    sim, whole = running(), running()
-    run, keep = Engine.run, hs.Simulation._keep_clock
+    sim, whole = running("auto"), running("auto")
+    run, keep = Engine.run, Engine.keep_clock
 
     def interrupted(engine, *arguments):
         run(engine, *arguments)
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Engine, "run", interrupted)
-    monkeypatch.setattr(hs.Simulation, "_keep_clock", lambda sim: None)
+    monkeypatch.setattr(Engine, "keep_clock", lambda engine: None)
     with pytest.raises(KeyboardInterrupt):
         sim.run(time=7.0)
     monkeypatch.setattr(Engine, "run", run)
-    monkeypatch.setattr(hs.Simulation, "_keep_clock", keep)
+    monkeypatch.setattr(Engine, "keep_clock", keep)
     sim.run(collisions=0)
     whole.run(time=7.0)
     goal = max(sim.collisions, whole.collisions) + 100
@@ -191,7 +187,8 @@ def rows_nudged(sim, at, a):
 
 
 def clock_behind(sim, at, a):
-    sim._moment -= 1.0
+    epoch, moment = sim._engine.now
+    sim._engine.now = epoch, moment - 1.0
 
 
 def row_ahead(sim, at, a):
@@ -207,38 +204,36 @@ def counter_negative(sim, at, a):
 
 
 @pytest.mark.parametrize(
-    ("below", "harm", "sentence"),
+    ("search", "harm", "sentence"),
     [
-        (LISTS, corrupt_list, "but not in its neighbour list"),
-        (LISTS, list_beyond_the_last, "names a particle that there is not"),
-        (LISTS, event_one_rounding_late, "rows say otherwise"),
-        (LISTS, event_with_somebody_else, "rows say otherwise"),
-        (LISTS, event_forgotten, "but neither has an event"),
-        (LISTS, event_not_in_the_calendar, "not in the calendar"),
-        (LISTS, walls_forgotten, "rows say otherwise"),
-        (LISTS, centre_astray, "not in its neighbour list|leaves the shell"),
-        (WINDOWS, contacts_forgotten, "within this window, but that is not noted"),
-        (WINDOWS, contact_one_rounding_late, "rows say otherwise"),
-        (LISTS, rows_nudged, "rows say otherwise|neither has an event"),
-        (WINDOWS, rows_nudged, "rows say otherwise|not noted"),
-        (WINDOWS, clock_behind, "lies after the simulation's time"),
-        (WINDOWS, row_ahead, "row 5 is of time"),
-        (WINDOWS, row_nan, "not finite"),
-        (WINDOWS, counter_negative, "counter STALE is -1"),
+        ("lists", corrupt_list, "but not in its neighbour list"),
+        ("lists", list_beyond_the_last, "names a particle that there is not"),
+        ("lists", event_one_rounding_late, "rows say otherwise"),
+        ("lists", event_with_somebody_else, "rows say otherwise"),
+        ("lists", event_forgotten, "but neither has an event"),
+        ("lists", event_not_in_the_calendar, "not in the calendar"),
+        ("lists", walls_forgotten, "rows say otherwise"),
+        ("lists", centre_astray, "not in its neighbour list|leaves the shell"),
+        ("windows", contacts_forgotten, "within this window, but that is not noted"),
+        ("windows", contact_one_rounding_late, "rows say otherwise"),
+        ("lists", rows_nudged, "rows say otherwise|neither has an event"),
+        ("windows", rows_nudged, "rows say otherwise|not noted"),
+        ("windows", clock_behind, "lies after the simulation's time"),
+        ("windows", row_ahead, "row 5 is of time"),
+        ("windows", row_nan, "not finite"),
+        ("windows", counter_negative, "counter STALE is -1"),
     ],
 )
-def test_check_sees(below, harm, sentence, monkeypatch):
-    monkeypatch.setattr(tuning, "SPARSE_BELOW", below)
-    sim = running()
+def test_check_sees(search, harm, sentence):
+    sim = running(search)
     sim.check()
     harm(sim, sim._at, sim._engine.arrays)
     with pytest.raises(hs.InvariantError, match=sentence):
         sim.check()
 
 
-def test_lists_are_checked_at_any_size(monkeypatch):
-    monkeypatch.setattr(tuning, "SPARSE_BELOW", LISTS)
-    sim = running("3d", 3000, 100)
+def test_lists_are_checked_at_any_size():
+    sim = running("lists", "3d", 3000, 100)
     sim.check()
     corrupt_list(sim, sim._at, sim._engine.arrays)
     with pytest.raises(hs.InvariantError, match="neighbour list"):
@@ -257,27 +252,26 @@ def test_a_box_of_a_hundred_million_diameters():
 
 
 @pytest.mark.parametrize(
-    ("below", "room", "least"),
+    ("search", "room", "least"),
     [
-        (LISTS, "LIST_ROOM", 16),
-        (LISTS, "CELL_ROOM", 16),
-        (LISTS, "AGENDA_ROOM", 1),
-        (LISTS, "chunks", 1),
-        (WINDOWS, "LINE_ROOM", 1),
-        (WINDOWS, "NODE_ROOM", 1),
-        (WINDOWS, "CANDIDATE_ROOM", 1),
-        (WINDOWS, "NEAR_ROOM", 1),
-        (WINDOWS, "AGENDA_ROOM", 1),
-        (WINDOWS, "chunks", 1),
+        ("lists", "LIST_ROOM", 16),
+        ("lists", "CELL_ROOM", 16),
+        ("lists", "AGENDA_ROOM", 1),
+        ("lists", "chunks", 1),
+        ("windows", "LINE_ROOM", 1),
+        ("windows", "NODE_ROOM", 1),
+        ("windows", "CANDIDATE_ROOM", 1),
+        ("windows", "NEAR_ROOM", 1),
+        ("windows", "AGENDA_ROOM", 1),
+        ("windows", "chunks", 1),
     ],
 )
-def test_any_room_may_run_out(below, room, least, monkeypatch):
+def test_any_room_may_run_out(search, room, least, monkeypatch):
     """Each capacity alone begins at next to nothing, grows by itself, and the bits stay."""
-    monkeypatch.setattr(tuning, "SPARSE_BELOW", below)
     if room == "CELL_ROOM":
         monkeypatch.setattr(tuning, "NEIGHBOURS_WANTED", {2: 60.0, 3: 60.0})  # few large cells
     scene = gas("3d", 500, 0.2, seed=5)
-    usual, sim = hs.Simulation(scene), hs.Simulation(scene)
+    usual, sim = (hs.Simulation(scene, search=search) for _ in range(2))
     at, engine = sim._at, sim._engine
     if room == "chunks":
         engine.chunks = least
@@ -295,12 +289,12 @@ def test_any_room_may_run_out(below, room, least, monkeypatch):
 # Counters past 2^32, by presetting them.
 
 
-def test_clock_and_counters_past_2_to_the_32(method, tmp_path):
+def test_clock_and_counters_past_2_to_the_32(search, tmp_path):
     """A gas that has been running for 2^40 epochs does what a fresh one does."""
     scene = gas("3d_walls", 200, 0.1, seed=5)
-    fresh, old = hs.Simulation(scene), hs.Simulation(scene)
+    fresh, old = (hs.Simulation(scene, search=search) for _ in range(2))
     at, count, total = old._at, old._engine.arrays.counter, 2**40 + 7
-    old._epoch = total
+    old._engine.now = total, 0.0
     for name in ("EPOCH", "PAIRS", "WALL_HITS", "STALE", "RENEWALS", "LATE", "LAST_PAIR_EPOCH"):
         count[getattr(at, name)] = total
     old._engine.arrays.turns[:] = total
@@ -319,7 +313,7 @@ def test_clock_and_counters_past_2_to_the_32(method, tmp_path):
     turns = [sim._engine.arrays.turns for sim in (old, fresh)]
     assert np.array_equal(turns[0] - total, turns[1])
     old.save(tmp_path / "old")
-    loaded = hs.Simulation.load(tmp_path / "old")
+    loaded = hs.Simulation.load(tmp_path / "old", search=search)
     assert loaded.collisions == old.collisions > 2**40
     for sim in (loaded, old, fresh):
         sim.run(collisions=200)
@@ -327,13 +321,12 @@ def test_clock_and_counters_past_2_to_the_32(method, tmp_path):
     assert np.array_equal(old._engine.rows, fresh._engine.rows)
 
 
-def test_buckets_past_2_to_the_32(monkeypatch):
+def test_buckets_past_2_to_the_32():
     """The calendar's bucket is far beyond 32 bits when an epoch is divided that finely; nothing else changes."""
-    monkeypatch.setattr(tuning, "SPARSE_BELOW", LISTS)
-    sim, usual = running("3d", 500, 1000), running("3d", 500, 1000)
+    sim, usual = (running("lists", "3d", 500, 1000) for _ in range(2))
     at, engine = sim._at, sim._engine
     number, count = engine.arrays.number, engine.arrays.counter
-    while number[at.NOW] < 0.25 * sim._length:  # away from the beginning of an epoch
+    while number[at.NOW] < 0.25 * engine.length:  # away from the beginning of an epoch
         for each in (sim, usual):
             each.run(collisions=20)
     while int(number[at.NOW] * number[at.INVERSE_WIDTH]) < 2**32:
@@ -351,9 +344,9 @@ def test_buckets_past_2_to_the_32(monkeypatch):
     assert state(sim) == state(usual)
 
 
-def test_a_version_that_wraps_around(method):
+def test_a_version_that_wraps_around(search):
     """Versions are compared for equality only, so the 2^31st event of a particle is like any other."""
-    sim, usual = running(), running()
+    sim, usual = running(search), running(search)
     sim._engine.arrays.version[:] = 2**31 - 3
     sim._engine._afresh = True
     for each in (sim, usual):
@@ -363,10 +356,9 @@ def test_a_version_that_wraps_around(method):
     assert state(sim) == state(usual)
 
 
-def test_a_stamp_that_wraps_around(monkeypatch):
+def test_a_stamp_that_wraps_around():
     """Stamps have 32 bits of an entry; they too are compared for equality only."""
-    monkeypatch.setattr(tuning, "SPARSE_BELOW", LISTS)
-    sim, usual = running(), running()
+    sim, usual = running("lists"), running("lists")
     at = sim._at
     sim._engine.arrays.event[at.STAMP : 200 * at.EVENT : at.EVENT] = at.STAMP_BITS - 2
     sim._engine._afresh = True

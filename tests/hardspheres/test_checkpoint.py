@@ -13,24 +13,21 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import KINDS, everything, flight_bits, gas, one_to_ten, state
+from scenes import KINDS, SEARCHES, everything, flight_bits, gas, one_to_ten, state
 
 import hardspheres as hs
-from hardspheres import archive, temporary, tuning
+from hardspheres import archive, temporary
 from hardspheres.engine import Engine
 
-LISTS, WINDOWS = {2: 0.0, 3: 0.0}, {2: 1.0, 3: 1.0}
 STEPS = [{"collisions": 501}, {"time": 3.3}, {"collisions": 700}]
 GO_ON = """
 import json, pickle, sys
 sys.path.insert(0, {tests!r})
 from scenes import everything
 import hardspheres as hs
-from hardspheres import tuning
 done = []
-for path, below, steps in json.load(sys.stdin):
-    tuning.SPARSE_BELOW = {{2: below, 3: below}}
-    sim = hs.Simulation.load(path)
+for path, search, steps in json.load(sys.stdin):
+    sim = hs.Simulation.load(path, search=search)
     for step in steps:
         sim.run(**step)
     done.append(everything(sim))
@@ -41,10 +38,10 @@ pickle.dump(done, sys.stdout.buffer)
 def scenes():
     """Every kind by both searches; boxes so small that lists name the image; two grids."""
     for kind in KINDS:
-        yield f"{kind} lists", lambda kind=kind: gas(kind, 300, 0.1, seed=5), LISTS
-        yield f"{kind} windows", lambda kind=kind: gas(kind, 300, 0.1, seed=5), WINDOWS
-    yield "images", lambda: gas("3d", 12, 0.2, seed=5), LISTS
-    yield "two grids", lambda: one_to_ten("3d_mixture", n=500, large=5, packing_fraction=0.05), WINDOWS
+        for search in SEARCHES:
+            yield f"{kind} {search}", lambda kind=kind: gas(kind, 300, 0.1, seed=5), search
+    yield "images", lambda: gas("3d", 12, 0.2, seed=5), "lists"
+    yield "two grids", lambda: one_to_ten("3d_mixture", n=500, large=5, packing_fraction=0.05), "windows"
 
 
 @pytest.fixture(scope="module")
@@ -52,18 +49,16 @@ def runs(tmp_path_factory):
     """Each scene run in one go, and saved after one or two steps of it for a child to go on with."""
     folder = tmp_path_factory.mktemp("checkpoints")
     expected, orders = {}, []
-    with pytest.MonkeyPatch.context() as patch:
-        for name, scene, method in scenes():
-            patch.setattr(tuning, "SPARSE_BELOW", method)
-            sim = hs.Simulation(scene())
-            sim.run(collisions=100)
-            sim.reset_tallies()
-            for k, step in enumerate(STEPS):
-                if k:
-                    sim.save(folder / f"{name} {k}")
-                    orders.append((str(folder / f"{name} {k}"), method[3], STEPS[k:]))
-                sim.run(**step)
-            expected[name] = everything(sim)
+    for name, scene, search in scenes():
+        sim = hs.Simulation(scene(), search=search)
+        sim.run(collisions=100)
+        sim.reset_tallies()
+        for k, step in enumerate(STEPS):
+            if k:
+                sim.save(folder / f"{name} {k}")
+                orders.append((str(folder / f"{name} {k}"), search, STEPS[k:]))
+            sim.run(**step)
+        expected[name] = everything(sim)
     program = GO_ON.format(tests=str(Path(__file__).parent.parent))
     child = subprocess.run(
         [sys.executable, "-W", "error", "-c", program],
@@ -111,19 +106,18 @@ def test_whatever_is_lost_is_missed(path, lost, monkeypatch):
     sim = hs.Simulation.load(path)
     at = sim._at
     if lost == "numbers":
-        assert sim._engine.arrays.number[at.STANDSTILL] == -sim._length
+        assert sim._engine.arrays.number[at.STANDSTILL] == -sim._engine.length
     else:
         assert everything(sim) != expected
 
 
-def test_a_search_method_of_another_version_changes_nothing(path, half_way, monkeypatch):
-    """Saved with windows, gone on with lists: the method is no part of the state."""
+def test_another_search_changes_nothing(path, half_way):
+    """Saved with windows, continued with lists: the search is no part of the state."""
     assert half_way.status()["method"] == "windows of time"
-    monkeypatch.setattr(tuning, "SPARSE_BELOW", LISTS)
-    other = hs.Simulation.load(path)
+    other = hs.Simulation.load(path, search="lists")
     assert "lists" in other.status()["method"]
-    monkeypatch.undo()
     same = hs.Simulation.load(path)
+    assert same.status()["method"] == "windows of time"
     for sim in (same, other):
         sim.run(collisions=500)
     assert state(same) == state(other)
@@ -329,14 +323,13 @@ def test_a_sealed_file_with_any_bytes_is_refused_or_runs(half_way, tmp_path_fact
     assert np.isfinite(sim.positions).all()
 
 
-def test_flights_and_the_log_go_on(tmp_path, monkeypatch):
-    monkeypatch.setattr(tuning, "SPARSE_BELOW", WINDOWS)
-    whole, logs = hs.Simulation(gas("3d", 300, 0.1, seed=5), free_paths=True), []
+def test_flights_and_the_log_go_on(tmp_path):
+    whole, logs = hs.Simulation(gas("3d", 300, 0.1, seed=5), free_paths=True, search="windows"), []
     for step in STEPS:
         whole.run(**step)
         whole.save(tmp_path / f"after {whole.collisions}")
     first, *_ = sorted(tmp_path.iterdir(), key=lambda file: int(file.name.split()[-1]))
-    sim = hs.Simulation.load(first, log=logs.append)
+    sim = hs.Simulation.load(first, log=logs.append, search="windows")
     for step in STEPS[1:]:
         sim.run(**step)
     assert everything(sim) == everything(whole)
@@ -348,13 +341,27 @@ def test_flights_and_the_log_go_on(tmp_path, monkeypatch):
     ("slot", "value"),
     [("KIND", 1.0), ("KIND", -5.0), ("BEGAN", -1.0), ("BEGAN_EPOCH", 1e9), ("BEGAN_EPOCH", 0.5)],
 )
-def test_impossible_flights_are_refused(tmp_path, slot, value, monkeypatch):
-    monkeypatch.setattr(tuning, "SPARSE_BELOW", WINDOWS)
+def test_impossible_flights_are_refused(tmp_path, slot, value):
     sim = hs.Simulation(gas("3d", 300, 0.1, seed=5), free_paths=True)
     sim._engine.arrays.flight[getattr(sim._at, slot)] = value
     sim.save(tmp_path / "crafted")
     with pytest.raises(hs.CheckpointError, match="flights"):
         hs.Simulation.load(tmp_path / "crafted")
+
+
+def test_a_refused_checkpoint_leaves_an_older_log_alone(tmp_path):
+    """Control: a sound one begins the log anew."""
+    sim = hs.Simulation(gas("3d", 300, 0.1, seed=5), free_paths=True)
+    sim.save(tmp_path / "sound")
+    sim._engine.arrays.flight[sim._at.KIND] = 1.0
+    sim.save(tmp_path / "crafted")
+    log = tmp_path / "log.npy"
+    log.write_bytes(b"mine")
+    with pytest.raises(hs.CheckpointError, match="flights"):
+        hs.Simulation.load(tmp_path / "crafted", log=log)
+    assert log.read_bytes() == b"mine"
+    hs.Simulation.load(tmp_path / "sound", log=log)
+    assert len(np.load(log)) == 0
 
 
 def test_no_log_where_nothing_is_known_of_flights(path):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import LISTS, WINDOWS, everything, gas
+from scenes import SEARCHES, everything, gas
 
 import hardspheres as hs
 from hardspheres import tuning
@@ -77,12 +77,10 @@ def test_equal_masses_never_change_them():
     assert 0.0 < lower < upper < math.inf
 
 
-def test_the_search_does_not_matter(kind, impatient, monkeypatch):
-    seen = []
-    for method in (LISTS, WINDOWS):
-        monkeypatch.setattr(tuning, "SPARSE_BELOW", method)
-        seen.append(hs.Simulation(uneasy(kind)))
-        seen[-1].run(collisions=COLLISIONS)
+def test_the_search_does_not_matter(kind, impatient):
+    seen = [hs.Simulation(uneasy(kind), search=search) for search in SEARCHES]
+    for sim in seen:
+        sim.run(collisions=COLLISIONS)
     assert len({sim.status()["method"].split(",")[0] for sim in seen}) == 2
     assert seen[0].positions.tobytes() == seen[1].positions.tobytes() and seen[0].time == seen[1].time
 

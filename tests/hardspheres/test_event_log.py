@@ -8,10 +8,10 @@ import sys
 
 import numpy as np
 import pytest
-from scenes import WITH_FLIGHTS, flight_bits, gas, method_name, state_without_flights
+from scenes import WITH_FLIGHTS, flight_bits, gas, state_without_flights
 
 import hardspheres as hs
-from hardspheres import event_log, tuning
+from hardspheres import event_log
 from hardspheres.event_log import event_dtype
 
 
@@ -71,10 +71,9 @@ def logged(scene, collisions, **options):
     return sim, chunks
 
 
-@pytest.mark.parametrize(("kind", "method"), WITH_FLIGHTS, ids=method_name)
-def test_the_log_reproduces_the_tallies(kind, method, monkeypatch):
-    monkeypatch.setattr(tuning, "SPARSE_BELOW", method)
-    sim, chunks = logged(gas(kind, 500, 0.1, seed=5), 20_000)
+@pytest.mark.parametrize(("kind", "search"), WITH_FLIGHTS)
+def test_the_log_reproduces_the_tallies(kind, search):
+    sim, chunks = logged(gas(kind, 500, 0.1, seed=5), 20_000, search=search)
     assert [len(chunk) for chunk in chunks] == [8192, 8192, 20_000 - 2 * 8192]
     log = np.concatenate(chunks)
     check_against_tallies(sim, log)
@@ -220,15 +219,14 @@ def test_a_relative_path_is_pinned_where_the_log_began(tmp_path, monkeypatch):
     assert (tmp_path / "there" / "events.npy").read_text() == "mine"
 
 
-def test_normals_have_no_negative_zeros(monkeypatch):
+def test_normals_have_no_negative_zeros():
     """Along the rows of a grid: a zero's sign would say which of the two the search found first."""
-    monkeypatch.setattr(tuning, "SPARSE_BELOW", WITH_FLIGHTS[1][1])
     grid = np.stack(np.meshgrid(*[1.5 + 3.0 * np.arange(3)] * 3, indexing="ij"), -1).reshape(-1, 3)
     odd, along = np.arange(27) % 2, np.random.default_rng(5).normal(size=27)
     velocities = np.column_stack([along, np.zeros((27, 2))])
     seen = []
     scene = hs.Scene(grid, velocities, np.where(odd, 0.3, 0.5), np.where(odd, 1.0, 7.0), (9, 9, 9))
-    sim = hs.Simulation(scene, log=seen.append)
+    sim = hs.Simulation(scene, log=seen.append, search="lists")
     sim.run(collisions=200)
     normals = np.concatenate(seen)["normal"]
     assert np.all(normals[:, 1:] == 0.0) and not np.signbit(normals[:, 1:]).any()

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from scenes import gas
 
 import hardspheres as hs
-from hardspheres import engine, tuning
 from hardspheres.reference import ReferenceSimulation
 
 PARTED = 1e-7  # deviation, in smallest diameters and largest speeds, from which on sequences are no longer compared
@@ -221,8 +220,8 @@ def test_collisions_of_a_piston(mass_ratio):
         assert math.ceil(math.pi / math.atan(math.sqrt(1 / mass_ratio / 1.02))) - 1 != count
 
 
-def rows_after(scene, time):
-    sim = hs.Simulation(scene)
+def rows_after(scene, time, search):
+    sim = hs.Simulation(scene, search=search)
     sim.run(time=time)
     a = sim._engine.arrays
     return sim.status()["method"], a.row.tobytes(), sim.collisions, sim.wall_collisions
@@ -230,7 +229,7 @@ def rows_after(scene, time):
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("shape", ["cube", "slab", "rod"])
-def test_windows_and_lists_agree_in_any_box(kind, shape, monkeypatch):
+def test_windows_and_lists_agree_in_any_box(kind, shape):
     """The two searches give the same bits where particles are few, boxes uneven, and masses and sizes wide apart."""
     rng = np.random.default_rng(5)
     dim, edge = KINDS[kind]
@@ -245,27 +244,21 @@ def test_windows_and_lists_agree_in_any_box(kind, shape, monkeypatch):
     places = placed(rng, box, radii, periodic)
     velocities = rng.normal(size=(n, dim)) * np.where(np.arange(n) % 3 == 0, 3.0, 0.0)[:, None]
     scene = hs.Scene(places, velocities, radii, masses, box, ["periodic" if p else "wall" for p in periodic])
-    usual = rows_after(scene, 300.0)
-    monkeypatch.setattr(engine, "window_plan", lambda scene, epoch: None)
-    lists = rows_after(scene, 300.0)
-    assert usual[0] == "windows of time" and "lists" in lists[0]
-    assert usual[1:] == lists[1:] and usual[2] > 2
+    windows, lists = rows_after(scene, 300.0, "windows"), rows_after(scene, 300.0, "lists")
+    assert windows[0] == "windows of time" and "lists" in lists[0]
+    assert windows[1:] == lists[1:] and windows[2] > 2
 
 
-def test_windows_see_those_that_touch_and_fly_alike(monkeypatch):
+def test_windows_see_those_that_touch_and_fly_alike():
     """A touching row between walls: its velocities change places, and in the end some differ by a rounding only."""
     places = np.column_stack([np.arange(0.5, 10.0), np.full((10, 2), 5.0)])
     velocities = np.column_stack([np.linspace(-1.0, 1.0, 10), np.zeros((10, 2))])
     scene = hs.Scene(places, velocities, box=(10.5, 10.0, 10.0), boundary="wall")
-    monkeypatch.setattr(tuning, "SPARSE_BELOW", {3: 1.0})
-    windows = hs.Simulation(scene)
+    windows = hs.Simulation(scene, search="windows")
     for _ in range(400):
         windows.run(collisions=1)
         windows.check()
-    monkeypatch.setattr(tuning, "SPARSE_BELOW", {3: 0.0})
-    lists = rows_after(scene, 45.0)
-    monkeypatch.setattr(tuning, "SPARSE_BELOW", {3: 1.0})
-    assert rows_after(scene, 45.0)[1:] == lists[1:]
+    assert rows_after(scene, 45.0, "windows")[1:] == rows_after(scene, 45.0, "lists")[1:]
 
 
 @pytest.mark.parametrize("size", [1e2, 1e4, 1e6, 1e8])

@@ -10,29 +10,25 @@ import numpy as np
 import pytest
 from scenes import (
     KINDS,
-    LISTS,
-    WINDOWS,
+    SEARCHES,
     WITH_FLIGHTS,
     flight_bits,
     gas,
-    method_name,
     one_to_ten,
     state_without_flights,
 )
 
 import hardspheres as hs
-from hardspheres import tuning
 from hardspheres.free_paths import expected_flights
 from hardspheres.reference import ReferenceSimulation
 
-OTHERS = [
-    (kind, method) for kind in KINDS for method in (LISTS, WINDOWS) if (kind, method) not in WITH_FLIGHTS
-]
+OTHERS = [(kind, search) for kind in KINDS for search in SEARCHES if (kind, search) not in WITH_FLIGHTS]
 
 
-def same_with_and_without(scene, collisions):
-    plain, free, logged = hs.Simulation(scene), hs.Simulation(scene, free_paths=True), []
-    log = hs.Simulation(scene, log=logged.append)
+def same_with_and_without(scene, collisions, search):
+    plain, logged = hs.Simulation(scene, search=search), []
+    free = hs.Simulation(scene, free_paths=True, search=search)
+    log = hs.Simulation(scene, log=logged.append, search=search)
     for sim in (plain, free, log):
         for share in (0.5, 0.2, 0.3):
             sim.run(collisions=int(share * collisions))
@@ -47,42 +43,37 @@ def same_with_and_without(scene, collisions):
     return free
 
 
-@pytest.mark.parametrize(("kind", "method"), WITH_FLIGHTS, ids=method_name)
-def test_the_trajectory_is_the_same_with_and_without(kind, method, monkeypatch):
-    monkeypatch.setattr(tuning, "SPARSE_BELOW", method)
-    sim = same_with_and_without(gas(kind, 500, 0.1, seed=5), 3000)
-    assert ("windows" in sim.status()["method"]) is (method is WINDOWS)
+@pytest.mark.parametrize(("kind", "search"), WITH_FLIGHTS)
+def test_the_trajectory_is_the_same_with_and_without(kind, search):
+    sim = same_with_and_without(gas(kind, 500, 0.1, seed=5), 3000, search)
+    assert search in sim.status()["method"]
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("kind", "method"), OTHERS, ids=method_name)
-def test_the_trajectory_is_the_same_for_every_kind(kind, method, monkeypatch):
-    monkeypatch.setattr(tuning, "SPARSE_BELOW", method)
-    same_with_and_without(gas(kind, 500, 0.1, seed=5), 3000)
-    if method is WINDOWS and "mixture" in kind:
-        same_with_and_without(one_to_ten(kind, packing_fraction=0.01), 3000)
+@pytest.mark.parametrize(("kind", "search"), OTHERS)
+def test_the_trajectory_is_the_same_for_every_kind(kind, search):
+    same_with_and_without(gas(kind, 500, 0.1, seed=5), 3000, search)
+    if search == "windows" and "mixture" in kind:
+        same_with_and_without(one_to_ten(kind, packing_fraction=0.01), 3000, search)
 
 
 PLAIN_PYTHON = """
 import sys
 sys.path[:0] = {paths!r}
-import scenes
 import test_free_paths as t
-from scenes import KINDS, gas
-from hardspheres import tuning
+from scenes import KINDS, SEARCHES, gas
 for kind in KINDS:
-    for method in (scenes.LISTS, scenes.WINDOWS):
-        tuning.SPARSE_BELOW = method
-        print(kind, t.digest(gas(kind, 40, 0.05, seed=3)))
-        t.same_with_and_without(gas(kind, 40, 0.05, seed=3), 30)
-        t.compare_with_the_reference(gas(kind, 8, 0.2, seed=4), 20)
+    for search in SEARCHES:
+        print(kind, t.digest(gas(kind, 40, 0.05, seed=3), search))
+        t.same_with_and_without(gas(kind, 40, 0.05, seed=3), 30, search)
+        t.compare_with_the_reference(gas(kind, 20, 0.2, seed=4), 30, search)
 """
 
 
-def digest(scene):
+def digest(scene, search):
     """Digest of all tallies of flights, and of the log, after some collisions."""
     chunks = []
-    sim = hs.Simulation(scene, log=chunks.append)
+    sim = hs.Simulation(scene, log=chunks.append, search=search)
     sim.run(collisions=30)
     before = flight_bits(sim.free_paths)
     sim.reset_tallies()
@@ -91,10 +82,10 @@ def digest(scene):
     return hashlib.sha256(everything).hexdigest()
 
 
-def compare_with_the_reference(scene, events):
+def compare_with_the_reference(scene, events, search):
     """Log and paths of the engine against the plain solver: who, when, how hard, and what each flew."""
     chunks = []
-    sim = hs.Simulation(scene, log=chunks.append)
+    sim = hs.Simulation(scene, log=chunks.append, search=search)
     solver = ReferenceSimulation(scene)
     met, seen = [None] * scene.n, []
     for _ in range(events):
@@ -121,7 +112,7 @@ def compare_with_the_reference(scene, events):
     assert np.isfinite(log["free_path"][log["j"] < scene.n]).sum() >= 10
 
 
-def test_plain_python_gives_the_same_sums_and_agrees_with_the_reference(monkeypatch):
+def test_plain_python_gives_the_same_sums_and_agrees_with_the_reference():
     """Without Numba: every kind and both methods; those that are compiled here give the same digest compiled."""
     here = os.path.dirname(__file__)
     command = [sys.executable, "-W", "error", "-c", PLAIN_PYTHON.format(paths=[here, os.path.dirname(here)])]
@@ -131,9 +122,8 @@ def test_plain_python_gives_the_same_sums_and_agrees_with_the_reference(monkeypa
     lines = done.stdout.splitlines()
     assert len(lines) == 2 * len(KINDS)
     assert lines[::2] == lines[1::2]  # lists and windows add up in the same order
-    for kind, method in WITH_FLIGHTS:
-        monkeypatch.setattr(tuning, "SPARSE_BELOW", method)
-        assert f"{kind} {digest(gas(kind, 40, 0.05, seed=3))}" in lines
+    for kind, search in WITH_FLIGHTS:
+        assert f"{kind} {digest(gas(kind, 40, 0.05, seed=3), search)}" in lines
 
 
 def test_path_flown_is_the_integral_of_speed():

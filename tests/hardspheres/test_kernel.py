@@ -75,17 +75,16 @@ def uses(combinations):
 import json, sys
 import numpy as np
 import hardspheres as hs
-from hardspheres import tuning
 from hardspheres.engine import Engine
 hits = misses = 0
 for dim, walls, sizes, masses, sparse, grows, flights in {combinations!r}:
     odd = np.arange(64) % 2
-    tuning.SPARSE_BELOW = {{2: float(sparse), 3: float(sparse)}}
     scene = hs.random_gas(
         n=64, packing_fraction=0.05, dim=dim, boundary="wall" if walls else "periodic", seed=1,
         radii=np.where(odd, 0.4, 0.5) if sizes else 0.5, masses=np.where(odd, 1.0, 2.0) if masses else 1.0,
     )
-    engine = Engine(scene, growth=(0.9, 0.001) if grows else None, flights=flights)
+    growth, search = (0.9, 0.001) if grows else None, "windows" if sparse else "lists"
+    engine = Engine(scene, growth, flights, search=search)
     assert bool(engine.arrays.counter[engine.layout.WINDOW_BUCKETS]) == sparse
     engine.run(2**62, 0.0, 1, 10**6)
     stats = engine.kernels.run.stats

@@ -38,7 +38,7 @@ REFUSED = {
             "thermal_energy",
             "temperature",
         ),
-        *("tallies", "free_paths", "pressure_tensor", "compressibility_factor"),
+        *("tallies", "free_paths", "pressure_tensor", "compressibility_factor", "wall_pressure"),
         *("energy_drift", "momentum_drift", "worst_overlap"),
     )
 }

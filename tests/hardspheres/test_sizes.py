@@ -18,12 +18,8 @@ UNEQUAL = {
 }  # kinds that other tests compile anyway, and packing fractions
 
 
-LISTS = {2: 0.0, 3: 0.0}
-WINDOWS = {2: 1.0, 3: 1.0}
-
-
-def run(scene):
-    sim = hs.Simulation(scene)
+def run(scene, search="auto"):
+    sim = hs.Simulation(scene, search=search)
     sim.run(collisions=COLLISIONS)
     return sim
 
@@ -35,9 +31,7 @@ def scene(request):
 
 @pytest.fixture(scope="module")
 def expected(scene):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tuning, "SPARSE_BELOW", LISTS)
-        sim = run(scene)
+    sim = run(scene, "lists")
     assert "lists" in sim.status()["method"]
     return state(sim)
 
@@ -57,9 +51,8 @@ def test_the_large_have_their_own_grid_by_themselves(scene, expected):
 
 def test_one_grid_for_all_gives_the_same_bits(scene, expected, monkeypatch):
     splits = tuning.splits
-    monkeypatch.setattr(tuning, "SPARSE_BELOW", WINDOWS)
     monkeypatch.setattr(tuning, "splits", lambda scene: splits(scene)[-1:])
-    sim = run(scene)
+    sim = run(scene, "windows")
     assert "windows" in sim.status()["method"]
     assert large_ones(sim) == 0
     assert state(sim) == expected
@@ -109,9 +102,7 @@ def test_a_spread_of_sizes_is_divided_too():
     scene = hs.random_gas(n=1000, packing_fraction=0.15, radii=radii, masses=radii, seed=2)
     sim = run(scene)
     assert 0 < large_ones(sim) < 500
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tuning, "SPARSE_BELOW", LISTS)
-        assert state(run(scene)) == state(sim)
+    assert state(run(scene, "lists")) == state(sim)
 
 
 def test_equal_or_nearly_equal_sizes_are_not_divided():

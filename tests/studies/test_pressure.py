@@ -6,7 +6,6 @@ import sys
 
 import numpy as np
 import pytest
-from scenes import LISTS
 
 import hardspheres as hs
 from analysis import theory
@@ -90,7 +89,7 @@ def test_a_mixture_of_two_temperatures_is_seen(monkeypatch):
     made = Fluid.scene
     monkeypatch.setattr(Fluid, "scene", lambda self, seed: made(self, seed, "two-temperatures"))
     monkeypatch.setattr(Fluid, "settled", 0)
-    monkeypatch.setattr(tuning, "SPARSE_BELOW", LISTS)  # as compiled for other tests
+    monkeypatch.setattr(tuning, "SPARSE_BELOW", {2: 0.0, 3: 0.0})  # as compiled for other tests
     fluid = Fluid(n=2000, mass_ratio=3.0, diameter_ratio=0.5, fraction=0.25)
     (state,) = states_of(EquationOfState((0.05,), fluid, 2.0, replicas=2))
     assert any("Z from the rate is" in failure for failure in state.failures)
@@ -101,7 +100,7 @@ def test_discs_and_mixtures(monkeypatch):
     (discs,) = states_of(EquationOfState((0.3,), Fluid(n=100, dim=2), 40.0, replicas=2))
     assert discs.failures == () and set(discs.measured) == {"virial", "rate"}
     assert abs(discs.deviation("virial")) < 5
-    monkeypatch.setattr(tuning, "SPARSE_BELOW", LISTS)  # as compiled for other tests
+    monkeypatch.setattr(tuning, "SPARSE_BELOW", {2: 0.0, 3: 0.0})  # as compiled for other tests
     mixed = Fluid(n=200, mass_ratio=3.0, diameter_ratio=0.5, fraction=0.25)
     (mixture,) = states_of(EquationOfState((0.05,), mixed, 40.0, replicas=2))
     assert mixture.failures == () and list(mixture.measured) == ["virial", "rate"]
