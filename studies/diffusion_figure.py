@@ -73,7 +73,7 @@ def _finish_displacement(axes: Axes) -> None:
     axes.set_ylabel(r"$\langle |x(t) - x(0)|^2 \rangle \,/\, 2 d D_\mathrm{E} t$")
     axes.set_title("Mean square displacement")
     place: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.1), "alignment": "left"}
-    axes.legend(title="packing fraction", title_fontsize=8, fontsize=8, **place)
+    axes.legend(fontsize=8, **place)
 
 
 def _draw_velocities(axes: Axes, state: DiffusionState, colour: Any) -> None:
