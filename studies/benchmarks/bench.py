@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 import hardspheres as hs
 from analysis.statistics import Estimate
 from hardspheres.memory import require_room_for
-from studies.benchmarks.clock import PLAIN, Memory, Ours, Timing, Windows, machine
+from studies.benchmarks.clock import Memory, Ours, Timing, Windows, machine
 from studies.benchmarks.gas import STARTS, Gas
-from studies.benchmarks.rivals import Rivals, require_peer
+from studies.benchmarks.rivals import Rival, require_peer
 from studies.fluid import LONGEST
 from studies.report import OutputFolder, Screen
 
@@ -57,7 +57,7 @@ class Bench:
     window_seconds : float
         Processor time of each window, roughly.
     peer_up_to : int
-        Particles up to which the peer runs the same gas; above, it only serves as yardstick for the fastest code.
+        Particles up to which spheropack runs; a million take it minutes.
     """
 
     gas: Gas
@@ -147,21 +147,21 @@ def measure(study: Bench) -> tuple[dict[str, Any], dict[str, FloatArray]]:
     clock.append(time.process_time())
     bytes_grown = memory.peak_growth()
 
-    rivals = None
-    if study.against is not None:
-        rivals = Rivals(study.against, gas, simulation, study.seed, same=gas.n <= study.peer_up_to)
+    rival = None
+    if study.against == "plain" or (study.against and gas.n <= study.peer_up_to):
+        rival = Rival(study.against, gas, simulation, study.seed)
     runner = Ours(simulation)
     seconds = max(study.window_seconds, IDLE_SHARE * last.idle[0])
     total = study.collisions or max(WINDOWS, round(WINDOWS * seconds * float(last.cpu_rates[0])))
     simulation.reset_tallies()
     ours, virial = Windows(), []
     for size in _split(total, min(WINDOWS, total)):
-        if rivals is not None:
+        if rival is not None:
             runner.run(size // 4)  # the rival has filled the caches with its own
         ours.time(runner, size)
         virial.append(_virial(simulation))
-        if rivals is not None:
-            rivals.window(sum(ours.cpu) / len(ours.cpu))
+        if rival is not None:
+            rival.window(sum(ours.cpu) / len(ours.cpu))
 
     status = simulation.status()
     pressure = _pressure(simulation, virial)
@@ -205,9 +205,9 @@ def measure(study: Bench) -> tuple[dict[str, Any], dict[str, FloatArray]]:
         "engine": status,
     }
     columns = {"collisions": ours.collisions, "seconds": ours.wall, "cpu_seconds": ours.cpu}
-    if rivals is not None:
-        result["against"] = rivals.compare(ours)
-        columns |= rivals.columns()
+    if rival is not None:
+        result["against"] = rival.compare(ours)
+        columns |= rival.columns()
     return result, {name: np.array(column) for name, column in columns.items()}
 
 
@@ -321,7 +321,7 @@ def _print(screen: Screen, summary: Mapping[str, Any]) -> None:
     screen.say()
     rows = [_row("hardspheres, processor", summary["cpu"]), _row("hardspheres, wall", summary["wall"])]
     against = summary["against"]
-    if against is not None and against["cpu"] is not None:
+    if against is not None:
         name = against["name"]
         rows += [_row(f"{name}, processor", against["cpu"]), _row(f"{name}, wall", against["wall"])]
     screen.table("", ["collisions per second", "median", "best", "quartiles", "error of mean"], rows)
@@ -355,24 +355,12 @@ def _rate(rate: float) -> str:
 
 
 def _print_ratio(screen: Screen, against: Mapping[str, Any]) -> None:
-    if against["cpu"] is not None:
-        low, high = against["ratio_quartiles"]
-        screen.say(
-            f"{against['ratio_of_medians']:.2f} times {against['name']} by medians, "
-            f"{against['ratio_of_bests']:.2f} by "
-            f"best windows; quartiles of neighbouring windows {low:.2f} to {high:.2f} (processor time, in "
-            "turn)"
-        )
-    best = against["fastest_published"]
-    if best is None and against["name"] != PLAIN:
-        screen.say("no estimate for the fastest published C code: it was not measured at this state")
-    elif best is not None:
-        screen.say(
-            f"estimate: {best['ratio_of_medians']:.2f} times the fastest published C code (doi "
-            f"{best['doi']}), taken as "
-            f"{best['factor']:.3g} times spheropack at N = 4000 and packing fraction "
-            f"{best['yardstick_packing_fraction']:g}; good to 15-20 %"
-        )
+    low, high = against["ratio_quartiles"]
+    screen.say(
+        f"{against['ratio_of_medians']:.2f} times {against['name']} by medians, "
+        f"{against['ratio_of_bests']:.2f} by best windows; quartiles of neighbouring windows {low:.2f} to "
+        f"{high:.2f} (processor time, in turn)"
+    )
 
 
 def _print_pressure(screen: Screen, summary: Mapping[str, Any]) -> None:
@@ -385,6 +373,6 @@ def _print_pressure(screen: Screen, summary: Mapping[str, Any]) -> None:
         text += f", fluid in theory {expected:.4f} (z = {z.z(expected, uncertainty):+.1f})"
         if not summary["is_fluid"]:
             text += ": THIS GAS IS NOT THE EQUILIBRIUM FLUID"
-    if summary["against"] is not None and summary["against"]["cpu"] is not None:
+    if summary["against"] is not None:
         text += f"; {summary['against']['name']} {summary['against']['compressibility_factor']:.4f}"
     screen.say(text)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 import hardspheres as hs
 
-__all__ = ["PLAIN", "Memory", "Ours", "Runner", "Timing", "Windows", "machine"]
+__all__ = ["Memory", "Ours", "Runner", "Timing", "Windows", "machine"]
 
 FloatArray = NDArray[np.float64]
 
@@ -34,13 +34,10 @@ class Runner(Protocol):
         """Do what every call of `run` does besides following collisions."""
 
 
-PLAIN = "plain gas"
-
-
 class Ours:
     """Our engine as a `Runner`."""
 
-    name = PLAIN
+    name = "plain gas"
 
     def __init__(self, simulation: hs.Simulation) -> None:
         self.simulation = simulation

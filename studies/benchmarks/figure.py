@@ -40,7 +40,7 @@ def rates(states: Sequence[Mapping[str, Any]]) -> Figure:
             here = [state for state in states if round(state["packing_fraction"] / SAME) == density]
             here.sort(key=lambda state: int(state["n"]))
             _curve(axes, [(s["n"], s["cpu"]) for s in here], colour, "o-", f"{density * SAME:.3g}")
-            theirs = [(s["n"], s["against"]["cpu"]) for s in here if s["against"] and s["against"]["cpu"]]
+            theirs = [(s["n"], s["against"]["cpu"]) for s in here if s["against"]]
             _curve(axes, theirs, colour, "s:", None)
         axes.set(xscale="log", yscale="log")
         axes.set_xlabel("number of particles $N$")
@@ -60,7 +60,7 @@ def rates(states: Sequence[Mapping[str, Any]]) -> Figure:
             bbox_to_anchor=(1.01, 1.0),
             alignment="left",
         )
-        peer = next((s["against"] for s in states if s["against"] and s["against"]["cpu"]), None)
+        peer = next((s["against"] for s in states if s["against"]), None)
         if peer is not None:
             axes.add_artist(legend)
             style = {"color": COLOURS["theory"], "ms": 4.5}

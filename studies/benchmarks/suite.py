@@ -32,7 +32,7 @@ class Suite:
     window_seconds : float
         Processor time of each of the 20 windows, roughly.
     peer_up_to : int
-        Particles up to which the peer runs the same gas.
+        Particles up to which spheropack runs.
     """
 
     name: str
@@ -154,7 +154,7 @@ def _columns(states: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
 
 def _row(state: Mapping[str, Any]) -> dict[str, Any]:
     theory, peer = state["theory"] or {}, state["against"] or {}
-    their, published = peer.get("cpu") or {}, peer.get("fastest_published") or {}
+    their = peer.get("cpu", {})
     low, high = peer.get("ratio_quartiles", (None, None))
     plain = (
         "n",
@@ -177,7 +177,6 @@ def _row(state: Mapping[str, Any]) -> dict[str, Any]:
     row |= {"peer_compressibility_factor": peer.get("compressibility_factor")}
     row |= {f"peer_{name}": peer.get(name) for name in ("ratio_of_medians", "ratio_of_bests")}
     row |= {"peer_ratio_lower_quartile": low, "peer_ratio_upper_quartile": high}
-    row |= {f"published_{name}": published.get(name) for name in ("ratio_of_medians", "ratio_of_bests")}
     return row
 
 
@@ -192,13 +191,11 @@ _HEADER = (
     "theory",
     "peer",
     "ratio",
-    "C est.",
 )
 
 
 def _cells(state: Mapping[str, Any]) -> tuple[str, ...]:
     cpu, peer = state["cpu"], state["against"] or {}
-    published = peer.get("fastest_published")
     z = Estimate(state["compressibility_factor"], state["compressibility_factor_error"])
     theory = "" if state["theory"] is None else f"{state['theory']['value']:.4f}"
     return (
@@ -210,9 +207,8 @@ def _cells(state: Mapping[str, Any]) -> tuple[str, ...]:
         f"{state['bytes_per_particle']:.0f}",
         str(z),
         theory + ("" if state["is_fluid"] is not False else " !"),
-        f"{peer['cpu']['median']:,.0f}" if peer.get("cpu") else "",
-        f"{peer['ratio_of_medians']:.2f}" if peer.get("cpu") else "",
-        f"{published['ratio_of_medians']:.2f}" if published else "",
+        f"{peer['cpu']['median']:,.0f}" if peer else "",
+        f"{peer['ratio_of_medians']:.2f}" if peer else "",
     )
 
 
@@ -225,11 +221,7 @@ def _print_end(screen: Screen, summary: Mapping[str, Any], states: Sequence[Mapp
     )
     peer = next((state["against"] for state in states if state["against"]), None)
     if peer is not None:
-        screen.say(
-            f"peer: {peer['name']}, in turn; ratio: ours over the peer's; C est.: ours over the fastest "
-            "published C code (doi 10.1140/epje/s10189-022-00180-8), estimated from the peer's rate at N = "
-            "4000 to 15-20 %"
-        )
+        screen.say(f"peer: {peer['name']}, in turn; ratio: ours over the peer's")
     if any(state["is_fluid"] is False for state in states):
         screen.say("!: the compressibility factor is not that of the equilibrium fluid")
     for failure in summary["checks"]["failures"]:
