@@ -44,7 +44,7 @@ GROUPS = (
     "symmetries",
     "exactly-solved",
 )
-"""Of hard cases, as in `studies.hard_cases`, which is too heavy to be imported for this."""
+"""Of hard cases, as in `studies.validation.hard_cases`, which is too heavy to be imported for this."""
 MOST = 1_000_000  # replicas, frames or runs: a slip of the finger shall not fill the memory
 
 
@@ -371,10 +371,10 @@ def bench(
     Times the event loop alone, compiled and in equilibrium, on one core. Writes a summary and the windows; with --suite a
     table and a figure. Keeps no checkpoints: it is timing itself, which an interruption would spoil.
     """
-    from studies.bench import Bench
-    from studies.bench import bench as run
-    from studies.bench_gas import Gas
-    from studies.bench_suite import run_suite, suite_named
+    from studies.benchmarks.bench import Bench
+    from studies.benchmarks.bench import bench as run
+    from studies.benchmarks.gas import Gas
+    from studies.benchmarks.suite import run_suite, suite_named
     from studies.pressure import packing_fractions as parsed
     from studies.report import OutputFolder, Screen
 
@@ -638,10 +638,10 @@ def accuracy(
     a summary, a table and a picture. Every scene and every state is kept when it is finished; one that is interrupted begins
     anew.
     """
-    from studies.accuracy import Accuracy
-    from studies.accuracy import accuracy as run
     from studies.pressure import packing_fractions as parsed
     from studies.report import Screen
+    from studies.validation.accuracy import Accuracy
+    from studies.validation.accuracy import accuracy as run
 
     study = Accuracy(parsed(packing_fractions), n, dim, seed)
     screen, folder = Screen(json), _folder(out, "accuracy", seed, checkpoint_every, resume, force)
@@ -677,9 +677,9 @@ def calibration(
     It should follow Student's t with the degrees of freedom that the estimator quotes. Writes a summary, a table and a
     picture.
     """
-    from studies.calibration import Calibrations
-    from studies.calibration import calibration as run
     from studies.report import Screen
+    from studies.validation.calibration import Calibrations
+    from studies.validation.calibration import calibration as run
 
     screen, folder = Screen(json), _folder(out, "calibration", seed, checkpoint_every, resume, force)
     _finish(screen, run(Calibrations(runs, seed, workers), folder, screen))
@@ -722,9 +722,9 @@ def hard_cases(
     reversal, symmetries, solved gases. Writes a table of what is exact, what the engine gave, and how many digits are right.
     Every long run in it is kept when it is finished, and one that is interrupted begins anew.
     """
-    from studies.hard_cases import groups_named, size_named
-    from studies.hard_cases import hard_cases as run
     from studies.report import Screen
+    from studies.validation.hard_cases import groups_named, size_named
+    from studies.validation.hard_cases import hard_cases as run
 
     chosen, groups, screen = size_named(size), groups_named(only), Screen(json)
     folder = _folder(out, "hard-cases", chosen, checkpoint_every, resume, force)
@@ -753,8 +753,8 @@ def soak(
     between walls. Takes about half an hour on two cores. Writes a summary and a table.
     """
     from studies.report import Screen
-    from studies.soak import Soak
-    from studies.soak import soak as run
+    from studies.validation.soak import Soak
+    from studies.validation.soak import soak as run
 
     screen = Screen(json)
     study = Soak(n, dim, collisions, seed, workers)
@@ -775,9 +775,9 @@ def _folder(
 
 def _next_folder(path: Path, force: bool) -> Path:
     """Return the first of path, path-2, path-3, ... without results: timing is repeated, and has nothing to resume."""
-    from studies.ownership import SUMMARY, WRITTEN
+    from studies.running.ownership import SUMMARY, WRITTEN
 
-    names, taken = {SUMMARY, *WRITTEN["bench"], *WRITTEN["bench_suite"]}, path
+    names, taken = {SUMMARY, *WRITTEN["bench"], *WRITTEN["suite"]}, path
     for number in itertools.count(2):
         if force or not any(os.path.lexists(taken / name) for name in names):
             break

@@ -18,7 +18,6 @@ from analysis.series import SeriesWarning
 from analysis.statistics import Estimate, TheoryCheck, estimate_from_replicas, replica_mean
 from analysis.theory import Prediction
 from analysis.transport import Diffusion, with_correction
-from studies.ensemble import available_cores
 from studies.fluid import Fluid, broken, check_length, load_kernels, ordered, run_fluids
 from studies.report import (
     ALARM,
@@ -33,7 +32,8 @@ from studies.report import (
     say_checks,
     seconds_taken,
 )
-from studies.resuming import Resumable, until
+from studies.running.ensemble import available_cores
+from studies.running.resuming import Resumable, until
 
 __all__ = ["DiffusionState", "SelfDiffusion", "Slope", "Walks", "self_diffusion"]
 
@@ -62,7 +62,7 @@ class SelfDiffusion:
     collisions_per_particle : float, optional
         How long to measure in each replica; by default as `Slope.of` has it.
     replicas, seed, workers
-        As in `studies.ensemble`; errors come from the spread of the replicas.
+        As in `studies.running.ensemble`; errors come from the spread of the replicas.
     """
 
     packing_fractions: tuple[float, ...] = (0.1, 0.3)
@@ -395,7 +395,7 @@ def self_diffusion(study: SelfDiffusion, out: OutputFolder, screen: Screen) -> t
 
         out.write_csv("diffusion.csv", _columns(states))
         out.write_csv("correlations.csv", _correlations(states))
-        from studies.diffusion_figure import figure
+        from studies.figures.diffusion import figure
 
         with screen.working("drawing"):
             out.save_figure("diffusion.png", figure(states), f"{study.replicas} x {study.fluid}")

@@ -19,9 +19,9 @@ import hardspheres as hs
 from analysis.memory import remembered
 from hardspheres.compression import order_of_crystal
 from hardspheres.memory import require_room_for
-from studies.ensemble import replica_seeds, run_replicas
-from studies.journal import Shelf
 from studies.report import Screen
+from studies.running.ensemble import replica_seeds, run_replicas
+from studies.running.journal import Shelf
 
 __all__ = [
     "FREEZING",

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 import hardspheres as hs
 from analysis.free_path import SURVIVAL_AT, FreePath
 from analysis.statistics import Estimate, TheoryCheck, combine_replicas, pool_replicas
-from studies.ensemble import available_cores
 from studies.fluid import Fluid, broken, check_length, load_kernels, run_fluids
 from studies.noticing import Notices, too_short
 from studies.report import (
@@ -31,7 +30,8 @@ from studies.report import (
     say_checks,
     seconds_taken,
 )
-from studies.resuming import Resumable, in_blocks
+from studies.running.ensemble import available_cores
+from studies.running.resuming import Resumable, in_blocks
 
 __all__ = ["FreePathState", "FreePaths", "Runs", "free_path"]
 
@@ -54,7 +54,7 @@ class FreePaths:
     collisions_per_particle : float
         How long to measure in each replica.
     replicas, seed, workers
-        As in `studies.ensemble`.
+        As in `studies.running.ensemble`.
     """
 
     packing_fractions: tuple[float, ...] = (0.001, 0.01, 0.1, 0.3)
@@ -322,7 +322,7 @@ def free_path(study: FreePaths, out: OutputFolder, screen: Screen) -> tuple[dict
 
         out.write_csv("free_path.csv", _numbers(states))
         out.write_csv("free_path_curves.csv", _curves(states))
-        from studies.free_path_figure import figure
+        from studies.figures.free_path import figure
 
         with screen.working("drawing"):
             out.save_figure("free_path.png", figure(states), f"{study.replicas} x {study.fluid}")

@@ -18,7 +18,6 @@ from analysis.reduced import species_labels
 from analysis.statistics import Estimate, TheoryCheck, deviates, estimate_from_replicas, replica_mean
 from analysis.temperatures import TemperatureEquilibration
 from analysis.theory import Prediction
-from studies.ensemble import available_cores, replica_seeds, run_replicas
 from studies.fluid import THEORY_UP_TO, Fluid, broken
 from studies.report import (
     ALARM,
@@ -33,7 +32,8 @@ from studies.report import (
     say_checks,
     seconds_taken,
 )
-from studies.resuming import Resumable, until
+from studies.running.ensemble import available_cores, replica_seeds, run_replicas
+from studies.running.resuming import Resumable, until
 
 __all__ = ["Equilibrations", "Mixture", "Result", "mixture"]
 
@@ -55,7 +55,7 @@ class Mixture:
     relaxation_times : float
         How long to run, in initial decay times of the temperature difference.
     replicas, seed, workers
-        As in `studies.ensemble`; errors come from the spread of the replicas.
+        As in `studies.running.ensemble`; errors come from the spread of the replicas.
     """
 
     fluid: Fluid = field(
@@ -352,7 +352,7 @@ def mixture(study: Mixture, out: OutputFolder, screen: Screen) -> tuple[dict[str
         result = Result([run.decay for run in runs], first, runs[0].labels)
 
         out.write_csv("mixture.csv", _columns(result))
-        from studies.mixture_figure import figure
+        from studies.figures.mixture import figure
 
         with screen.working("drawing"):
             out.save_figure("mixture.png", figure(result), _in_words(study))

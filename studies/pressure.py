@@ -16,7 +16,6 @@ from analysis.memory import remembered, variance_growth
 from analysis.pressure import Pressure
 from analysis.statistics import Estimate, combine_replicas, pool_replicas
 from analysis.theory import Prediction
-from studies.ensemble import available_cores
 from studies.fluid import THEORY_UP_TO, Fluid, broken, check_length, load_kernels, ordered, run_fluids
 from studies.noticing import Notices, too_short
 from studies.report import (
@@ -32,7 +31,8 @@ from studies.report import (
     say_checks,
     seconds_taken,
 )
-from studies.resuming import Resumable, in_blocks
+from studies.running.ensemble import available_cores
+from studies.running.resuming import Resumable, in_blocks
 
 __all__ = ["EquationOfState", "State", "States", "equation_of_state", "packing_fractions"]
 
@@ -59,7 +59,7 @@ class EquationOfState:
         How long to measure in each replica; by default 300, or more where a dense fluid remembers long
         (`analysis.memory`).
     replicas, seed, workers
-        As in `studies.ensemble`.
+        As in `studies.running.ensemble`.
     precision : float, optional
         Measure as long as this relative standard error of Z takes, all replicas together.
     """
@@ -382,7 +382,7 @@ def equation_of_state(
         states = [combine(fluid, own) for fluid, own in zip(fluids, runs, strict=True)]
 
         out.write_csv("equation_of_state.csv", columns(states))
-        from studies.pressure_figure import figure
+        from studies.figures.pressure import figure
 
         with screen.working("drawing"):
             out.save_figure("equation_of_state.png", figure(states), f"{study.replicas} x {study.fluid}")

@@ -13,10 +13,8 @@ from typing import Any
 import numpy as np
 
 import hardspheres as hs
-from studies.bench_clock import machine
-from studies.ensemble import available_cores
+from studies.benchmarks.clock import machine
 from studies.fluid import Fluid, load_kernels, run_fluids
-from studies.journal import Shelf
 from studies.pressure import (
     EquationOfState,
     State,
@@ -28,6 +26,8 @@ from studies.pressure import (
     state_summary,
 )
 from studies.report import ALARM, OutputFolder, Screen, checks_of, engine_rate, say_checks, seconds_taken
+from studies.running.ensemble import available_cores
+from studies.running.journal import Shelf
 
 __all__ = ["GROUPS", "Suite", "run_suite", "states_of"]
 
@@ -142,7 +142,7 @@ def run_suite(suite: Suite, out: OutputFolder, screen: Screen) -> tuple[dict[str
         ran = time.perf_counter()
         states = [state for group in groups.values() for state in group]
         out.write_csv("equation_of_state.csv", columns(states))
-        from studies.pressure_suite_figure import figure
+        from studies.figures.pressure_suite import figure
 
         with screen.working("drawing"):
             out.save_figure("equation_of_state.png", figure(groups), _in_words(suite))

@@ -21,10 +21,17 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from hardspheres.temporary import remove_leftovers, temporary_beside
-from studies.journal import FOLDER, Journal, OutputError, Shelf, unfinished_run
+from studies.figures.style import COLOURS, figure_style, name_gas
 from studies.layout import table_blocks, wrapped
-from studies.ownership import SUMMARY, WRITTEN, files_of_finished_run, is_ordinary, load_object, strange_file
-from studies.style import COLOURS, figure_style, name_gas
+from studies.running.journal import FOLDER, Journal, OutputError, Shelf, unfinished_run
+from studies.running.ownership import (
+    SUMMARY,
+    WRITTEN,
+    files_of_finished_run,
+    is_ordinary,
+    load_object,
+    strange_file,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -20,10 +20,10 @@ from analysis.relaxation import Comparison, RelaxationCurve
 from analysis.statistics import Estimate, deviates
 from analysis.velocities import reduced_velocities
 from hardspheres.files import Reading, read_scene
-from studies.ensemble import available_cores, replica_seeds, run_replicas
 from studies.fluid import broken, is_dense, kind_of, two_species
 from studies.report import Z_MEANS, OutputFolder, Screen, engine_of, engine_rate, say_checks, seconds_taken
-from studies.resuming import Resumable, until
+from studies.running.ensemble import available_cores, replica_seeds, run_replicas
+from studies.running.resuming import Resumable, until
 
 __all__ = ["Recipe", "ReplicaResult", "Replicas", "Thermalisation", "sampling_points", "thermalise"]
 
@@ -379,7 +379,7 @@ def thermalise(study: Thermalisation, out: OutputFolder, screen: Screen) -> tupl
             curve.merge(result.curve)
         reference = _reference(study, curve)
         out.write_csv("relaxation.csv", _columns(curve, reference))
-        from studies import thermalisation_figures as figures
+        from studies.figures import thermalisation as figures
 
         gas = _in_words(study, first, len(results))
         with screen.working("drawing"):

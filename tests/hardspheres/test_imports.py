@@ -1,6 +1,8 @@
-"""Imports run one way, studies -> analysis -> hardspheres, and importing the package costs next to nothing."""
+"""Imports run one way, studies -> analysis -> hardspheres, without circles; importing the package costs next to nothing."""
 
 import ast
+import graphlib
+import importlib.util
 import subprocess
 import sys
 from pathlib import Path
@@ -40,6 +42,77 @@ def test_the_check_of_imports_sees_an_import():
         "def f():\n    from studies.cli import main\n    import analysis.theory as t\n    from . import x\n"
     )
     assert set(imported(source, "hardspheres")) == {"studies", "analysis", "hardspheres"}
+
+
+def modules(package):
+    """Source files of a package by the names of their modules."""
+    files = sorted((ROOT / package).rglob("*.py"))
+    parts = [(file, file.relative_to(ROOT).with_suffix("").parts) for file in files]
+    return {".".join(name[:-1] if name[-1] == "__init__" else name): file for file, name in parts}
+
+
+def needed(source, known, package, inside_functions=True):
+    """Which of the known modules a file in a package imports, by their whole names; imports for types alone do not count."""
+
+    def imports(node):
+        for child in ast.iter_child_nodes(node):
+            for_types = isinstance(child, ast.If) and ast.unparse(child.test) == "TYPE_CHECKING"
+            function = isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef))
+            if for_types or (function and not inside_functions):
+                continue
+            if isinstance(child, ast.Import):
+                yield from (alias.name for alias in child.names)
+            elif isinstance(child, ast.ImportFrom):
+                module = importlib.util.resolve_name("." * child.level + (child.module or ""), package)
+                names = (f"{module}.{alias.name}" for alias in child.names)
+                yield from (name if name in known else module for name in names)
+            yield from imports(child)
+
+    return known & set(imports(ast.parse(source)))
+
+
+def all_needed(package, inside_functions=True):
+    """What each module of a package imports of that package."""
+    files = modules(package)
+    return {
+        name: needed(
+            file.read_text(encoding="utf-8"),
+            {*files},
+            name if file.name == "__init__.py" else name.rpartition(".")[0],
+            inside_functions,
+        )
+        for name, file in files.items()
+    }
+
+
+@pytest.mark.parametrize("package", MAY_IMPORT)
+def test_no_module_needs_itself(package):
+    """No circles; in `analysis` and `studies` none through imports inside functions either."""
+    needs = all_needed(package, inside_functions=package != "hardspheres")
+    assert sum(map(len, needs.values())) > len(needs) > 10
+    tuple(graphlib.TopologicalSorter(needs).static_order())  # raises CycleError, which names the circle
+
+
+def test_rooms_of_the_studies():
+    """A replica knows no study, a figure none but by its types, and no question leans on what validates the engine."""
+    for name, others in all_needed("studies").items():
+        room, *rooms = (f"{module}.".split(".")[1] for module in (name, *others))
+        if room == "running":
+            assert {*rooms} <= {"running"}, name
+        if room == "figures":
+            assert {*rooms} <= {"figures", "fluid"}, name
+        if room not in ("validation", "cli"):
+            assert "validation" not in rooms, name
+
+
+def test_the_check_of_circles_sees_a_circle():
+    known = {"a", "a.b", "a.c", "a.d"}
+    source = "from . import b\nif TYPE_CHECKING:\n    import a.d\nclass C:\n    def f():\n        from a.c import x\n"
+    assert needed(source, known, "a") == {"a.b", "a.c"}
+    assert needed(source, known, "a", inside_functions=False) == {"a.b"}
+    assert needed("from ..c import x", known, "a.e") == {"a.c"}
+    with pytest.raises(graphlib.CycleError):
+        tuple(graphlib.TopologicalSorter({"a.b": {"a.c"}, "a.c": {"a.b"}}).static_order())
 
 
 def run(code):

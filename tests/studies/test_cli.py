@@ -241,7 +241,7 @@ def test_words_are_checked_before_anything_heavy(options, sentence):
 
 
 def test_the_groups_of_hard_cases_are_all_there():
-    from studies import hard_cases
+    from studies.validation import hard_cases
 
     assert tuple(hard_cases.GROUPS) == GROUPS
 
@@ -273,7 +273,7 @@ def test_a_ratio_of_temperatures_reaches_the_gas():
 
 
 def test_a_mixture_of_masses_can_be_timed():
-    from studies.bench_gas import Gas
+    from studies.benchmarks.gas import Gas
 
     gas = Gas(n=100, packing_fraction=0.05, mass_ratio=5.0)
     assert set(gas.scene(1).masses) == {1.0, 5.0} and set(gas.scene(1).radii) == {0.5}

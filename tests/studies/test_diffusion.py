@@ -12,9 +12,9 @@ from analysis import theory
 from analysis.theory import Prediction
 from studies.cli import main
 from studies.diffusion import SelfDiffusion, Slope, Walks, combine, self_diffusion
-from studies.ensemble import replica_seeds, run_replicas
 from studies.fluid import Fluid
 from studies.report import OutputFolder, Screen
+from studies.running.ensemble import replica_seeds, run_replicas
 
 
 def measured(fluid, collisions_per_particle, replicas, seed, workers=1):

@@ -16,7 +16,7 @@ import pytest
 if sys.platform != "win32":
     import pty
 
-from studies.locking import Lock
+from studies.running.locking import Lock
 
 pytestmark = pytest.mark.skipif(
     not sys.platform.startswith("linux"), reason="reads /proc, sends POSIX signals"

@@ -10,10 +10,10 @@ import pytest
 import hardspheres as hs
 from analysis import theory
 from studies.cli import main
-from studies.ensemble import replica_seeds
 from studies.fluid import Fluid
 from studies.free_path import FreePaths, Runs, combine, free_path
 from studies.report import OutputFolder, Screen
+from studies.running.ensemble import replica_seeds
 
 
 def states_of(study):

@@ -11,10 +11,10 @@ from scipy import stats
 import hardspheres as hs
 from studies import mixture as module
 from studies.cli import main
-from studies.ensemble import replica_seeds, run_replicas
 from studies.fluid import Fluid
 from studies.mixture import Equilibrations, Mixture, Result, mixture
 from studies.report import OutputFolder, Screen
+from studies.running.ensemble import replica_seeds, run_replicas
 
 TINY = Fluid(n=200, packing_fraction=0.02, mass_ratio=4.0, diameter_ratio=0.5)
 

@@ -13,10 +13,10 @@ from analysis.pressure import Pressure
 from hardspheres import tuning
 from studies import fluid as fluids
 from studies.cli import main
-from studies.ensemble import replica_seeds
 from studies.fluid import Fluid, two_species
 from studies.pressure import EquationOfState, States, combine, equation_of_state, packing_fractions
 from studies.report import OutputFolder, Screen
+from studies.running.ensemble import replica_seeds
 
 
 def states_of(study):

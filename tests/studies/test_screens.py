@@ -19,23 +19,23 @@ from rich.console import Console
 
 import hardspheres as hs
 from analysis.estimator import PALETTE
-from studies.bench import Bench, bench
-from studies.bench_gas import Gas
-from studies.bench_suite import Suite as BenchSuite
-from studies.bench_suite import run_suite as run_bench_suite
-from studies.calibration import Calibrations, calibration
+from studies.benchmarks.bench import Bench, bench
+from studies.benchmarks.gas import Gas
+from studies.benchmarks.suite import Suite as BenchSuite
+from studies.benchmarks.suite import run_suite as run_bench_suite
 from studies.diffusion import SelfDiffusion, self_diffusion
+from studies.figures.style import LIMIT, falling
 from studies.fluid import Fluid
 from studies.free_path import FreePaths, free_path
-from studies.hard_cases import groups_named, hard_cases
 from studies.layout import table_blocks, wrapped
 from studies.mixture import Mixture, mixture
 from studies.pressure import EquationOfState, equation_of_state
 from studies.pressure_suite import Suite, run_suite
 from studies.report import OutputFolder, Screen
-from studies.soak import Soak, soak
-from studies.style import LIMIT, falling
 from studies.thermalisation import Recipe, Thermalisation, thermalise
+from studies.validation.calibration import Calibrations, calibration
+from studies.validation.hard_cases import groups_named, hard_cases
+from studies.validation.soak import Soak, soak
 
 MIXED = Fluid(n=200, packing_fraction=0.02, mass_ratio=4.0, diameter_ratio=0.5)
 UNLIKE = Fluid(n=108, packing_fraction=0.3, diameter_ratio=1.25, mass_ratio=10.0)
@@ -330,7 +330,7 @@ def contrast(colour, ground):
 
 def test_slow_spheres_stand_out_from_the_ground():
     """Also the farthest; sibling: the colours of before, whose slowest were nearly the ground."""
-    from studies.thermalisation_figures import _FARTHEST, _GROUND, _SPEEDS
+    from studies.figures.thermalisation import _FARTHEST, _GROUND, _SPEEDS
 
     def far(colour):
         return _FARTHEST * np.array(colour[:3]) + (1 - _FARTHEST) * np.array(to_rgb(_GROUND))
@@ -341,7 +341,7 @@ def test_slow_spheres_stand_out_from_the_ground():
 
 
 def test_a_film_says_what_it_leaves_out_and_how_large_spheres_are():
-    from studies.thermalisation_figures import View
+    from studies.figures.thermalisation import View
 
     whole = View.of(hs.lattice_gas(n=216, packing_fraction=0.1, seed=1))
     assert whole.words == "the whole box, seen along z; spheres drawn to scale" and whole.scale == 1.0
@@ -360,7 +360,7 @@ def test_a_film_shows_the_whole_run(tmp_path):
     films = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
-            "studies.thermalisation_figures.animation",
+            "studies.figures.thermalisation.animation",
             lambda movie, scene, curve, path, gas: (films.append(movie), path.write_bytes(b""))[0],
         )
         thermalise(study, OutputFolder(tmp_path), Recording())

@@ -15,8 +15,8 @@ from analysis.statistics import compare_with_theory
 from hardspheres.collision import elastic_collision
 from hardspheres.files import Reading
 from hardspheres.reference import ReferenceSimulation
-from studies.ensemble import replica_seeds, run_replicas
 from studies.report import OutputFolder, Screen
+from studies.running.ensemble import replica_seeds, run_replicas
 from studies.thermalisation import Recipe, Replicas, Thermalisation, sampling_points, thermalise
 
 

@@ -1,0 +1,10 @@
+"""Benchmarks: collisions per second, beside another engine in the same run.
+
+In reading order:
+
+- `bench`: one gas timed;
+- `gas`: how it is started in equilibrium;
+- `clock`: the windows that are timed, memory, the machine;
+- `rivals`: who runs in turn with us, and `peer`: spheropack;
+- `suite`: many gases, a table, and `figure`: its figure.
+"""

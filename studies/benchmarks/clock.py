@@ -1,0 +1,190 @@
+"""The stopwatch of `hardspheres bench`: short windows of a run, what they say together, memory, and the machine."""
+
+from __future__ import annotations
+
+import os
+import platform
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+import hardspheres as hs
+
+__all__ = ["Memory", "Ours", "Runner", "Timing", "Windows", "machine"]
+
+FloatArray = NDArray[np.float64]
+
+
+class Runner(Protocol):
+    """What can be timed: our simulation, or a peer."""
+
+    @property
+    def collisions(self) -> int:
+        """Pair collisions since the start."""
+
+    def run(self, collisions: int) -> None:
+        """Advance by so many pair collisions, or about so many."""
+
+    def idle(self) -> None:
+        """Do what every call of `run` does besides following collisions."""
+
+
+class Ours:
+    """Our engine as a `Runner`."""
+
+    name = "plain gas"
+
+    def __init__(self, simulation: hs.Simulation) -> None:
+        self.simulation = simulation
+
+    @property
+    def collisions(self) -> int:
+        """Pair collisions since the start."""
+        return self.simulation.collisions
+
+    def run(self, collisions: int) -> None:
+        """Advance by so many pair collisions."""
+        self.simulation.run(collisions=collisions)
+
+    def idle(self) -> None:
+        """Advance by a single one."""
+        self.simulation.run(collisions=1)
+
+    def reset(self) -> None:
+        """Begin to count for the compressibility factor."""
+        self.simulation.reset_tallies()
+
+    @property
+    def compressibility_factor(self) -> float:
+        """Z since `reset`, from the virial."""
+        return self.simulation.compressibility_factor
+
+
+@dataclass
+class Windows:
+    """Short stretches of a run with the time each took: that of the event loop alone.
+
+    A call that follows (almost) no collisions is timed right before each window and taken off. It costs spheropack
+    a new search of all neighbours, and would otherwise punish it for being asked often.
+
+    Attributes
+    ----------
+    collisions : list of int
+        Pair collisions in each.
+    wall, cpu : list of float
+        Seconds on the wall, and of the processor.
+    idle : list of float
+        Seconds of the processor that were taken off.
+    """
+
+    collisions: list[int] = field(default_factory=list)
+    wall: list[float] = field(default_factory=list)
+    cpu: list[float] = field(default_factory=list)
+    idle: list[float] = field(default_factory=list)
+
+    def time(self, runner: Runner, collisions: int) -> None:
+        """Run for so many collisions, or about so many, and note what it took."""
+        idle = _timed(runner.idle)
+        before = runner.collisions
+        took = _timed(lambda: runner.run(collisions))
+        self.collisions.append(runner.collisions - before)
+        wall, cpu = (max(whole - part, 0.1 * whole) for whole, part in zip(took, idle, strict=True))
+        self.wall.append(wall)  # a tenth at least: tiny windows are noise, but never none
+        self.cpu.append(cpu)
+        self.idle.append(idle[1])
+
+    @property
+    def cpu_rates(self) -> FloatArray:
+        """Collisions per second of processor time, one per window."""
+        return np.array(self.collisions) / np.maximum(self.cpu, 1e-9)
+
+    @property
+    def wall_rates(self) -> FloatArray:
+        """Collisions per second on the wall, one per window."""
+        return np.array(self.collisions) / np.maximum(self.wall, 1e-9)
+
+
+def _timed(action: Callable[[], None]) -> tuple[float, float]:
+    """Return the seconds that an action takes on the wall, and of the processor."""
+    cpu, wall = time.process_time(), time.perf_counter()
+    action()
+    return time.perf_counter() - wall, time.process_time() - cpu
+
+
+@dataclass(frozen=True)
+class Timing:
+    """What a set of windows says, in collisions per second.
+
+    Attributes
+    ----------
+    median, best, lower_quartile, upper_quartile : float
+        Over the windows.
+    standard_error : float
+        Of the mean over the windows.
+    """
+
+    median: float
+    best: float
+    lower_quartile: float
+    upper_quartile: float
+    standard_error: float
+
+    @classmethod
+    def of(cls, rates: FloatArray) -> Timing:
+        """Return the timing of windows with these rates."""
+        low, middle, high = np.quantile(rates, [0.25, 0.5, 0.75])
+        error = np.std(rates, ddof=1) / np.sqrt(len(rates)) if len(rates) > 1 else np.nan
+        return cls(float(middle), float(np.max(rates)), float(low), float(high), float(error))
+
+
+class Memory:
+    """Growth of this process's resident memory since the object was made; known on Linux only."""
+
+    def __init__(self) -> None:
+        self.before = self._read("VmRSS")
+
+    @staticmethod
+    def _read(name: str) -> int | None:
+        try:
+            lines = Path("/proc/self/status").read_text().splitlines()
+        except OSError:
+            return None
+        return next((1024 * int(line.split()[1]) for line in lines if line.startswith(name + ":")), None)
+
+    @staticmethod
+    def forget_peak() -> None:
+        """Let the peak begin anew at what is resident now: what made the scene is freed again."""
+        try:
+            Path("/proc/self/clear_refs").write_text("5")
+        except OSError:
+            return
+
+    def peak_growth(self) -> int | None:
+        """Return by how many bytes the peak lies above what was resident in the beginning."""
+        peak = self._read("VmHWM")
+        return None if peak is None or self.before is None else peak - self.before
+
+
+def machine() -> dict[str, Any]:
+    """Return what the figures were measured on."""
+    import numba
+
+    model = platform.processor() or platform.machine()
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        model = next((line.split(":")[1].strip() for line in lines if line.startswith("model name")), model)
+    except OSError:
+        pass
+    return {
+        "processor": model,
+        "cores": os.cpu_count(),
+        "system": platform.system(),
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "numba": numba.__version__,
+    }

@@ -1,0 +1,140 @@
+"""The picture of self-diffusion: how far, how long velocities last, and D against packing fraction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from analysis import theory
+from studies.figures.style import COLOURS, falling, figure_style
+
+if TYPE_CHECKING:
+    from studies.diffusion import DiffusionState
+
+__all__ = ["figure"]
+
+LATEST = 12.0  # mean free times, of the velocity autocorrelation
+
+
+def figure(states: Sequence[DiffusionState]) -> Figure:
+    """Draw mean square displacement, velocity autocorrelation and D over Enskog's theory.
+
+    Parameters
+    ----------
+    states : sequence of DiffusionState
+        By ascending packing fraction.
+
+    Returns
+    -------
+    Figure
+    """
+    colours = colormaps["viridis"](np.linspace(0.1, 0.75, max(len(states), 2)))
+    with figure_style():
+        result = Figure(figsize=(11.6, 4.0), layout="constrained")
+        left, middle, right = result.subplots(1, 3)
+        for k, (state, colour) in enumerate(zip(states, colours, strict=False)):
+            _draw_displacement(left, state, colour)
+            left.plot(state.slope.window, [0.03 + 0.02 * k] * 2, color=colour, lw=3.0, solid_capstyle="butt")
+            _draw_velocities(middle, state, colour)
+        _finish_displacement(left)
+        _finish_velocities(middle, states[0].fluid.dim)
+        _draw_diffusion(right, states)
+    return result
+
+
+def _draw_displacement(axes: Axes, state: DiffusionState, colour: Any) -> None:
+    """Draw MSD over 2 d D_E t, which Enskog's diffusion makes 1, against mean free times."""
+    scale = 2 * state.fluid.dim * float(state.enskog.value) * state.lags
+    axes.errorbar(
+        state.lags * state.rate,
+        state.mean_square_displacement / scale,
+        state.mean_square_displacement_error / scale,
+        fmt="o",
+        ms=3.5,
+        lw=1.2,
+        color=colour,
+        label=f"packing fraction {state.fluid.packing_fraction:.4g}",
+        zorder=3,
+    )
+    x = np.geomspace(state.lags[0] * state.rate, 1.2, 30)  # free flight: <v^2> t^2 with kT = m = 1
+    axes.plot(x, x / state.rate / (2 * float(state.enskog.value)), color=colour, lw=1.0, ls=(0, (4, 2)))
+
+
+def _finish_displacement(axes: Axes) -> None:
+    axes.axhline(1.0, color=COLOURS["theory"], lw=1.2, label="Enskog")
+    axes.plot([], [], color=COLOURS["band"], lw=1.0, ls=(0, (4, 2)), label="free flight")
+    axes.plot([], [], color=COLOURS["band"], lw=3.0, label="slope taken here")
+    axes.set_ylim(0.0, max(axes.get_ylim()[1], 1.3))
+    axes.set_xscale("log")
+    axes.set_xlabel("mean free times")
+    axes.set_ylabel(r"$\langle |x(t) - x(0)|^2 \rangle \,/\, 2 d D_\mathrm{E} t$")
+    axes.set_title("Mean square displacement")
+    place: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.1), "alignment": "left"}
+    axes.legend(fontsize=8, **place)
+
+
+def _draw_velocities(axes: Axes, state: DiffusionState, colour: Any) -> None:
+    value, error = state.velocity_autocorrelation, state.velocity_autocorrelation_error
+    axes.set_yscale("log")
+    shown = state.lags * state.rate <= LATEST
+    falling(axes, (state.lags * state.rate)[shown], value[shown], error[shown], ms=3.5, color=colour)
+
+
+def _finish_velocities(axes: Axes, dim: int) -> None:
+    axes.set_yscale("log")
+    s = np.linspace(0.0, LATEST, 100)
+    axes.plot(s, np.exp(-2 / dim * s), color=COLOURS["theory"], lw=1.2, label="Enskog")
+    axes.set_xlim(0.0, 1.02 * LATEST)
+    axes.set_ylim(5e-4, 1.2)
+    axes.set_xlabel("mean free times")
+    axes.set_ylabel(r"$\langle v(0) \cdot v(t) \rangle \,/\, \langle v^2 \rangle$")
+    axes.set_title("Velocity autocorrelation")
+    axes.legend(loc="upper right")
+
+
+def _draw_diffusion(axes: Axes, states: Sequence[DiffusionState]) -> None:
+    dim = states[0].fluid.dim
+    eta = np.array([state.fluid.packing_fraction for state in states])
+    enskog = np.array([float(state.enskog.value) for state in states])
+    fine = np.linspace(min(0.5 * eta[0], 0.02), max(1.1 * eta[-1], eta[-1] + 0.02), 100)
+    limit = 0.494 if dim == 3 else 0.66
+    fine = fine[fine <= limit]
+    band = theory.enskog_diffusion(fine, dim)
+    doubt = band.uncertainty / band.value
+    axes.fill_between(
+        fine, 1 - doubt, 1 + doubt, color=COLOURS["band"], alpha=0.35, lw=0, label="its uncertainty"
+    )
+    axes.axhline(1.0, color=COLOURS["theory"], lw=1.2, label="Enskog")
+    here, error = (np.array([getattr(s.here, name) for s in states]) for name in ("value", "standard_error"))
+    axes.errorbar(
+        eta,
+        here / enskog,
+        error / enskog,
+        fmt="s",
+        ms=5,
+        mfc="none",
+        color=COLOURS["other"],
+        label="in this box",
+    )
+    if dim == 3:
+        infinite = [state.infinite for state in states]
+        value = np.array([estimate.value for estimate in infinite if estimate is not None])
+        error = np.array([estimate.standard_error for estimate in infinite if estimate is not None])
+        axes.errorbar(
+            eta,
+            value / enskog,
+            error / enskog,
+            fmt="o",
+            ms=5,
+            color=COLOURS["simulation"],
+            label="infinite fluid",
+        )
+    axes.set_xlabel("packing fraction")
+    axes.set_ylabel(r"$D \,/\, D_\mathrm{E}$")
+    axes.set_title("Self-diffusion")
+    axes.legend(loc="lower left", fontsize=8)

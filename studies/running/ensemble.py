@@ -1,0 +1,216 @@
+"""Replicas over any `concurrent.futures` executor: same results, same order, whoever computes them."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Collection, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
+from multiprocessing.process import BaseProcess
+from typing import TypeVar
+
+import numpy as np
+
+from hardspheres.errors import SimulationError
+from studies.running.journal import Shelf
+from studies.running.resuming import Recorded
+from studies.running.stopping import STOPPING
+
+__all__ = ["available_cores", "replica_seeds", "run_replicas", "spawned_processes"]
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+PATIENCE = 5.0  # seconds in which a worker may save what it has
+
+
+def replica_seeds(seed: int, count: int) -> list[np.random.SeedSequence]:
+    """Return independent seeds, one per replica; the first k do not depend on how many there are.
+
+    Parameters
+    ----------
+    seed : int
+        Non-negative.
+    count : int
+        How many.
+    """
+    return np.random.SeedSequence(seed).spawn(count)
+
+
+def available_cores() -> int:
+    """Return how many processors this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+@contextlib.contextmanager
+def spawned_processes(workers: int) -> Iterator[Executor]:
+    """Yield a pool of spawned worker processes, none of which outlives the context or this process.
+
+    Ctrl-C and the end of a terminal reach this process alone: workers ignore them, and are asked from here to save what they
+    have and to end. Who has not done so after `PATIENCE` is ended.
+
+    Parameters
+    ----------
+    workers : int
+        How many processes.
+    """
+    before = set(multiprocessing.active_children())
+    context = multiprocessing.get_context("spawn")
+    with _starting(workers):
+        pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_prepare_worker)
+    try:
+        yield pool
+    except BaseException:
+        _end(set(multiprocessing.active_children()) - before)
+        pool.shutdown(
+            cancel_futures=True
+        )  # a worker just being started is no child yet: it shall find nothing to do
+        raise
+    pool.shutdown()
+
+
+@contextlib.contextmanager
+def _starting(workers: int | None) -> Iterator[None]:
+    """Start processes in which no signal arrives but SIGTERM; say it in a sentence where the system gives no more.
+
+    A terminal sends its signals to all, also to workers that do not yet ignore them, and to the process that cleans up after them.
+    """
+    mask = getattr(signal, "pthread_sigmask", lambda *_: ())
+    before = mask(getattr(signal, "SIG_BLOCK", 0), set(STOPPING) - {signal.SIGTERM})  # which children inherit
+    try:
+        yield
+    except BrokenExecutor:
+        raise
+    except (OSError, RuntimeError, ImportError) as error:  # a thread; semaphores, where there are none
+        reason = getattr(error, "strerror", None) or error
+        raise SimulationError(
+            f"{workers or 'the'} worker processes cannot be started: {reason}; ask for fewer with --workers, or raise the limits "
+            "(ulimit -n, ulimit -u)"
+        ) from error
+    finally:
+        mask(getattr(signal, "SIG_SETMASK", 0), before)
+
+
+def _prepare_worker() -> None:
+    for number in STOPPING:  # it is the parent that terminates
+        signal.signal(number, signal.SIG_DFL if number == signal.SIGTERM else signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _end(children: Collection[BaseProcess]) -> None:
+    deadline = time.monotonic() + PATIENCE
+    for child in children:
+        child.terminate()  # which waits for what is being saved, see `studies.running.resuming`
+    for child in children:
+        child.join(max(deadline - time.monotonic(), 0.0))
+    for child in children:
+        child.kill()
+
+
+def run_replicas(
+    task: Callable[[Item], Result],
+    items: Sequence[Item],
+    *,
+    workers: int | None = None,
+    executor: Executor | None = None,
+    done: Callable[[], None] | None = None,
+    shelf: Shelf | None = None,
+) -> list[Result]:
+    """Apply a task to every item and return the results in the order of the items.
+
+    What is compiled should be compiled, and cached on disk, before: call the task's kernels once in this
+    process.
+
+    Parameters
+    ----------
+    task : callable
+        Depends on nothing but its item, so that the results are the same for any number of workers; can be
+        pickled.
+    items : sequence
+        For example the seeds of `replica_seeds`.
+    workers : int, optional
+        Number of processes, all available cores by default; with one everything runs in this process.
+    executor : Executor, optional
+        Used instead of processes of our own; it is not shut down.
+    done : callable, optional
+        Called without arguments after each finished item.
+    shelf : Shelf, optional
+        Where results are kept; what is there already is not computed again, and a `Resumable` task goes on from where it
+        was left.
+
+    Returns
+    -------
+    list
+
+    Raises
+    ------
+    ValueError
+        If `workers` is less than one.
+    SimulationError
+        If worker processes cannot be started, or one was killed from outside, for example for want of memory.
+    Exception
+        Whatever the task raises first; the rest is cancelled.
+    """
+    count = available_cores() if workers is None else workers
+    if count < 1:
+        raise ValueError(f"workers = {count}; expected at least 1")
+    if shelf is not None:
+        kept = [shelf.result(index) for index in range(len(items))]
+        rest = [(index, item) for index, item in enumerate(items) if kept[index] is None]
+        for _ in range(len(items) - len(rest)):
+            if done is not None:
+                done()
+        fresh = run_replicas(Recorded(task, shelf), rest, workers=workers, executor=executor, done=done)
+        results = iter(fresh)
+        return [next(results) if found is None else found[0] for found in kept]
+    if executor is not None:
+        return _collect(task, items, executor, done, cancel=True)
+    if min(count, len(items)) > 1:
+        with spawned_processes(min(count, len(items))) as pool:
+            return _collect(task, items, pool, done, cancel=False)  # the pool is ended instead
+    found = []
+    for item in items:
+        found.append(task(item))
+        if done is not None:
+            done()
+    return found
+
+
+def _collect(
+    task: Callable[[Item], Result],
+    items: Sequence[Item],
+    executor: Executor,
+    done: Callable[[], None] | None,
+    cancel: bool,
+) -> list[Result]:
+    futures: list[Future[Result]] = []
+    try:
+        with _starting(getattr(executor, "_max_workers", None)):
+            for item in items:
+                futures.append(executor.submit(task, item))
+        for future in as_completed(futures):
+            future.result()
+            if done is not None:
+                done()
+    except BrokenExecutor as error:
+        raise SimulationError(
+            "a worker process was killed, perhaps for want of memory; use fewer workers"
+        ) from error
+    except BaseException:
+        for future in futures if cancel else ():
+            future.cancel()
+        raise
+    return [future.result() for future in futures]

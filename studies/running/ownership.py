@@ -1,0 +1,65 @@
+"""Whose files are in an output folder: those of a run of ours may be replaced where that is asked for, nobody else's ever."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+__all__ = ["SUMMARY", "WRITTEN", "files_of_finished_run", "is_ordinary", "load_object", "strange_file"]
+
+SUMMARY = "summary.json"
+_EQUATION = ("equation_of_state.csv", "equation_of_state.png")
+WRITTEN: dict[str, tuple[str, ...]] = {
+    "accuracy": ("accuracy.csv", "accuracy.png"),
+    "bench": ("windows.csv",),
+    "calibration": ("calibration.csv", "calibration.png"),
+    "diffusion": ("diffusion.csv", "correlations.csv", "diffusion.png"),
+    "free_path": ("free_path.csv", "free_path_curves.csv", "free_path.png"),
+    "hard_cases": ("hard_cases.csv",),
+    "mixture": ("mixture.csv", "mixture.png"),
+    "pressure": _EQUATION,
+    "pressure_suite": _EQUATION,
+    "soak": ("soak.csv",),
+    "suite": ("bench.csv", "bench.png"),  # of the benchmarks
+    "thermalisation": (
+        "trajectory.xyz",
+        "relaxation.csv",
+        "distributions.png",
+        "relaxation.png",
+        "gas.gif",
+    ),
+}
+"""Files that each study, by its module, writes beside its summary: no others are ever replaced or removed."""
+
+
+def is_ordinary(path: Path) -> bool:
+    """Return whether there is a file of this name that is one itself, and not a link to one."""
+    return path.is_file() and not path.is_symlink()
+
+
+def load_object(path: Path) -> dict[str, Any] | None:
+    """Return the JSON object in an ordinary file, None where there is none."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8")) if is_ordinary(path) else None
+    except (OSError, ValueError, RecursionError):
+        return None
+    return found if isinstance(found, dict) else None
+
+
+def files_of_finished_run(folder: Path) -> set[str] | None:
+    """Return the names of the files that the finished run in a folder has left, None where there is no finished run of ours."""
+    summary = load_object(folder / SUMMARY) or {}
+    files = summary.get("files")
+    known = isinstance(summary.get("study"), str) and isinstance(summary.get("version"), str)
+    if not known or not isinstance(files, list) or SUMMARY not in files:
+        return None
+    ours = {SUMMARY}.union(*WRITTEN.values())
+    return {name for name in ours if name in files and is_ordinary(folder / name)}
+
+
+def strange_file(folder: Path, names: Iterable[str], own: Iterable[str]) -> str | None:
+    """Return which of these names something has that is not own."""
+    return next((name for name in sorted(set(names) - set(own)) if os.path.lexists(folder / name)), None)

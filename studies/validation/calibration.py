@@ -1,0 +1,272 @@
+"""Are the error bars right? Every estimator over many independent short runs, beside what it should have measured.
+
+(value - truth) / standard error should follow Student's t with the degrees of freedom that the estimator quotes. The truth is
+exact or theory where there is one that is much better than a single run, else the mean of all runs, which tests the
+spread and shape but not the value.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import hardspheres as hs
+from analysis.calibration import Calibration, calibrate
+from analysis.statistics import Estimate
+from studies.report import OutputFolder, Screen, seconds_taken
+from studies.running.ensemble import available_cores, replica_seeds, run_replicas
+from studies.validation import calibration_runs
+
+__all__ = ["Calibrations", "Row", "calibration", "rows_of"]
+
+FloatArray = NDArray[np.float64]
+
+FEWEST_RUNS = 20
+
+
+@dataclass(frozen=True)
+class Calibrations:
+    """Options of the study, as on the command line (`hardspheres calibration --help`).
+
+    Attributes
+    ----------
+    runs : int
+        Independent short runs of each estimator.
+    seed, workers
+        As in `studies.running.ensemble`.
+    families : tuple of str
+        Which kinds of runs, of `studies.validation.calibration_runs.FAMILIES`; all by default.
+    """
+
+    runs: int = 200
+    seed: int = 1
+    workers: int | None = None
+    families: tuple[str, ...] = tuple(calibration_runs.FAMILIES)
+
+    def check(self) -> None:
+        """Raise SceneError for options that make no sense."""
+        if self.runs < FEWEST_RUNS:
+            raise hs.SceneError(
+                f"--runs {self.runs} cannot tell a wrong error bar from a right one; ask for at least {FEWEST_RUNS}"
+            )
+
+
+@dataclass(frozen=True)
+class Row:
+    """One estimator.
+
+    Attributes
+    ----------
+    family, name : str
+        In which runs, and what was estimated.
+    truth : float
+        What it should have measured.
+    source : str
+        Where the truth is from: "exact", "theory" or "mean of runs".
+    degrees_of_freedom : float
+        Median over runs.
+    relative_error : float
+        Mean standard error over |truth|; NaN where the truth is 0.
+    pulls : (R,) array
+        (value - truth) / standard error.
+    result : Calibration
+        What they say.
+    """
+
+    family: str
+    name: str
+    truth: float
+    source: str
+    degrees_of_freedom: float
+    relative_error: float
+    pulls: FloatArray
+    result: Calibration
+
+
+def rows_of(family: str, estimates: Sequence[Mapping[str, Estimate]]) -> list[Row]:
+    """Return the calibration of every estimator of one family of runs.
+
+    Parameters
+    ----------
+    family : str
+        One of `studies.validation.calibration_runs.FAMILIES`.
+    estimates : sequence of dict of Estimate
+        What each run measured.
+    """
+    known = calibration_runs.FAMILIES[family].truths
+    rows = []
+    for name in estimates[0]:
+        own = [run[name] for run in estimates]
+        truth, source = known.get(name, (float(np.mean([e.value for e in own])), "mean of runs"))
+        errors = np.array([e.standard_error for e in own])
+        rows.append(
+            Row(
+                family,
+                name,
+                truth,
+                source,
+                float(np.median([e.degrees_of_freedom for e in own])),
+                float(errors.mean() / abs(truth)) if truth else float("nan"),
+                np.array([e.deviation(truth) for e in own]),
+                calibrate(own, truth),
+            )
+        )
+    return rows
+
+
+def calibration(study: Calibrations, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:
+    """Run the study, print its results and write its files.
+
+    Parameters
+    ----------
+    study : Calibrations
+        What to do.
+    out : OutputFolder
+        Where the files go; made only after everything has been checked.
+    screen : Screen
+        Where results and progress are shown.
+
+    Returns
+    -------
+    summary : dict
+        The content of summary.json.
+    sound : bool
+        Whether every estimator is calibrated: Kolmogorov-Smirnov p above 0.001 and the spread within 3 standard
+        errors of that of Student's t.
+
+    Raises
+    ------
+    HardSpheresError
+        If the options make no sense or the folder cannot be written.
+    """
+    began = time.perf_counter()
+    study.check()
+    out.check(study)
+    with screen.compiling("the gases of all estimators"):
+        for name in study.families:
+            calibration_runs.FAMILIES[name].load()
+    ready = time.perf_counter()
+    with out.running(study) as shelf:
+        seeds = replica_seeds(study.seed, study.runs * len(study.families))
+        items = [
+            (name, seeds[k * study.runs + r])
+            for k, name in enumerate(study.families)
+            for r in range(study.runs)
+        ]
+        with screen.progress("runs", len(items)) as advance:
+            results = run_replicas(
+                calibration_runs.measure, items, workers=study.workers, done=advance, shelf=shelf
+            )
+        ran = time.perf_counter()
+        rows = [
+            row
+            for k, name in enumerate(study.families)
+            for row in rows_of(name, results[k * study.runs : (k + 1) * study.runs])
+        ]
+        out.write_csv("calibration.csv", _columns(rows))
+        from studies.validation.calibration_figure import figure
+
+        with screen.working("drawing"):
+            out.save_figure("calibration.png", figure(rows), _in_words(study))
+        failures = [f"{row.family}, {row.name}: {row.result}" for row in rows if not row.result.passed]
+        summary = {
+            "study": "calibration",
+            "version": hs.__version__,
+            "seed": study.seed,
+            "options": {"runs": study.runs, "families": study.families},
+            "workers": available_cores() if study.workers is None else study.workers,
+            "families": {name: calibration_runs.FAMILIES[name].text for name in study.families},
+            "rows": [_row_summary(row) for row in rows],
+            "checks": {"passed": not failures, "failures": failures},
+            "files": sorted({*out.files, "calibration.csv", "summary.json"}),
+            "seconds": seconds_taken(began, ready, ran, work="runs"),
+        }
+        out.write_json("summary.json", summary)
+    _print(screen, study, rows, summary, out)
+    return summary, not failures
+
+
+def _columns(rows: Sequence[Row]) -> dict[str, Any]:
+    """Return the columns of calibration.csv."""
+    results = [row.result for row in rows]
+    return {
+        "runs_of": [row.family for row in rows],
+        "estimator": [row.name for row in rows],
+        "truth": [row.truth for row in rows],
+        "source": [row.source for row in rows],
+        "runs": [result.n_runs for result in results],
+        "degrees_of_freedom": [row.degrees_of_freedom for row in rows],
+        "relative_error": [row.relative_error for row in rows],
+        "mean": [result.mean for result in results],
+        "mean_error": [result.mean_error for result in results],
+        "spread": [result.spread for result in results],
+        "spread_expected": [result.expected_spread for result in results],
+        "spread_error": [result.spread_error for result in results],
+        "p_value": [result.p_value for result in results],
+        "calibrated": [result.passed for result in results],
+    }
+
+
+def _row_summary(row: Row) -> dict[str, Any]:
+    columns = _columns([row])
+    return {name: values[0] for name, values in columns.items()}
+
+
+def _in_words(study: Calibrations) -> str:
+    return "; ".join(f"{study.runs} x {calibration_runs.FAMILIES[name].text}" for name in study.families)
+
+
+def _print(
+    screen: Screen, study: Calibrations, rows: Sequence[Row], summary: dict[str, Any], out: OutputFolder
+) -> None:
+    header = ["estimator", "truth", "error", "d.o.f.", "mean", "spread", "Student's t", "z", "KS p", ""]
+    for name in study.families:
+        screen.say(f"{study.runs} x {calibration_runs.FAMILIES[name].text}")
+        screen.say()
+        table = []
+        for row in rows:
+            if row.family != name:
+                continue
+            result = row.result
+            z = (result.spread - result.expected_spread) / result.spread_error
+            table.append(
+                [
+                    row.name,
+                    row.source,
+                    f"{100 * row.relative_error:.2g} %" if np.isfinite(row.relative_error) else "",
+                    f"{row.degrees_of_freedom:.0f}" if np.isfinite(row.degrees_of_freedom) else "inf",
+                    f"{result.mean:+.2f}({100 * result.mean_error:.0f})",
+                    f"{result.spread:.3f}",
+                    f"{result.expected_spread:.3f}({1000 * result.spread_error:.0f})",
+                    f"{z:+.1f}",
+                    f"{result.p_value:.2g}",
+                    "" if result.passed else "NO",
+                ]
+            )
+        screen.table("", header, table)
+        screen.say()
+    screen.say(
+        "error: mean standard error of one run over the truth; mean, spread: of (value - truth) / standard error over "
+        "the runs"
+    )
+    screen.say(
+        "Student's t: its standard deviation with the quoted degrees of freedom, in brackets the standard error of the "
+        "difference; z: difference in these"
+    )
+    screen.say("mean of runs: no theory is good enough, so that only spread and shape are tested")
+    chance = 1.0 - (1.0 - 0.0037) ** len(rows)
+    screen.say(
+        f"calibrated: KS p > 0.001 and |z| < 3; by chance one of {len(rows)} right estimators fails in "
+        f"{100 * chance:.0f} % of all seeds"
+    )
+    for failure in summary["checks"]["failures"]:
+        screen.say(f"CHECK FAILED, {failure}")
+    screen.say(
+        f"{len(rows)} estimators in {summary['seconds']['total']:.0f} s; written to {out.path}: "
+        f"{', '.join(summary['files'])}"
+    )
