@@ -66,68 +66,6 @@ their rounding, are coarser, and may be fused.
 dimension, whether it has walls, many radii, many masses, whether it is dilute, and whether its radii grow), each with its own constants in place of `flags`.
 """
 
-import importlib
-import sys
-import threading
-import types
-from pathlib import Path
+from hardspheres.kernel.specialise import specialise
 
 __all__ = ["specialise"]
-
-# Threads that load different kernels at once would mix up their constants and caches.
-_ONE_AT_A_TIME = threading.Lock()
-
-
-def specialise(
-    dim: int,
-    walls: bool,
-    sizes: bool,
-    masses: bool,
-    sparse: bool,
-    grows: bool = False,
-    flights: bool = False,
-) -> types.ModuleType:
-    """Load the kernels for one kind of scene.
-
-    Parameters
-    ----------
-    dim : int
-        2 or 3.
-    walls, sizes, masses : bool
-        Whether some axis lies between walls, radii differ, masses differ.
-    sparse : bool
-        Windows in place of lists: the same trajectory, faster where the gas is dilute.
-    grows : bool
-        Radii grow linearly in time; with lists only.
-    flights : bool
-        Free flights are tallied and events can be logged; not with `grows`.
-
-    Returns
-    -------
-    module
-        The module `loop` compiled, on first use, for these constants; the same module for the same constants.
-    """
-    tag = (
-        f"{dim}d"
-        + "_walls" * walls
-        + "_sizes" * sizes
-        + "_masses" * masses
-        + "_sparse" * sparse
-        + "_grows" * grows
-        + "_flights" * flights
-    )
-    name = f"{__name__}.{tag}"
-    with _ONE_AT_A_TIME:
-        if f"{name}.loop" not in sys.modules:
-            from hardspheres.kernel_cache import cache_folder, cached_in
-
-            package = types.ModuleType(name)
-            package.__path__ = [str(Path(__file__).parent)]
-            flags = types.ModuleType(f"{name}.flags")
-            vars(flags).update(DIM=dim, WALLS=walls, SIZES=sizes, MASSES=masses, SPARSE=sparse)
-            vars(flags).update(GROWS=grows, FLIGHTS=flights)
-            sys.modules[name] = package
-            sys.modules[flags.__name__] = flags
-            with cached_in(cache_folder(tag)):
-                importlib.import_module(f"{name}.loop")
-    return sys.modules[f"{name}.loop"]

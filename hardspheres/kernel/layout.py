@@ -2,8 +2,9 @@
 
 from hardspheres.kernel.arrays import Arrays
 
-from .compiler import jit, pointer
 from .flags import DIM, FLIGHTS, SIZES, SPARSE
+from .simd.jit import jit
+from .simd.pointers import pointer
 
 # A particle's row, 8 float64 (one cache line): the canonical state. One more row, of NaN, stands for nobody.
 ROW = 8
@@ -176,6 +177,25 @@ LANES = 16  # neighbours that one pass of the prediction handles
 CELL_LANES = 8  # centres that one step in a cell handles
 AROUND = 27 if DIM == 3 else 9  # cells where a particle's neighbours may be
 CELL_COLUMNS = DIM + 2 if SIZES else DIM + 1  # of a cell: id, place as seen from its corner, radius
+
+# A candidate.
+WHEN = 0  # bits of its time
+PAIR = 1  # lower id << 32 | higher id
+VERSIONS = 2  # of both, when the contact was computed
+
+LINE = 8  # float32 in a line
+PLACE = 0
+WAY = 3
+REACH_OF_LINE = 6
+WHOSE = 7  # the id, in the same memory as int32
+
+# Bounds of a line, 6 bytes of an int64: the low ends of a box that holds it, along x, y, z, and the high ends negated. Whole turns
+# of 256 are left out: units are such that boxes that overlap, and those that are compared, differ by less than half a turn, so
+# that the sign of their difference can be told. The byte after them tells how many cells near its own a line has to do with.
+BYTE = 255
+NEAR_SHIFT = 48
+BEFORE_X, BEFORE_Z, AFTER_X, AFTER_Z = 1, 2, 16, 32  # bits of that byte: one cell
+BEFORE_Y, AFTER_Y = 2, 6  # of two bits each: up to three, the first of them
 
 
 @jit

@@ -1,12 +1,14 @@
 """The event loop, and the preparation of everything that follows from the rows."""
 
 from . import layout
-from .agenda import pop_agenda
-from .calendar import clear_calendar, fetch_neighbours, schedule, turn_page
-from .candidates import candidate_holds, open_candidates, partners
-from .compiler import entry, jit, part
-from .events import begin_epoch, collide_pair, hit_wall, out_of_pace
-from .fetch import fetch_surroundings
+from .common.event_heap import pop_agenda
+from .common.particles import begin_epoch, collide_pair, hit_wall, out_of_pace
+from .common.prefetch import fetch_neighbours, fetch_surroundings
+from .dense.calendar import clear_calendar, schedule, turn_page
+from .dense.neighbour_lists import make_all_lists, renew_list
+from .dense.prediction import next_event, shell_exit
+from .dilute.predicted_contacts import candidate_holds, open_candidates, partners
+from .dilute.windows import follow, open_window
 from .flags import FLIGHTS, GROWS, MASSES, SPARSE, WALLS
 from .layout import (
     AGENDA_LENGTH,
@@ -44,9 +46,7 @@ from .layout import (
     N,
     pointers,
 )
-from .neighbours import make_all_lists, renew_list
-from .prediction import next_event, shell_exit
-from .windows import follow, open_window
+from .simd.jit import entry, jit, part
 
 __all__ = ["DONE", "LOG_FULL", "NO_ROOM", "OUT_OF_PACE", "PAUSED", "STANDS_STILL", "layout", "run"]
 

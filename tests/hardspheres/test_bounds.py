@@ -80,7 +80,7 @@ FITS = """
 from types import SimpleNamespace
 from hardspheres.kernel import specialise
 at = specialise(2, False, False, False, True).layout
-fits = sys.modules["hardspheres.kernel.2d_sparse.line_cells"].fits
+fits = sys.modules["hardspheres.kernel.2d_sparse.dilute.grid"].fits
 wrong = 0
 for cells in range(1, 7):
     for width in (42, 66, 85):
@@ -156,7 +156,7 @@ def test_an_array_too_short_is_seen():
 @pytest.mark.parametrize("k", [-1, 3, np.int32(-3), np.int64(3)])
 def test_negative_indices_are_refused_too(k):
     """Sibling: NumPy itself takes an index of -1 for the last."""
-    from hardspheres.kernel.compiler import Guarded
+    from hardspheres.kernel.simd.pointers import Guarded
 
     guarded = Guarded(np.zeros(3))
     guarded[2] += 1.0

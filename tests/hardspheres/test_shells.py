@@ -20,7 +20,7 @@ SHELL = 0.125
 def kernel(request, monkeypatch):
     """`shell_exit` as plain Python, and the names of its slots."""
     loop = hs.Simulation(gas(request.param, 20, {"3d": 0.4, "2d": 0.5}[request.param]))._engine.kernels
-    module = sys.modules[loop.__name__.rpartition(".")[0] + ".prediction"]
+    module = sys.modules[loop.__name__.rpartition(".")[0] + ".dense.prediction"]
     for name in ("discriminant_2d", "discriminant_3d"):
         monkeypatch.setattr(module, name, getattr(collision, name))
     return getattr(module.shell_exit, "py_func", module.shell_exit), loop.layout

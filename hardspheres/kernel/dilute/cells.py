@@ -12,42 +12,32 @@ lines may; otherwise it is chained to those of its cell (`chains`).
 
 import numpy as np
 
-from .candidates import note_wall
-from .compiler import AT_ONCE, copy_lanes, jit, keep_overlapping, part, prefetch, whole
-from .drafts import CELL, EDGE, EIGHT, FAR, cell_at, column_at, draft, draft_eight, pieces_of
-from .flags import DIM, SIZES, WALLS
-from .layout import (
-    BEYOND,
+from ..flags import SIZES, WALLS
+from ..layout import (
     BUCKET,
     CELLS,
     HALF_WINDOW,
     IMAGE,
     INVERSE,
     LARGE,
+    LINE,
     LINE_ROOM,
+    NEAR_SHIFT,
+    REACH_OF_LINE,
     REGISTERED,
     ROW,
     SHORT_LISTS,
-    WIDTH,
+    WHOSE,
     N,
 )
-from .lines import (
-    AFTER_X,
-    AFTER_Y,
-    AFTER_Z,
-    BEFORE_X,
-    BEFORE_Y,
-    BEFORE_Z,
-    BYTE,
-    LINE,
-    NEAR_SHIFT,
-    REACH_OF_LINE,
-    WHOSE,
-    checked,
-    examine,
-    examine_table,
-    seen_in,
-)
+from ..simd.jit import jit, part
+from ..simd.pointers import prefetch, whole
+from ..simd.vectors import AT_ONCE, copy_lanes, keep_overlapping
+from .filter import examine, examine_table
+from .grid import cell_at, cells_along_y, column_at, columns_after, fits
+from .pair_table import checked, seen_in
+from .predicted_contacts import note_wall
+from .segments import CELL, EDGE, EIGHT, FAR, draft, draft_eight, pieces_of
 
 ALWAYS = np.float32(-1.00001)  # from the beginning of the window
 AHEAD = 16  # particles from here to that whose row is fetched
@@ -200,70 +190,6 @@ def meet_beyond(s, m, own, cells, first, last, code):
     return m
 
 
-@jit
-def signed(difference):
-    """Return a difference of bounds, given with whole turns, without them."""
-    return ((difference + 128) & BYTE) - 128
-
-
-@jit
-def cells_along_y(s, near, y):
-    """First and last cell along y with lines that may overlap a line of cell y."""
-    return y - (near >> BEFORE_Y & 3), y + (near >> AFTER_Y & 3)
-
-
-@jit
-def place_of_column(s, x, z):
-    """Where the table of columns has a column that may lie one cell beyond the box."""
-    return (x + 1) * (s.counter[CELLS + 2] + 2) + z + 1
-
-
-@jit
-def cell_place(s, cell):
-    """Return x, y, z of a cell."""
-    column = cell // s.counter[CELLS + 1]
-    x = column // s.counter[CELLS + 2]
-    return x, cell - column * s.counter[CELLS + 1], column - x * s.counter[CELLS + 2]
-
-
-@jit
-def note_place(s, k, place, noted):
-    """Note a place in the table of columns, if it is asked for; returns how many there are."""
-    s.places[k] = place
-    return k + (1 if noted != 0 else 0)
-
-
-@jit
-def columns_around(s, begin, near, x, z):
-    """Note, from `begin` on, this column and those with lines that may overlap one of its own; returns where they end."""
-    layer = s.counter[CELLS + 2] + 2
-    k = begin
-    for ox in range(-1, 2):
-        along_x = 1 if ox == 0 else ((near & BEFORE_X) // BEFORE_X if ox < 0 else (near & AFTER_X) // AFTER_X)
-        place = place_of_column(s, x, z) + ox * layer
-        if DIM == 3:
-            k = note_place(s, k, place - 1, along_x & (near & BEFORE_Z) // BEFORE_Z)
-            k = note_place(s, k, place + 1, along_x & (near & AFTER_Z) // AFTER_Z)
-        k = note_place(s, k, place, along_x)
-    return k
-
-
-@jit
-def columns_after(s, near, x, z):
-    """Note this column and those behind it with lines that may overlap one of its own; returns how many there are."""
-    layer = s.counter[CELLS + 2] + 2
-    own = place_of_column(s, x, z)
-    right = (near & AFTER_X) // AFTER_X
-    k = note_place(s, 0, own, 1)
-    if DIM == 2:
-        return note_place(s, k, own + layer, right)
-    before, after = (near & BEFORE_Z) // BEFORE_Z, (near & AFTER_Z) // AFTER_Z
-    k = note_place(s, k, own + 1, after)
-    k = note_place(s, k, own + layer, right)
-    k = note_place(s, k, own + layer - 1, right & before)
-    return note_place(s, k, own + layer + 1, right & after)
-
-
 @part
 def meet_all(s):
     """Compare all lines with those near them, each pair once: in a line's own column those that stand behind it."""
@@ -284,23 +210,6 @@ def meet_all(s):
                         examine(s, m, ALWAYS)
                         m = whole(0)
     examine_table(s, m, ALWAYS)
-
-
-@jit
-def fits(s, word, cell, cx, cy, cz):
-    """Whether a line with these bounds, whose middle is in (cx, cy, cz), reaches no further beyond another cell than lines may.
-
-    What lies further away than one cell, along y than two, does not, even if whole turns of 256 make it seem so.
-    """
-    x, y, z = cell_place(s, cell)
-    inside = (abs(cx - x) <= 1) & (abs(cy - y) <= 2) & (abs(cz - z) <= 1)
-    for d in range(DIM):
-        at = x if d == 0 else (y if d == 1 else z)
-        beyond = s.counter[BEYOND + d]
-        low = signed((word >> 8 * d) - at * s.counter[WIDTH + d])
-        length = (-(word >> 8 * (d + 3)) - (word >> 8 * d)) & BYTE
-        inside &= (low >= -beyond) & (low + length <= s.counter[WIDTH + d] + beyond)
-    return inside
 
 
 @jit

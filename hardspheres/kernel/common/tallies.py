@@ -1,8 +1,7 @@
 """What each event adds to the sums: virial, kinetic stress, wall impulses."""
 
-from .compiler import jit
-from .flags import DIM
-from .layout import (
+from ..flags import DIM
+from ..layout import (
     EPOCH,
     LEDGER,
     STRESS,
@@ -12,6 +11,7 @@ from .layout import (
     WALL_IMPULSE,
     WALL_RADIUS_IMPULSE,
 )
+from ..simd.jit import jit
 
 
 @jit

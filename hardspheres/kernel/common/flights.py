@@ -5,9 +5,8 @@ Walls turn a flight round and do not end it: the speed, and so path = speed x ti
 
 import math
 
-from .compiler import bits, jit
-from .flags import DIM, MASSES, SIZES
-from .layout import (
+from ..flags import DIM, MASSES, SIZES
+from ..layout import (
     BEGAN,
     BEGAN_EPOCH,
     EPOCH,
@@ -37,6 +36,8 @@ from .layout import (
     TIMES,
     V,
 )
+from ..simd.jit import jit
+from ..simd.pointers import bits
 
 BELOW = ((1023 + LEAST_OCTAVE) << OCTAVE_BITS) - 1  # leading bits of the largest number in the first bin
 

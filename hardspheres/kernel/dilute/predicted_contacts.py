@@ -1,9 +1,10 @@
 """Candidates of the window method: the contacts found for the present window, kept by time in buckets until it ends."""
 
-from .agenda import push_agenda
-from .chunks import push_bucket, release
-from .compiler import bits, from_bits, jit, prefetch
-from .layout import (
+from ..common.bucket_queue import push_bucket, release
+from ..common.contact_times import wall_contact
+from ..common.event_heap import push_agenda
+from ..common.prefetch import fetch_candidates
+from ..layout import (
     BEYOND_CACHE,
     BUCKET,
     CANDIDATE,
@@ -13,18 +14,16 @@ from .layout import (
     HALF_WINDOW,
     INVERSE_WIDTH,
     MIDDLE,
-    ROW,
+    PAIR,
     SHORT_QUEUE,
     STAMP_BITS,
+    VERSIONS,
+    WHEN,
     WINDOW_BUCKETS,
     N,
 )
-from .prediction import wall_contact
-
-# A candidate.
-WHEN = 0  # bits of its time
-PAIR = 1  # lower id << 32 | higher id
-VERSIONS = 2  # of both, when the contact was computed
+from ..simd.jit import jit
+from ..simd.pointers import bits, from_bits
 
 
 @jit
@@ -96,23 +95,3 @@ def open_candidates(s):
                 entry = c * CANDIDATE
                 push_agenda(s, from_bits(s.candidates[entry + WHEN]), s.candidates[entry + PAIR], c)
         chunk = release(s, chunk)
-
-
-@jit
-def fetch_candidates(s, first):
-    """Have in the cache the candidates of a chain of chunks, and then their particles."""
-    for stage in range(2):
-        chunk = first
-        while chunk >= 0:
-            header = s.chunks[chunk * CHUNK]
-            for k in range(1, (header & 7) + 1):
-                c = s.chunks[chunk * CHUNK + k]
-                if stage == 0:
-                    prefetch(s.candidates, c * CANDIDATE)
-                else:
-                    low, high = partners(s, c)
-                    prefetch(s.version, low)
-                    prefetch(s.version, high)
-                    prefetch(s.row, low * ROW)
-                    prefetch(s.row, high * ROW)
-            chunk = header >> 3

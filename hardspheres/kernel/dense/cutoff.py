@@ -13,9 +13,9 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from .compiler import CHECKED, PURE_PYTHON
-from .flags import DIM, SIZES
-from .layout import CELL_COLUMNS, CELL_LANES
+from ..flags import DIM, SIZES
+from ..layout import CELL_COLUMNS, CELL_LANES
+from ..simd.jit import CHECKED, PURE_PYTHON
 
 if PURE_PYTHON or CHECKED:
 

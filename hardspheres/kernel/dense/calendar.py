@@ -5,10 +5,10 @@ none: an entry counts only while its stamp is its particle's latest. Events afte
 further bucket; events after the epoch are not entered at all, since the epoch predicts them again.
 """
 
-from .agenda import push_agenda
-from .chunks import clear_buckets, push_bucket, release
-from .compiler import jit, part, prefetch
-from .layout import (
+from ..common.bucket_queue import clear_buckets, push_bucket, release
+from ..common.event_heap import push_agenda
+from ..common.prefetch import fetch_events, make_ready
+from ..layout import (
     AGENDA_LENGTH,
     BEYOND_CACHE,
     BUCKET,
@@ -17,18 +17,16 @@ from .layout import (
     EPOCH_LENGTH,
     EVENT,
     INVERSE_WIDTH,
-    LANES,
-    LIST_ROOM,
     PARTNER,
-    ROW,
     SHORT_QUEUE,
     STAMP,
     STAMP_BITS,
     TIME,
     WAITING,
     WAITS,
-    N,
 )
+from ..simd.jit import jit, part
+from ..simd.pointers import prefetch
 
 
 @jit
@@ -37,32 +35,6 @@ def tie_key(i, partner):
     if partner < 0:
         return 0
     return (min(i, partner) << 32) | max(i, partner)
-
-
-@jit
-def make_ready(s, i):
-    """Have in the cache what the coming event of i needs."""
-    partner = s.event[i * EVENT + PARTNER]
-    prefetch(s.row, i * ROW)
-    prefetch(s.neighbours, i * s.counter[LIST_ROOM])
-    prefetch(s.version, i)
-    if 0 <= partner < s.counter[N]:
-        prefetch(s.row, partner * ROW)
-        prefetch(s.neighbours, partner * s.counter[LIST_ROOM])
-        prefetch(s.event, partner * EVENT)
-        prefetch(s.version, partner)
-
-
-@jit
-def fetch_neighbours(s):
-    """Have in the cache whom the particles of the agenda's first event may meet next."""
-    i = s.agenda_entry[0] >> 32
-    partner = s.event[i * EVENT + PARTNER]
-    for k in range(LANES):
-        prefetch(s.row, s.neighbours[i * s.counter[LIST_ROOM] + k] * ROW)
-    if 0 <= partner < s.counter[N]:
-        for k in range(LANES):
-            prefetch(s.row, s.neighbours[partner * s.counter[LIST_ROOM] + k] * ROW)
 
 
 @jit
@@ -123,16 +95,6 @@ def schedule(s, i, time, partner):
     s.event[event + PARTNER] = partner
     s.event[event + STAMP] = (s.event[event + STAMP] + 1) & STAMP_BITS
     enter(s, i)
-
-
-@jit
-def fetch_events(s, chunk):
-    """Have in the cache the events of a chain of chunks."""
-    while chunk >= 0:
-        header = s.chunks[chunk * CHUNK]
-        for k in range(1, (header & 7) + 1):
-            prefetch(s.event, (s.chunks[chunk * CHUNK + k] >> 32) * EVENT)
-        chunk = header >> 3
 
 
 @jit

@@ -9,11 +9,8 @@ coarse cells' chains follow those of the cells.
 
 import math
 
-from .chains import all_chains, chain_line, meet_chain, meet_chains, unchain
-from .compiler import jit
-from .drafts import column_at
-from .flags import DIM, SIZES
-from .layout import (
+from ..flags import DIM, SIZES
+from ..layout import (
     BOX,
     CELL_DENSITY,
     CELLS,
@@ -32,7 +29,10 @@ from .layout import (
     V,
     X,
 )
-from .lines import enter_pair
+from ..simd.jit import jit
+from .grid import column_at
+from .overflow import all_chains, chain_line, meet_chain, meet_chains, unchain
+from .pair_table import enter_pair
 
 ROUNDED_UP = 1.001  # spans are this much wider than they must be
 

@@ -1,9 +1,11 @@
 """Chains of the window method: the new lines that fit no slot, one chain for each stretch of cells of a column."""
 
-from .compiler import copy_lanes, jit, part, whole
-from .drafts import column_at
-from .layout import CELLS, CELLS_OF_CHAIN, LINE_ROOM, NODE_ROOM, NODES, SHORT_LISTS
-from .lines import LINE, WHOSE, enter_pair
+from ..layout import CELLS, CELLS_OF_CHAIN, LINE, LINE_ROOM, NODE_ROOM, NODES, SHORT_LISTS, WHOSE
+from ..simd.jit import jit, part
+from ..simd.pointers import whole
+from ..simd.vectors import copy_lanes
+from .grid import column_at
+from .pair_table import enter_pair
 
 
 @jit

@@ -3,8 +3,8 @@
 An insertion touches one line; what a bucket holds is found without waiting for one entry after the other.
 """
 
-from .compiler import jit, part
-from .layout import CHUNK, FREE_CHUNK, SHORT_QUEUE
+from ..layout import CHUNK, FREE_CHUNK, SHORT_QUEUE
+from ..simd.jit import jit, part
 
 
 @jit

@@ -4,10 +4,8 @@ import math
 
 from hardspheres import collision, growth
 
-from .compiler import bits, from_bits, jit, part
-from .flags import DIM, FLIGHTS, GROWS, MASSES, SIZES
-from .flights import end_flight, tally_encounter
-from .layout import (
+from ..flags import DIM, FLIGHTS, GROWS, MASSES, SIZES
+from ..layout import (
     BOX,
     CORE,
     EPOCH,
@@ -33,8 +31,11 @@ from .layout import (
     V,
     X,
 )
+from ..simd.jit import jit, part
+from ..simd.pointers import bits, from_bits
+from .contact_times import full_contact, rint
+from .flights import end_flight, tally_encounter
 from .log import log_pair, log_wall
-from .prediction import full_contact, rint
 from .tallies import tally_pair, tally_stress, tally_wall
 
 impulse = jit(collision.impulse)

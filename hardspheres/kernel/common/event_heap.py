@@ -1,7 +1,7 @@
 """The agenda: a binary heap of the events of the calendar's current bucket, ordered by time, lower id, higher id."""
 
-from .compiler import jit
-from .layout import AGENDA_LENGTH, AGENDA_ROOM, SHORT_QUEUE
+from ..layout import AGENDA_LENGTH, AGENDA_ROOM, SHORT_QUEUE
+from ..simd.jit import jit
 
 
 @jit

@@ -7,85 +7,40 @@ pass whatever does, and a little more. It works through a table of pairs, eight 
 
 import numpy as np
 
-from .candidates import note_candidate
-from .compiler import jit, keep_marked, part, prefetch, rough, turn_rows, whole
-from .flags import DIM
-from .layout import (
+from ..common.contact_times import pair_contact
+from ..common.prefetch import fetch_rows
+from ..flags import DIM
+from ..layout import (
     BEYOND_ALL,
     BOX,
     HALF_WINDOW,
+    LINE,
     LINE_ROOM,
     LINE_UNIT,
     MIDDLE,
-    NEAR_ROOM,
     NODE_ROOM,
-    ROW,
-    SHORT_QUEUE,
+    PLACE,
+    REACH_OF_LINE,
+    WAY,
+    WHOSE,
 )
-from .prediction import pair_contact
+from ..simd.jit import jit, part, rough
+from ..simd.pointers import whole
+from ..simd.vectors import keep_marked, turn_rows
+from .pair_table import image_in, slot_in
+from .predicted_contacts import note_candidate
 
 ONE = np.float32(1.0)
 TWO = np.float32(2.0)
 TINY = np.float32(1e-30)
 SLACK = np.float32(1e-5)  # for rounding: of squared distances, of b, of the moment from which a line counts
-
-LINE = 8  # float32 in a line
-PLACE = 0
-WAY = 3
-REACH_OF_LINE = 6
-WHOSE = 7  # the id, in the same memory as int32
 LINES = 8  # lines that the filter compares at once
-
-# Bounds of a line, 6 bytes of an int64: the low ends of a box that holds it, along x, y, z, and the high ends negated. Whole turns
-# of 256 are left out: units are such that boxes that overlap, and those that are compared, differ by less than half a turn, so
-# that the sign of their difference can be told. The byte after them tells how many cells near its own a line has to do with.
-BYTE = 255
-NEAR_SHIFT = 48
-BEFORE_X, BEFORE_Z, AFTER_X, AFTER_Z = 1, 2, 16, 32  # bits of that byte: one cell
-BEFORE_Y, AFTER_Y = 2, 6  # of two bits each: up to three, the first of them
-
-SLOT_BITS = 26  # of a number with the slot and the image
-SLOTS = (1 << SLOT_BITS) - 1
 
 
 @jit
 def new_line(s):
     """Slot of the first of the latest two new lines. The slots of the cells' lines come first, and then those of lines in chains."""
     return s.counter[LINE_ROOM] + s.counter[NODE_ROOM]
-
-
-@jit
-def seen_in(own, code):
-    """Return a slot with the image in which it is seen."""
-    return own | code << SLOT_BITS
-
-
-@jit
-def slot_in(seen):
-    """Return the slot in such a number."""
-    return np.int32(seen & SLOTS)
-
-
-@jit
-def image_in(seen):
-    """Return the image in such a number."""
-    return np.int32(seen >> SLOT_BITS)
-
-
-@jit
-def enter_pair(s, m, own, slot, code):
-    """Enter a pair in the table, which has m; returns how many it has."""
-    s.pair_slot[m], s.pair_own[m] = slot, seen_in(own, code)
-    return checked(s, m + 1)
-
-
-@jit
-def checked(s, m):
-    """How many pairs the table has; none where it is full (then the run makes room and starts over)."""
-    if m > s.counter[NEAR_ROOM]:
-        s.counter[SHORT_QUEUE] = 1
-        return 0
-    return m
 
 
 @rough
@@ -151,17 +106,6 @@ def examine(s, m, since):
         solve_meeting(
             s, whole(s.line_words[own * LINE + WHOSE]), whole(s.line_words[slot * LINE + WHOSE]), when
         )
-
-
-@part
-def fetch_rows(s, meetings):
-    """Have in the cache the rows of those whose contacts are to be computed."""
-    for a in range(meetings):
-        pair = int(s.meetings[a])
-        for slot in (int(s.pair_slot[pair]), int(slot_in(s.pair_own[pair]))):
-            i = whole(s.line_words[slot * LINE + WHOSE])
-            prefetch(s.row, i * ROW)
-            prefetch(s.version, i)
 
 
 @part

@@ -1,126 +1,15 @@
-"""How kernels are compiled: strict arithmetic and raw pointers; `hardspheres.kernel_cache` says where they are kept on disk.
-
-Two variables of the environment, Numba's own, give kernels for examination. ``NUMBA_DISABLE_JIT=1`` runs the same source as plain
-Python, on arrays in place of pointers. ``NUMBA_BOUNDSCHECK=1`` also has arrays in place of pointers, and every access checked: in
-plain Python negative indices are refused too; compiled (which then takes minutes and is never cached) only those beyond an end.
-"""
-
-import struct
-from typing import Any
+"""Vector instructions that LLVM does not find by itself, each with its equivalent in plain Python."""
 
 import numba
-import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from .jit import CHECKED, PURE_PYTHON
+
 AT_ONCE = 16  # bounds that `keep_overlapping` compares
 MOST = 2**31 - 1  # the largest int32
-
-config: Any = numba.config
-PURE_PYTHON = bool(config.DISABLE_JIT)
-CHECKED = bool(config.BOUNDSCHECK)
-
-
-class Guarded:
-    """An array that refuses every index outside of it, where NumPy would count negative ones from its end."""
-
-    __slots__ = ("array",)
-
-    def __init__(self, array):
-        self.array = array
-
-    def _inside(self, k):
-        if not 0 <= k < len(self.array):
-            raise IndexError(f"index {k} is outside of an array of {len(self.array)}")
-        return k
-
-    def __getitem__(self, k):
-        return self.array[self._inside(k)]
-
-    def __setitem__(self, k, value):
-        self.array[self._inside(k)] = value
-
-
-# `int` leaves numbers of 32 bits as they are, and a 0 a constant: a function is then compiled once more for each mix of them.
-whole: Any = int if PURE_PYTHON else np.int64
-
-if PURE_PYTHON:
-
-    def pointer(array):
-        """In plain Python an array is its own pointer."""
-        return Guarded(array) if CHECKED else array
-
-    def prefetch(array, k):
-        """In plain Python: nothing."""
-
-    def bits(x):
-        """Return the bits of a float64 as int64."""
-        return struct.unpack("q", struct.pack("d", x))[0]
-
-    def from_bits(k):
-        """Return the float64 that has these bits."""
-        return struct.unpack("d", struct.pack("q", k))[0]
-
-else:
-
-    @intrinsic
-    def pointer(typingctx, array):
-        """Return a raw pointer to the data of a contiguous array.
-
-        Passing arrays between jitted functions counts references atomically, which costs a hard-sphere loop most of its
-        speed. `p[i]` and `p[i] = x` work on the pointer as on the array, with no reference count, stride or wrap-around.
-        The caller keeps the array alive.
-        """
-
-        def codegen(context, builder, signature, args):
-            return context.make_array(signature.args[0])(context, builder, args[0]).data
-
-        return types.CPointer(array.dtype)(array), codegen
-
-    @intrinsic
-    def prefetch(typingctx, pointer, k):
-        """Bring the cache line of pointer[k] nearer; any k will do, it is never read."""
-
-        def codegen(context, builder, signature, args):
-            byte, word = ir.IntType(8).as_pointer(), ir.IntType(32)
-            where = builder.bitcast(builder.gep(args[0], [args[1]]), byte)
-            kind = ir.FunctionType(ir.VoidType(), [byte, word, word, word])
-            hint = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
-            builder.call(hint, [where, word(0), word(3), word(1)])
-            return context.get_dummy_value()
-
-        return types.none(pointer, types.int64), codegen
-
-    if CHECKED:
-
-        @numba.njit
-        def pointer(array):
-            """With checks an array is its own pointer."""
-            return array
-
-        @numba.njit
-        def prefetch(array, k):
-            """With checks: nothing."""
-
-    @intrinsic
-    def bits(typingctx, x):
-        """Return the bits of a float64 as int64."""
-
-        def codegen(context, builder, signature, args):
-            return builder.bitcast(args[0], context.get_value_type(types.int64))
-
-        return types.int64(types.float64), codegen
-
-    @intrinsic
-    def from_bits(typingctx, k):
-        """Return the float64 that has these bits."""
-
-        def codegen(context, builder, signature, args):
-            return builder.bitcast(args[0], context.get_value_type(types.float64))
-
-        return types.float64(types.int64), codegen
 
 
 if PURE_PYTHON or CHECKED:
@@ -334,36 +223,3 @@ else:
 
         integer = types.int64
         return integer(kept, integer, integer, integer, integer), codegen
-
-
-def jit(function):
-    """Compile a part of a kernel into its callers: handing the record of pointers over costs more than most functions.
-
-    Strict IEEE arithmetic, x/0 as in NumPy (checks would stop vectorisation).
-    """
-    return numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, forceinline=True)(
-        function
-    )
-
-
-def rough(function):
-    """As `jit` for what never enters the trajectory: products and sums may be fused, so their rounding depends on the machine."""
-    return numba.njit(
-        error_model="numpy",
-        fastmath={"contract"},
-        no_cpython_wrapper=True,
-        no_cfunc_wrapper=True,
-        forceinline=True,
-    )(function)
-
-
-def part(function):
-    """Compile a large part that is called rarely as a function of its own: it saves compilation time."""
-    return numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
-
-
-def entry(function):
-    """Compile a function that Python calls: cached on disk, and without the interpreter's lock."""
-    return numba.njit(error_model="numpy", cache=not PURE_PYTHON and bool(config.CACHE_DIR), nogil=True)(
-        function
-    )

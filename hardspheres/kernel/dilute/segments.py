@@ -7,41 +7,40 @@ import math
 
 import numpy as np
 
-from .compiler import jit, turn_columns, turn_rows
-from .flags import DIM, SIZES, WALLS
-from .layout import (
-    BOX,
-    CELL_DENSITY,
-    CELLS,
-    CORE,
-    HALF_WINDOW,
-    INVERSE,
-    LINE_MARGIN,
-    LINE_UNIT,
-    MIDDLE,
-    RADIUS,
-    REACH_OF_LINES,
-    ROW,
-    STRETCH,
-    UNIT_DENSITY,
-    T,
-    V,
-    X,
-)
-from .lines import (
+from ..flags import DIM, SIZES, WALLS
+from ..layout import (
     AFTER_X,
     AFTER_Y,
     AFTER_Z,
     BEFORE_X,
     BEFORE_Y,
     BEFORE_Z,
+    BOX,
+    CELL_DENSITY,
+    CELLS,
+    CORE,
+    HALF_WINDOW,
+    INVERSE,
     LINE,
+    LINE_MARGIN,
+    LINE_UNIT,
+    MIDDLE,
     NEAR_SHIFT,
     PLACE,
+    RADIUS,
     REACH_OF_LINE,
+    REACH_OF_LINES,
+    ROW,
+    STRETCH,
+    UNIT_DENSITY,
     WAY,
     WHOSE,
+    T,
+    V,
+    X,
 )
+from ..simd.jit import jit
+from ..simd.vectors import turn_columns, turn_rows
 
 MANY = 1000000  # pieces; more than anybody can need
 OUTWARDS = 1e-3  # units that bounds are further out than they must be, because of rounding
@@ -230,15 +229,3 @@ def write_draft(s, lines, words, bounds, k, i, t, duration, pieces):
 def draft(s, k, i, t, duration, pieces):
     """Write a draft before lines are sorted."""
     return write_draft(s, s.drafts, s.draft_words, s.draft_bounds, k, i, t, duration, pieces)
-
-
-@jit
-def cell_at(s, x, y, z):
-    """Index of a cell; y runs fastest, so that a column of cells stands together."""
-    return column_at(s, x, z) * s.counter[CELLS + 1] + y
-
-
-@jit
-def column_at(s, x, z):
-    """Index of a column of cells."""
-    return x * s.counter[CELLS + 2] + z

@@ -4,30 +4,26 @@ import math
 
 from hardspheres import collision, growth
 
-from .compiler import bits, from_bits, jit, least_of_equal, turn_rows
-from .flags import DIM, GROWS, SIZES, WALLS
-from .layout import (
+from ..flags import DIM, GROWS, SIZES
+from ..layout import (
     BOX,
-    CENTRE,
     CORE,
-    EVENT,
     GROWTH,
     IMAGES,
     INVERSE,
     LANES,
-    LIST_ROOM,
     NOTHING,
     RADIUS,
-    RENEW,
     ROW,
     SCALE,
-    SHELL,
     SIGMA2,
     N,
     T,
     V,
     X,
 )
+from ..simd.jit import jit
+from ..simd.pointers import bits, from_bits
 
 contact_time = jit(collision.contact_time)
 discriminant_2d = jit(collision.discriminant_2d)
@@ -58,18 +54,6 @@ def lay_out(s, k, j):
     s.scratch[SINCE + k] = s.row[rj + T]
     if SIZES:
         s.scratch[SIZE + k] = s.row[rj + RADIUS]
-
-
-@jit
-def gather(s, i, first):
-    """Lay out some of i's neighbours, and the images that the list names, if it does."""
-    entry = i * s.counter[LIST_ROOM] + first
-    for k in range(0, LANES, ROW):
-        turn_rows(s.scratch, k, LANES, s.row, s.neighbours, entry + k)
-    if s.counter[IMAGES]:
-        for k in range(LANES):
-            for d in range(DIM):
-                s.scratch[SHIFT + d * LANES + k] = s.images[(entry + k) * DIM + d]
 
 
 @jit
@@ -154,30 +138,6 @@ def rint(x):
 
 
 @jit
-def earliest_contact(s, i, now):
-    """Time and partner of i's earliest contact with a neighbour; equal times: the lower partner."""
-    room = s.counter[LIST_ROOM]
-    best = NO_TIME
-    partner = NO_PARTICLE
-    first = 0
-    while True:
-        gather(s, i, first)
-        soonest = solve(s, i, now, LANES)
-        if soonest < best or (soonest == best and soonest < NO_TIME):
-            if soonest < best:
-                partner = NO_PARTICLE
-            best = soonest
-            for k in range(0, LANES, ROW):
-                entry = i * room + first + k
-                least = least_of_equal(s.neighbours, entry, s.scratch_int, WHEN + k, soonest)
-                partner = min(partner, least)
-        first += LANES
-        if first == room or s.neighbours[i * room + first - 1] == s.counter[N]:
-            break
-    return from_bits(best), partner
-
-
-@jit
 def wall_contact(s, i):
     """Time and wall (n + 2 axis + side) of i's next wall; never, where no wall lies ahead."""
     row = s.row
@@ -218,48 +178,7 @@ def growing_wall_contact(s, i):
 
 
 @jit
-def shell_exit(s, i):
-    """Time at which i comes out of the shell around the centre of its neighbour list.
-
-    The row may have been written many shells before i came into this one. So, as for contacts, the discriminant is the one in which
-    nothing of the size of that distance cancels.
-    """
-    row = s.row
-    ri, centre = i * ROW, i * EVENT + CENTRE
-    x, y = row[ri + X] - s.event_float[centre], row[ri + X + 1] - s.event_float[centre + 1]
-    u, v = row[ri + V], row[ri + V + 1]
-    shell2 = s.number[SHELL] * s.number[SHELL]
-    if DIM == 3:
-        z, w = row[ri + X + 2] - s.event_float[centre + 2], row[ri + V + 2]
-        b, vv, rr = x * u + y * v + z * w, u * u + v * v + w * w, x * x + y * y + z * z
-        d = discriminant_3d(x, y, z, u, v, w, shell2)
-    else:
-        b, vv, rr = x * u + y * v, u * u + v * v, x * x + y * y
-        d = discriminant_2d(x, y, u, v, shell2)
-    root = math.sqrt(max(d, 0.0))
-    outwards = b > 0.0
-    time = (shell2 - rr if outwards else root - b) / (b + root if outwards else vv)
-    return row[ri + T] + time if vv > 0.0 else NEVER
-
-
-@jit
 def pair_contact(s, i, j, about):
     """Time of contact of one pair, in the image that is the nearest at about that time."""
     lay_out(s, 0, j)
     return from_bits(solve(s, i, about, 1))
-
-
-@jit
-def next_event(s, i, now):
-    """Time and partner of the next thing that happens to i: a contact, a wall, or a new neighbour list."""
-    time, partner = earliest_contact(s, i, now)
-    if WALLS:
-        t, wall = growing_wall_contact(s, i) if GROWS else wall_contact(s, i)
-        if t < time:
-            time, partner = t, wall
-    t = shell_exit(s, i)
-    if t <= time:
-        if t == NEVER:
-            return NEVER, NOTHING
-        return max(t, now), RENEW
-    return time, partner

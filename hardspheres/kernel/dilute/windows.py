@@ -13,14 +13,9 @@ There are no events but collisions: nothing is done for particles that nobody me
 
 import numpy as np
 
-from .candidates import note_wall
-from .chains import chain_at, chain_line, clear_chains, meet_chains
-from .chunks import clear_buckets
-from .compiler import AT_ONCE, jit, part, prefetch, whole
-from .drafts import pieces_of, write_draft
-from .flags import SIZES, WALLS
-from .large import chain_large, clear_large, is_large, meet_large, meet_small
-from .layout import (
+from ..common.bucket_queue import clear_buckets
+from ..flags import SIZES, WALLS
+from ..layout import (
     AGENDA_LENGTH,
     BEYOND_ALL,
     BEYOND_CACHE,
@@ -31,24 +26,24 @@ from .layout import (
     IMAGE,
     INVERSE,
     LARGE,
+    LINE,
     MIDDLE,
+    NEAR_SHIFT,
     NODES,
     SHORT_LISTS,
     SHORT_QUEUE,
     WINDOW_BUCKETS,
 )
-from .line_cells import (
-    ALWAYS,
-    SEVERAL,
-    cells_along_y,
-    columns_around,
-    meet_all,
-    meet_column,
-    register_all,
-    replace_line,
-    withdraw,
-)
-from .lines import LINE, NEAR_SHIFT, examine, examine_table, new_line
+from ..simd.jit import jit, part
+from ..simd.pointers import prefetch, whole
+from ..simd.vectors import AT_ONCE
+from .cells import ALWAYS, SEVERAL, meet_all, meet_column, register_all, replace_line, withdraw
+from .filter import examine, examine_table, new_line
+from .grid import cells_along_y, columns_around
+from .large import chain_large, clear_large, is_large, meet_large, meet_small
+from .overflow import chain_at, chain_line, clear_chains, meet_chains
+from .predicted_contacts import note_wall
+from .segments import pieces_of, write_draft
 
 # Of each of the particles that an event has changed, int64.
 WHO = 0

@@ -1,0 +1,140 @@
+"""What the events of a bucket will read in windows, fetched ahead where a gas is larger than all caches.
+
+A search reads where a particle's line is, in which cell, where the lines near it begin, and these: each from a place that the one
+before tells, and each would be waited for. Here every step is made for all events of the bucket before the next one.
+"""
+
+from ..dilute.grid import cell_place, columns_around
+from ..dilute.pair_table import slot_in
+from ..layout import (
+    AGENDA_LENGTH,
+    CANDIDATE,
+    CELLS,
+    CHUNK,
+    EVENT,
+    LANES,
+    LINE,
+    LIST_ROOM,
+    NEAR_SHIFT,
+    PAIR,
+    PARTNER,
+    ROW,
+    STAMP_BITS,
+    WHOSE,
+    N,
+)
+from ..simd.jit import jit, part
+from ..simd.pointers import prefetch, whole
+from ..simd.vectors import AT_ONCE
+
+
+@jit
+def make_ready(s, i):
+    """Have in the cache what the coming event of i needs."""
+    partner = s.event[i * EVENT + PARTNER]
+    prefetch(s.row, i * ROW)
+    prefetch(s.neighbours, i * s.counter[LIST_ROOM])
+    prefetch(s.version, i)
+    if 0 <= partner < s.counter[N]:
+        prefetch(s.row, partner * ROW)
+        prefetch(s.neighbours, partner * s.counter[LIST_ROOM])
+        prefetch(s.event, partner * EVENT)
+        prefetch(s.version, partner)
+
+
+@jit
+def fetch_neighbours(s):
+    """Have in the cache whom the particles of the agenda's first event may meet next."""
+    i = s.agenda_entry[0] >> 32
+    partner = s.event[i * EVENT + PARTNER]
+    for k in range(LANES):
+        prefetch(s.row, s.neighbours[i * s.counter[LIST_ROOM] + k] * ROW)
+    if 0 <= partner < s.counter[N]:
+        for k in range(LANES):
+            prefetch(s.row, s.neighbours[partner * s.counter[LIST_ROOM] + k] * ROW)
+
+
+@jit
+def fetch_events(s, chunk):
+    """Have in the cache the events of a chain of chunks."""
+    while chunk >= 0:
+        header = s.chunks[chunk * CHUNK]
+        for k in range(1, (header & 7) + 1):
+            prefetch(s.event, (s.chunks[chunk * CHUNK + k] >> 32) * EVENT)
+        chunk = header >> 3
+
+
+@jit
+def fetch_candidates(s, first):
+    """Have in the cache the candidates of a chain of chunks, and then their particles."""
+    for stage in range(2):
+        chunk = first
+        while chunk >= 0:
+            header = s.chunks[chunk * CHUNK]
+            for k in range(1, (header & 7) + 1):
+                c = s.chunks[chunk * CHUNK + k]
+                if stage == 0:
+                    prefetch(s.candidates, c * CANDIDATE)
+                else:
+                    pair = s.candidates[c * CANDIDATE + PAIR]
+                    low, high = pair >> 32, pair & STAMP_BITS
+                    prefetch(s.version, low)
+                    prefetch(s.version, high)
+                    prefetch(s.row, low * ROW)
+                    prefetch(s.row, high * ROW)
+            chunk = header >> 3
+
+
+# The steps: where the line is, the line itself, where the lines of near columns begin, and their bounds.
+STEPS = 4
+ITSELF, COLUMNS = 1, 2
+
+
+@part
+def fetch_surroundings(s):
+    """Have in the cache what the searches after the events on the agenda will read.
+
+    The columns near both partners are the same, nearly: they are fetched once.
+    """
+    for step in range(STEPS):
+        ids = 2 if step < COLUMNS else 1
+        for a in range(ids * s.counter[AGENDA_LENGTH]):
+            key = s.agenda_key[a // ids]
+            i = key >> 32 if a % ids == 0 else key & STAMP_BITS
+            if i < s.counter[N]:  # no wall
+                fetch_step(s, step, i)
+
+
+@jit
+def fetch_step(s, step, i):
+    """Fetch what one step reads of i."""
+    if step == 0:
+        prefetch(s.where, i)
+        return
+    slot = s.where[i]
+    if slot < 0:
+        return
+    if step == ITSELF:
+        prefetch(s.lines, slot * LINE)
+        prefetch(s.bounds, slot)
+        prefetch(s.cell_of_line, slot)
+        return
+    x, y, z = cell_place(s, whole(s.cell_of_line[slot]))
+    for k in range(columns_around(s, whole(0), s.bounds[slot] >> NEAR_SHIFT, x, z)):
+        cell = whole(s.column[s.places[k]]) * s.counter[CELLS + 1] + max(y - 1, 0)
+        if step == COLUMNS:
+            prefetch(s.cell_count, cell)
+        else:
+            prefetch(s.bounds, s.cell_count[cell])
+            prefetch(s.bounds, s.cell_count[cell] + AT_ONCE // 2)
+
+
+@part
+def fetch_rows(s, meetings):
+    """Have in the cache the rows of those whose contacts are to be computed."""
+    for a in range(meetings):
+        pair = int(s.meetings[a])
+        for slot in (int(s.pair_slot[pair]), int(slot_in(s.pair_own[pair]))):
+            i = whole(s.line_words[slot * LINE + WHOSE])
+            prefetch(s.row, i * ROW)
+            prefetch(s.version, i)
