@@ -146,7 +146,7 @@ class Engine:
         number[at.STANDSTILL] = -length
         number[at.SCALE], number[at.GROWTH] = growth or (1.0, 0.0)
         count[at.N] = n
-        count[at.AGENDA_ROOM] = 1024 + n // 16
+        count[at.HEAP_ROOM] = 1024 + n // 16
         count[at.BEYOND_CACHE] = int(n > CACHED)
         count[at.BEYOND_ALL] = int(n > CACHED_AT_ALL)
         count[at.KINDS] = len(units) // 3
@@ -170,7 +170,7 @@ class Engine:
             number=number,
             counter=count,
             total=np.zeros(at.FLIGHT_SUMS + sums),
-            **self._searching_arrays(count, self.chunks),
+            **self._searching_arrays(count, self.blocks),
         )
         self.now = (0, 0.0)
         self.reset_tallies()
@@ -212,7 +212,7 @@ class Engine:
         count[at.LIST_ROOM] = 32
         count[at.PATIENCE] = MOST_ENTRIES if count[at.IMAGES] else math.ceil(PATIENCE * n)
         count[at.BUCKETS] = max(16, int(power_of_two_below(max(8 * n / per_bucket, 1))))
-        self.chunks = int(count[at.BUCKETS]) // 2 + n // 3 + 64
+        self.blocks = int(count[at.BUCKETS]) // 2 + n // 3 + 64
         length = number[at.EPOCH_LENGTH]
         events = 2.0 * n * collision_frequency(scene) * length / per_bucket
         count[at.EPOCH_BUCKETS] = int(power_of_two_below(min(max(events, 16.0), 2.0**40)))
@@ -249,7 +249,7 @@ class Engine:
         number[at.UNIT_DENSITY : at.UNIT_DENSITY + scene.dim] = density
         number[at.REACH_OF_LINES : at.REACH_OF_LINES + scene.dim] = beyond / density
         count[at.CANDIDATE_ROOM] = n // 2 + 1024
-        self.chunks = buckets + n // 8 + 256
+        self.blocks = buckets + n // 8 + 256
         number[at.SMALL_RADIUS] = plan.small_radius
         number[at.LARGEST] = scene.radii.max()
         number[at.LARGE_DENSITY : at.LARGE_DENSITY + 3] = 1.0
@@ -267,14 +267,14 @@ class Engine:
         count[at.CELLS : at.CELLS + dim] = cells
         self.cells = math.prod(cells)
 
-    def _searching_arrays(self, count: Any, chunks: int) -> dict[str, Any]:
+    def _searching_arrays(self, count: Any, blocks: int) -> dict[str, Any]:
         """Allocate everything that the search needs and that can be found again from the rows."""
         at = self.layout
         n, dim, sparse = int(count[at.N]), self.scene.dim, bool(count[at.WINDOW_BUCKETS])
         lists, windows = int(not sparse), int(sparse)
         room, cell_room = int(count[at.LIST_ROOM]), int(count[at.CELL_ROOM])
         lines, candidates = int(count[at.LINE_ROOM]), int(count[at.CANDIDATE_ROOM])
-        agenda = int(count[at.AGENDA_ROOM])
+        heap = int(count[at.HEAP_ROOM])
         columns = math.prod(count[[at.CELLS, at.CELLS + 2]].tolist())
         chains = (columns + 1) * math.ceil(int(count[at.CELLS + 1]) / at.CELLS_OF_CHAIN) * windows
         chains += math.prod(count[at.LARGE_CELLS : at.LARGE_CELLS + 3].tolist())
@@ -292,7 +292,7 @@ class Engine:
             + 44 * (lines + n * windows)
             + 36 * nodes
             + 32 * candidates
-            + 64 * chunks
+            + 64 * blocks
             + n * (8 * (at.ROW + at.EVENT) + 32)
         )
         require_memory(needed, f"the tables to search among {n} particles", SimulationError)
@@ -316,12 +316,12 @@ class Engine:
             "around": around,
             "around_ids": around.view(np.int32),
             "buckets": np.zeros(int(count[at.BUCKETS]) + 1, dtype=np.int64),
-            "chunks": aligned(chunks * at.CHUNK + 1, np.int64),
+            "blocks": aligned(blocks * at.BLOCK + 1, np.int64),
             "waiting_slot": np.full(at.WAITING, -1, dtype=np.int64),
             "waiting_entry": np.zeros(at.WAITING, dtype=np.int64),
-            "agenda_time": np.zeros(agenda),
-            "agenda_key": np.zeros(agenda, dtype=np.int64),
-            "agenda_entry": np.zeros(agenda, dtype=np.int64),
+            "heap_time": np.zeros(heap),
+            "heap_key": np.zeros(heap, dtype=np.int64),
+            "heap_entry": np.zeros(heap, dtype=np.int64),
             "order": np.append(
                 np.setdiff1d(np.arange(n * windows, dtype=np.int32), self.large), np.zeros(8, dtype=np.int32)
             ),
@@ -355,7 +355,7 @@ class Engine:
 
     def _make_room(self) -> None:
         """Double whatever ran out; the search then starts again from the rows. Complete, or not at all."""
-        at, count, chunks = self.layout, self.arrays.counter.copy(), self.chunks
+        at, count, blocks = self.layout, self.arrays.counter.copy(), self.blocks
         if count[at.SHORT_LISTS]:
             count[at.LIST_ROOM] *= 2
             count[at.LINE_ROOM] *= 2
@@ -363,14 +363,14 @@ class Engine:
         if count[at.SHORT_CELLS]:
             count[at.CELL_ROOM] *= 2
         if count[at.SHORT_QUEUE]:
-            count[at.AGENDA_ROOM] *= 2
+            count[at.HEAP_ROOM] *= 2
             count[at.CANDIDATE_ROOM] *= 2
             count[at.NEAR_ROOM] *= 2
-            chunks *= 2
+            blocks *= 2
         count[[at.SHORT_LISTS, at.SHORT_CELLS, at.SHORT_QUEUE]] = 0
-        self.arrays = self.arrays._replace(**self._searching_arrays(count, chunks))
+        self.arrays = self.arrays._replace(**self._searching_arrays(count, blocks))
         self.arrays.counter[:] = count  # after the arrays: never room in the books that is not there
-        self.chunks = chunks
+        self.blocks = blocks
 
     @property
     def length(self) -> float:
@@ -440,7 +440,7 @@ class Engine:
             counter=count,
             total=total,
             flight=flight,
-            **other._searching_arrays(count, other.chunks),
+            **other._searching_arrays(count, other.blocks),
         )
         other.now = recounted(*self.now, before, length)
         other.since = (*recounted(*self.since[:2], before, length), *self.since[2:])
@@ -452,7 +452,7 @@ class Engine:
         # An interrupt before the result is known costs a new search and no more.
         afresh, self._afresh = self._afresh, True
         status = self.kernels.run(
-            self.arrays, self.cells, self.chunks, afresh, stop_epoch, stop_time, stop_pairs, budget
+            self.arrays, self.cells, self.blocks, afresh, stop_epoch, stop_time, stop_pairs, budget
         )
         self.paused = status == self.kernels.PAUSED
         if status == self.kernels.NO_ROOM:

@@ -273,11 +273,11 @@ class _Search:
 
     def chain(self, slot: int) -> list[int]:
         """Entries of a bucket."""
-        found, chunk = [], int(self.arrays.buckets[slot])
-        while chunk >= 0:
-            line = self.arrays.chunks[chunk * self.at.CHUNK : (chunk + 1) * self.at.CHUNK].tolist()
+        found, block = [], int(self.arrays.buckets[slot])
+        while block >= 0:
+            line = self.arrays.blocks[block * self.at.BLOCK : (block + 1) * self.at.BLOCK].tolist()
             found += line[1 : 1 + (line[0] & 7)]
-            chunk = line[0] >> 3
+            block = line[0] >> 3
         return found
 
     def _lists(self) -> None:
@@ -321,11 +321,11 @@ class _Search:
         """Each particle's event stands in its bucket."""
         at, arrays = self.at, self.arrays
         count = arrays.counter
-        year, bucket = int(count[at.BUCKETS]), int(count[at.BUCKET])
+        cycle, bucket = int(count[at.BUCKETS]), int(count[at.BUCKET])
         places: dict[int, set[int]] = {}
-        for entry in arrays.agenda_entry[: int(count[at.AGENDA_LENGTH])].tolist():
+        for entry in arrays.heap_entry[: int(count[at.HEAP_LENGTH])].tolist():
             places.setdefault(entry, set()).add(-1)
-        for slot in range(year + 1):
+        for slot in range(cycle + 1):
             for entry in self.chain(slot):
                 places.setdefault(entry, set()).add(slot)
         for entry, slot in zip(arrays.waiting_entry.tolist(), arrays.waiting_slot.tolist(), strict=True):
@@ -333,9 +333,9 @@ class _Search:
                 places.setdefault(entry, set()).add(slot)
         for i in np.flatnonzero(time < until).tolist():
             due = int(max(time[i], 0.0) * float(arrays.number[at.INVERSE_WIDTH]))
-            allowed = {-1} if due <= bucket else {due & (year - 1)}
-            if due >= (bucket // year + 1) * year:
-                allowed.add(year)
+            allowed = {-1} if due <= bucket else {due & (cycle - 1)}
+            if due >= (bucket // cycle + 1) * cycle:
+                allowed.add(cycle)
             _require(
                 places.get(i << 32 | int(stamp[i]), set()) & allowed,
                 f"the next event of particle {i}, at {time[i]}, is not in the calendar where it should be",
@@ -346,7 +346,7 @@ class _Search:
         count, number = arrays.counter, arrays.number
         size, bucket = int(count[at.WINDOW_BUCKETS]), int(count[at.BUCKET])
         last = bucket | (size - 1)
-        pending = [(c, -1) for c in arrays.agenda_entry[: int(count[at.AGENDA_LENGTH])].tolist()]
+        pending = [(c, -1) for c in arrays.heap_entry[: int(count[at.HEAP_LENGTH])].tolist()]
         for slot in range((bucket & (size - 1)) + 1, size):
             pending += [(c, slot) for c in self.chain(slot)]
         numbers = np.array([c for c, _ in pending], dtype=np.int64)

@@ -42,7 +42,7 @@ again and takes the place of the old one, or hangs in a chain (`chains`). Betwee
 would have to be renewed many times for each collision of a dilute gas.
 A few large particles among small ones have a coarser grid of their own (`large`).
 
-Either way buckets are chains of whole cache lines (`chunks`), and the events of the current one lie in a small heap
+Either way buckets are chains of whole cache lines (`blocks`), and the events of the current one lie in a small heap
 (`agenda`), so that the next event is found in a time that does not depend on their number. Equal times are ordered by the
 lower, then the higher id; a wall counts as the id n + 2 axis + side.
 

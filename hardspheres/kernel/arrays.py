@@ -29,13 +29,13 @@ class Arrays(NamedTuple):
     near: object  # int32 (AROUND * CELL_ROOM + LIST_ROOM + CELL_LANES): ids of those within reach of one particle
     around: object  # float32 (CELL_COLUMNS * (AROUND * CELL_ROOM + CELL_LANES)): the same of a cell and those around it
     around_ids: object  # the same memory as int32
-    buckets: object  # int64 (BUCKETS + 1): first chunk of each bucket; the last is for later years
-    chunks: object  # int64 (chunks * CHUNK)
+    buckets: object  # int64 (BUCKETS + 1): first block of each bucket; the last is for later cycles
+    blocks: object  # int64 (blocks * BLOCK)
     waiting_slot: object  # int64 (WAITING): buckets that entries wait for, -1: none
     waiting_entry: object  # int64, the same
-    agenda_time: object  # float64: binary heap of the current bucket's events
-    agenda_key: object  # int64: lower id << 32 | higher id
-    agenda_entry: object  # int64: id << 32 | stamp
+    heap_time: object  # float64: binary heap of the current bucket's events
+    heap_key: object  # int64: lower id << 32 | higher id
+    heap_entry: object  # int64: id << 32 | stamp
     scratch: object  # float64 (LANES * 16)
     scratch_int: object  # the same memory as int64
     order: (

@@ -77,7 +77,7 @@ CELLS = 1  # cells per axis, 3 slots
 CELL_ROOM = 4  # particles that a cell can hold
 LIST_ROOM = 5  # slots in a neighbour list, a multiple of LANES
 IMAGES = 6  # 1: lists name the periodic image (boxes too small for the nearest image to be meant)
-BUCKETS = 7  # buckets in a year of the calendar, a power of two
+BUCKETS = 7  # buckets in a cycle of the calendar, a power of two
 BUCKET = 8  # the calendar's current bucket, counted from the epoch's start
 EPOCH = 9
 PAIRS = 10  # pair collisions
@@ -86,9 +86,9 @@ LATE = 12
 STALE = 13
 RENEWALS = 14
 LONE = 15  # events since time was last seen to move
-FREE_CHUNK = 16  # head of the list of free chunks
-AGENDA_LENGTH = 18
-AGENDA_ROOM = 19
+FREE_BLOCK = 16  # head of the list of free blocks
+HEAP_LENGTH = 18
+HEAP_ROOM = 19
 SHORT_LISTS = 20  # set where room ran out: the run stops, makes room, and searches again from the rows
 SHORT_CELLS = 21
 SHORT_QUEUE = 22
@@ -162,8 +162,8 @@ STATE_ARRAYS = ("row", "turns", "total", *(("flight",) if FLIGHTS else ()))
 STATE_NUMBERS = (NOW, STANDSTILL)
 STATE_COUNTERS = (EPOCH, PAIRS, WALL_HITS, LATE, STALE, RENEWALS, LONE, LAST_PAIR_EPOCH)
 
-# Calendar: chunks of 8 int64: the next chunk (-1: none) and how many entries, then 7 entries id << 32 | stamp.
-CHUNK = 8
+# Calendar: blocks of 8 int64: the next block (-1: none) and how many entries, then 7 entries id << 32 | stamp.
+BLOCK = 8
 STAMP_BITS = 0xFFFFFFFF
 WAITING = 4  # entries that wait for their bucket to come into the cache
 
@@ -220,12 +220,12 @@ def pointers(a):
         pointer(a.around),
         pointer(a.around_ids),
         pointer(a.buckets),
-        pointer(a.chunks),
+        pointer(a.blocks),
         pointer(a.waiting_slot),
         pointer(a.waiting_entry),
-        pointer(a.agenda_time),
-        pointer(a.agenda_key),
-        pointer(a.agenda_entry),
+        pointer(a.heap_time),
+        pointer(a.heap_key),
+        pointer(a.heap_entry),
         pointer(a.scratch),
         pointer(a.scratch_int),
         pointer(a.order),

@@ -1,23 +1,23 @@
 """The event loop, and the preparation of everything that follows from the rows."""
 
 from . import layout
-from .common.event_heap import pop_agenda
+from .common.event_heap import pop_event
 from .common.particles import begin_epoch, collide_pair, hit_wall, out_of_pace
-from .common.prefetch import fetch_neighbours, fetch_surroundings
-from .dense.calendar import clear_calendar, schedule, turn_page
+from .common.prefetch import prefetch_neighbours, prefetch_surroundings
+from .dense.calendar import clear_calendar, next_bucket, schedule
 from .dense.neighbour_lists import make_all_lists, renew_list
 from .dense.prediction import next_event, shell_exit
 from .dilute.predicted_contacts import candidate_holds, open_candidates, partners
 from .dilute.windows import follow, open_window
 from .flags import FLIGHTS, GROWS, MASSES, SPARSE, WALLS
 from .layout import (
-    AGENDA_LENGTH,
     BEYOND_ALL,
     BEYOND_CACHE,
     BUCKET,
     EPOCH,
     EPOCH_BUCKETS,
     EVENT,
+    HEAP_LENGTH,
     INVERSE_WIDTH,
     LATE,
     LATE_BY,
@@ -75,15 +75,15 @@ def predict(s, i, now):
 
 
 @jit
-def predict_all(s, now, chunks):
+def predict_all(s, now, blocks):
     """Predict every particle's next event into an empty calendar."""
-    clear_calendar(s, chunks)
+    clear_calendar(s, blocks)
     for i in range(s.counter[N]):
         predict(s, i, now)
 
 
 @entry
-def run(arrays, cells, chunks, afresh, stop_epoch, stop_time, stop_pairs, budget):
+def run(arrays, cells, blocks, afresh, stop_epoch, stop_time, stop_pairs, budget):
     """Execute events in their order.
 
     Stops after the pair collision that makes PAIRS equal `stop_pairs`, or before the first event later than `stop_time` in
@@ -95,19 +95,19 @@ def run(arrays, cells, chunks, afresh, stop_epoch, stop_time, stop_pairs, budget
     while budget > 0 or search:  # a search that is due is never put off
         if search:
             if SPARSE:
-                open_window(s, cells, chunks)
+                open_window(s, cells, blocks)
             else:
-                search_lists(s, cells, chunks)
+                search_lists(s, cells, blocks)
             search = False
             budget -= n
         elif s.counter[PAIRS] >= stop_pairs:
             return DONE
-        elif s.counter[AGENDA_LENGTH] == 0:
+        elif s.counter[HEAP_LENGTH] == 0:
             budget -= 1
             bucket = s.counter[BUCKET] + 1
-            page_ends = bucket / s.number[INVERSE_WIDTH] * BEFORE
+            bucket_end = bucket / s.number[INVERSE_WIDTH] * BEFORE
             if s.counter[EPOCH] == stop_epoch and (
-                page_ends > stop_time or bucket == s.counter[EPOCH_BUCKETS]
+                bucket_end > stop_time or bucket == s.counter[EPOCH_BUCKETS]
             ):
                 return DONE
             if bucket == s.counter[EPOCH_BUCKETS]:
@@ -122,26 +122,26 @@ def run(arrays, cells, chunks, afresh, stop_epoch, stop_time, stop_pairs, budget
                 if not search:
                     open_candidates(s)
                     if s.counter[BEYOND_ALL]:
-                        fetch_surroundings(s)
+                        prefetch_surroundings(s)
             elif s.counter[RENEWALS] >= s.counter[SWEEP_DUE]:
-                renew_all(s, page_ends, cells)
+                renew_all(s, bucket_end, cells)
                 budget -= n
             else:
-                turn_page(s)
+                next_bucket(s)
         else:
-            time = s.agenda_time[0]
+            time = s.heap_time[0]
             if s.counter[EPOCH] == stop_epoch and time > stop_time:
                 return DONE
             if FLIGHTS and s.counter[LOG_ROOM] > 0 and s.counter[LOGGED] == s.counter[LOG_ROOM]:
                 return LOG_FULL
             budget -= 1
-            first = s.agenda_entry[0]
-            pop_agenda(s)
+            first = s.heap_entry[0]
+            pop_event(s)
             if SPARSE:
                 execute_candidate(s, first, time)
             else:
-                if s.counter[BEYOND_CACHE] and s.counter[AGENDA_LENGTH] > 0:
-                    fetch_neighbours(s)
+                if s.counter[BEYOND_CACHE] and s.counter[HEAP_LENGTH] > 0:
+                    prefetch_neighbours(s)
                 execute_and_predict(s, first, time)
             if s.counter[LONE] > 1000 * n:
                 return STANDS_STILL
@@ -155,12 +155,12 @@ def run(arrays, cells, chunks, afresh, stop_epoch, stop_time, stop_pairs, budget
 
 
 @part
-def search_lists(s, cells, chunks):
+def search_lists(s, cells, blocks):
     """Find all lists and events from the rows."""
     now = max(s.number[NOW], 0.0)
     make_all_lists(s, now, cells)
     if s.counter[SHORT_CELLS] == 0 and s.counter[SHORT_LISTS] == 0:
-        predict_all(s, now, chunks)
+        predict_all(s, now, blocks)
 
 
 @part
@@ -193,7 +193,7 @@ def execute_candidate(s, c, time):
 
 @jit
 def execute_and_predict(s, first, time):
-    """Let the event of an agenda entry happen, if the entry still counts, and predict its particles again."""
+    """Let the event of an entry of the event heap happen, if the entry still counts, and predict its particles again."""
     i = first >> 32
     if s.event[i * EVENT + STAMP] == first & STAMP_BITS:
         other = execute(s, i, time)

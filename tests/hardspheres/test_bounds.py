@@ -35,13 +35,13 @@ grown = []
 for search in ("lists", "windows"):
     sim = hs.Simulation(gas("3d_mixture", 20, 0.1, seed=3), search=search)
     at, e = sim._at, sim._engine
-    small = {at.AGENDA_ROOM: 2, at.LIST_ROOM: at.LANES, at.CELL_ROOM: at.CELL_LANES}
+    small = {at.HEAP_ROOM: 2, at.LIST_ROOM: at.LANES, at.CELL_ROOM: at.CELL_LANES}
     if search == "windows":
-        small = {at.AGENDA_ROOM: 2, at.LINE_ROOM: 10, at.CANDIDATE_ROOM: 2, at.NODE_ROOM: 7, at.NEAR_ROOM: 1}
+        small = {at.HEAP_ROOM: 2, at.LINE_ROOM: 10, at.CANDIDATE_ROOM: 2, at.NODE_ROOM: 7, at.NEAR_ROOM: 1}
     for slot, room in small.items():
         e.arrays.counter[slot] = room
-    e.chunks = min(e.chunks, 4)
-    e.arrays = e.arrays._replace(**e._searching_arrays(e.arrays.counter, e.chunks))
+    e.blocks = min(e.blocks, 4)
+    e.arrays = e.arrays._replace(**e._searching_arrays(e.arrays.counter, e.blocks))
     sim.run(collisions=20)
     grown.append(sum(int(e.arrays.counter[slot]) > room for slot, room in small.items()))
 print(json.dumps(grown))
@@ -60,7 +60,7 @@ print(json.dumps(pairs))
 ONE_TOO_SHORT = """
 short = []
 for search, names in (
-    ("lists", ("event", "neighbours", "images", "cell_ids", "cell_places", "near", "chunks", "scratch")),
+    ("lists", ("event", "neighbours", "images", "cell_ids", "cell_places", "near", "blocks", "scratch")),
     ("windows", ("order", "drafts", "lines", "bounds", "cell_of_line", "column", "pair_slot", "pair_own", "meetings", "changed", "version")),
 ):
     for name in names:
@@ -148,7 +148,7 @@ def test_a_new_line_takes_the_place_of_an_old_one_only_where_it_fits():
 def test_an_array_too_short_is_seen():
     """Sibling: where only its first element is left of an array the checks speak up, whichever array it is."""
     seen = checked(with_prelude(ONE_TOO_SHORT))
-    lists = "event neighbours images cell_ids cell_places near chunks scratch"
+    lists = "event neighbours images cell_ids cell_places near blocks scratch"
     windows = "order drafts lines bounds cell_of_line column pair_slot pair_own meetings changed version"
     assert seen == lists.split() + windows.split()
 

@@ -113,7 +113,7 @@ def test_naming_the_image_changes_nothing(scene, expected):
     at, e = sim._at, sim._engine
     assert e.arrays.counter[at.IMAGES] == 0
     e.arrays.counter[at.IMAGES] = 1
-    e.arrays = e.arrays._replace(**e._searching_arrays(e.arrays.counter, e.chunks))
+    e.arrays = e.arrays._replace(**e._searching_arrays(e.arrays.counter, e.blocks))
     sim.run(collisions=COLLISIONS)
     assert state(sim) == expected
 
@@ -127,11 +127,11 @@ def test_running_out_of_room_changes_nothing(scene, expected, search):
         if search == "lists"
         else {at.LINE_ROOM: 10, at.CANDIDATE_ROOM: 2, at.NODE_ROOM: 7, at.NEAR_ROOM: 1}
     )
-    small |= {at.AGENDA_ROOM: 2}
+    small |= {at.HEAP_ROOM: 2}
     for slot, room in small.items():
         e.arrays.counter[slot] = room
-    e.chunks = min(e.chunks, 4)
-    e.arrays = e.arrays._replace(**e._searching_arrays(e.arrays.counter, e.chunks))
+    e.blocks = min(e.blocks, 4)
+    e.arrays = e.arrays._replace(**e._searching_arrays(e.arrays.counter, e.blocks))
     sim.run(collisions=COLLISIONS)
     assert state(sim) == expected
     grown = {slot for slot, room in small.items() if e.arrays.counter[slot] > room}

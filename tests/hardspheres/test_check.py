@@ -174,7 +174,7 @@ def pending(sim, at, a):
 
 def contacts_forgotten(sim, at, a):
     a.buckets[:] = -1
-    a.counter[at.AGENDA_LENGTH] = 0
+    a.counter[at.HEAP_LENGTH] = 0
 
 
 def contact_one_rounding_late(sim, at, a):
@@ -256,14 +256,14 @@ def test_a_box_of_a_hundred_million_diameters():
     [
         ("lists", "LIST_ROOM", 16),
         ("lists", "CELL_ROOM", 16),
-        ("lists", "AGENDA_ROOM", 1),
-        ("lists", "chunks", 1),
+        ("lists", "HEAP_ROOM", 1),
+        ("lists", "blocks", 1),
         ("windows", "LINE_ROOM", 1),
         ("windows", "NODE_ROOM", 1),
         ("windows", "CANDIDATE_ROOM", 1),
         ("windows", "NEAR_ROOM", 1),
-        ("windows", "AGENDA_ROOM", 1),
-        ("windows", "chunks", 1),
+        ("windows", "HEAP_ROOM", 1),
+        ("windows", "blocks", 1),
     ],
 )
 def test_any_room_may_run_out(search, room, least, monkeypatch):
@@ -273,17 +273,17 @@ def test_any_room_may_run_out(search, room, least, monkeypatch):
     scene = gas("3d", 500, 0.2, seed=5)
     usual, sim = (hs.Simulation(scene, search=search) for _ in range(2))
     at, engine = sim._at, sim._engine
-    if room == "chunks":
-        engine.chunks = least
+    if room == "blocks":
+        engine.blocks = least
     else:
         engine.arrays.counter[getattr(at, room)] = least
-    engine.arrays = engine.arrays._replace(**engine._searching_arrays(engine.arrays.counter, engine.chunks))
+    engine.arrays = engine.arrays._replace(**engine._searching_arrays(engine.arrays.counter, engine.blocks))
     for each in (usual, sim):
         each.run(collisions=1500)
         each.check()
     assert state(sim) == state(usual)
     if room != "NODE_ROOM":  # where this runs out a new search clears it
-        assert (engine.chunks if room == "chunks" else engine.arrays.counter[getattr(at, room)]) > least
+        assert (engine.blocks if room == "blocks" else engine.arrays.counter[getattr(at, room)]) > least
 
 
 # Counters past 2^32, by presetting them.
@@ -335,9 +335,9 @@ def test_buckets_past_2_to_the_32():
     engine._afresh = True
     engine.run(int(count[at.EPOCH]), -1.0, 0, 0)  # the search alone, from bucket 0
     engine._afresh = False
-    year = int(count[at.BUCKETS])
-    # As if it had turned every page up to the last event.
-    count[at.BUCKET] = int(number[at.NOW] * number[at.INVERSE_WIDTH]) // year * year - 1
+    cycle = int(count[at.BUCKETS])
+    # As if it had opened every bucket up to the last event.
+    count[at.BUCKET] = int(number[at.NOW] * number[at.INVERSE_WIDTH]) // cycle * cycle - 1
     for each in (sim, usual):
         each.run(collisions=3)
     assert count[at.BUCKET] > 2**32

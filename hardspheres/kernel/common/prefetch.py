@@ -1,17 +1,18 @@
-"""What the events of a bucket will read in windows, fetched ahead where a gas is larger than all caches.
+"""Prefetching: what the coming events need is fetched ahead where a gas is larger than the caches. It changes no bit.
 
-A search reads where a particle's line is, in which cell, where the lines near it begin, and these: each from a place that the one
-before tells, and each would be waited for. Here every step is made for all events of the bucket before the next one.
+In windows a search reads where a particle's line is, in which cell, where the lines near it begin, and these:
+each from a place that the one before tells, and each would be waited for. So `prefetch_surroundings` takes every
+step for all events of a bucket before the next one.
 """
 
 from ..dilute.grid import cell_place, columns_around
 from ..dilute.pair_table import slot_in
 from ..layout import (
-    AGENDA_LENGTH,
+    BLOCK,
     CANDIDATE,
     CELLS,
-    CHUNK,
     EVENT,
+    HEAP_LENGTH,
     LANES,
     LINE,
     LIST_ROOM,
@@ -29,8 +30,8 @@ from ..simd.vectors import AT_ONCE
 
 
 @jit
-def make_ready(s, i):
-    """Have in the cache what the coming event of i needs."""
+def prefetch_event(s, i):
+    """Prefetch what the coming event of i needs."""
     partner = s.event[i * EVENT + PARTNER]
     prefetch(s.row, i * ROW)
     prefetch(s.neighbours, i * s.counter[LIST_ROOM])
@@ -43,9 +44,9 @@ def make_ready(s, i):
 
 
 @jit
-def fetch_neighbours(s):
-    """Have in the cache whom the particles of the agenda's first event may meet next."""
-    i = s.agenda_entry[0] >> 32
+def prefetch_neighbours(s):
+    """Prefetch the rows of those that the particles of the heap's first event can collide with next."""
+    i = s.heap_entry[0] >> 32
     partner = s.event[i * EVENT + PARTNER]
     for k in range(LANES):
         prefetch(s.row, s.neighbours[i * s.counter[LIST_ROOM] + k] * ROW)
@@ -55,24 +56,24 @@ def fetch_neighbours(s):
 
 
 @jit
-def fetch_events(s, chunk):
-    """Have in the cache the events of a chain of chunks."""
-    while chunk >= 0:
-        header = s.chunks[chunk * CHUNK]
+def prefetch_events(s, block):
+    """Prefetch the events of a bucket, given its first block."""
+    while block >= 0:
+        header = s.blocks[block * BLOCK]
         for k in range(1, (header & 7) + 1):
-            prefetch(s.event, (s.chunks[chunk * CHUNK + k] >> 32) * EVENT)
-        chunk = header >> 3
+            prefetch(s.event, (s.blocks[block * BLOCK + k] >> 32) * EVENT)
+        block = header >> 3
 
 
 @jit
-def fetch_candidates(s, first):
-    """Have in the cache the candidates of a chain of chunks, and then their particles."""
+def prefetch_contacts(s, first):
+    """Prefetch the candidates of a bucket, given its first block, and then their particles."""
     for stage in range(2):
-        chunk = first
-        while chunk >= 0:
-            header = s.chunks[chunk * CHUNK]
+        block = first
+        while block >= 0:
+            header = s.blocks[block * BLOCK]
             for k in range(1, (header & 7) + 1):
-                c = s.chunks[chunk * CHUNK + k]
+                c = s.blocks[block * BLOCK + k]
                 if stage == 0:
                     prefetch(s.candidates, c * CANDIDATE)
                 else:
@@ -82,7 +83,7 @@ def fetch_candidates(s, first):
                     prefetch(s.version, high)
                     prefetch(s.row, low * ROW)
                     prefetch(s.row, high * ROW)
-            chunk = header >> 3
+            block = header >> 3
 
 
 # The steps: where the line is, the line itself, where the lines of near columns begin, and their bounds.
@@ -91,22 +92,22 @@ ITSELF, COLUMNS = 1, 2
 
 
 @part
-def fetch_surroundings(s):
-    """Have in the cache what the searches after the events on the agenda will read.
+def prefetch_surroundings(s):
+    """Prefetch what the searches after the events in the heap will read.
 
     The columns near both partners are the same, nearly: they are fetched once.
     """
     for step in range(STEPS):
         ids = 2 if step < COLUMNS else 1
-        for a in range(ids * s.counter[AGENDA_LENGTH]):
-            key = s.agenda_key[a // ids]
+        for a in range(ids * s.counter[HEAP_LENGTH]):
+            key = s.heap_key[a // ids]
             i = key >> 32 if a % ids == 0 else key & STAMP_BITS
             if i < s.counter[N]:  # no wall
-                fetch_step(s, step, i)
+                prefetch_step(s, step, i)
 
 
 @jit
-def fetch_step(s, step, i):
+def prefetch_step(s, step, i):
     """Fetch what one step reads of i."""
     if step == 0:
         prefetch(s.where, i)
@@ -130,8 +131,8 @@ def fetch_step(s, step, i):
 
 
 @part
-def fetch_rows(s, meetings):
-    """Have in the cache the rows of those whose contacts are to be computed."""
+def prefetch_rows(s, meetings):
+    """Prefetch the rows of those whose contacts are to be computed."""
     for a in range(meetings):
         pair = int(s.meetings[a])
         for slot in (int(s.pair_slot[pair]), int(slot_in(s.pair_own[pair]))):

@@ -8,7 +8,7 @@ pass whatever does, and a little more. It works through a table of pairs, eight 
 import numpy as np
 
 from ..common.contact_times import pair_contact
-from ..common.prefetch import fetch_rows
+from ..common.prefetch import prefetch_rows
 from ..flags import DIM
 from ..layout import (
     BEYOND_ALL,
@@ -97,7 +97,7 @@ def examine(s, m, since):
             marks |= (1 << k) if may_meet(b, vv, c, since) else 0
         meetings = keep_marked(s.meetings, meetings, block, m, marks)
     if s.counter[BEYOND_ALL]:
-        fetch_rows(s, meetings)
+        prefetch_rows(s, meetings)
     for a in range(meetings):
         pair = int(s.meetings[a])
         slot, own, code = int(s.pair_slot[pair]), slot_in(s.pair_own[pair]), image_in(s.pair_own[pair])

@@ -1,16 +1,16 @@
 """Candidates of the window method: the contacts found for the present window, kept by time in buckets until it ends."""
 
-from ..common.bucket_queue import push_bucket, release
+from ..common.bucket_queue import push_bucket, release_block
 from ..common.contact_times import wall_contact
-from ..common.event_heap import push_agenda
-from ..common.prefetch import fetch_candidates
+from ..common.event_heap import push_event
+from ..common.prefetch import prefetch_contacts
 from ..layout import (
     BEYOND_CACHE,
+    BLOCK,
     BUCKET,
     CANDIDATE,
     CANDIDATE_ROOM,
     CANDIDATES,
-    CHUNK,
     HALF_WINDOW,
     INVERSE_WIDTH,
     MIDDLE,
@@ -52,7 +52,7 @@ def note_candidate(s, low, high, time):
     last = s.counter[BUCKET] | (s.counter[WINDOW_BUCKETS] - 1)  # of this window, whatever rounding says
     bucket = min(int(max(time, 0.0) * s.number[INVERSE_WIDTH]), last)
     if bucket <= s.counter[BUCKET]:
-        push_agenda(s, time, low << 32 | high, c)
+        push_event(s, time, low << 32 | high, c)
     else:
         slot = bucket & (s.counter[WINDOW_BUCKETS] - 1)
         push_bucket(s, slot, c)
@@ -82,16 +82,16 @@ def candidate_holds(s, c):
 
 @jit
 def open_candidates(s):
-    """Bring the candidates of the current bucket, as far as they still hold, to the agenda."""
+    """Bring the candidates of the current bucket, as far as they still hold, to the event heap."""
     slot = s.counter[BUCKET] & (s.counter[WINDOW_BUCKETS] - 1)
-    chunk = s.buckets[slot]
+    block = s.buckets[slot]
     s.buckets[slot] = -1
     if s.counter[BEYOND_CACHE]:
-        fetch_candidates(s, chunk)
-    while chunk >= 0:
-        for k in range(1, (s.chunks[chunk * CHUNK] & 7) + 1):
-            c = s.chunks[chunk * CHUNK + k]
+        prefetch_contacts(s, block)
+    while block >= 0:
+        for k in range(1, (s.blocks[block * BLOCK] & 7) + 1):
+            c = s.blocks[block * BLOCK + k]
             if candidate_holds(s, c):
                 entry = c * CANDIDATE
-                push_agenda(s, from_bits(s.candidates[entry + WHEN]), s.candidates[entry + PAIR], c)
-        chunk = release(s, chunk)
+                push_event(s, from_bits(s.candidates[entry + WHEN]), s.candidates[entry + PAIR], c)
+        block = release_block(s, block)

@@ -16,13 +16,13 @@ import numpy as np
 from ..common.bucket_queue import clear_buckets
 from ..flags import SIZES, WALLS
 from ..layout import (
-    AGENDA_LENGTH,
     BEYOND_ALL,
     BEYOND_CACHE,
     BUCKET,
     CANDIDATES,
     CELLS,
     HALF_WINDOW,
+    HEAP_LENGTH,
     IMAGE,
     INVERSE,
     LARGE,
@@ -56,14 +56,14 @@ MOST_PLACES = 16  # in the table of columns
 
 
 @jit
-def open_window(s, cells, chunks):
+def open_window(s, cells, blocks):
     """Register all lines and find all candidates of the window that begins in the current bucket."""
     s.counter[CANDIDATES] = 0
     s.counter[NODES] = 0
     s.counter[SHORT_LISTS] = 0
     s.counter[SHORT_QUEUE] = 0
-    s.counter[AGENDA_LENGTH] = 0
-    clear_buckets(s, s.counter[WINDOW_BUCKETS], chunks)
+    s.counter[HEAP_LENGTH] = 0
+    clear_buckets(s, s.counter[WINDOW_BUCKETS], blocks)
     begin = s.counter[BUCKET] // s.counter[WINDOW_BUCKETS] * (2.0 * s.number[HALF_WINDOW])
     s.number[MIDDLE] = begin + s.number[HALF_WINDOW]
     clear_chains(s)
@@ -194,7 +194,7 @@ def draft_new(s, new, i, t, duration, pieces):
 
 @jit
 def find_runs(s, a):
-    """Find the columns with lines that may overlap a new line, and have in the cache where those begin."""
+    """Find the columns with lines that may overlap a new line, and prefetch the first segments of each."""
     x, y, z = cell_of_piece(s, a)
     near = s.bounds[new_line(s) + a] >> NEAR_SHIFT
     first, last = cells_along_y(s, near, y)
