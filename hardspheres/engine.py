@@ -140,16 +140,16 @@ class Engine:
         number[at.BOX : at.BOX + dim] = scene.box
         number[at.INVERSE : at.INVERSE + dim] = np.where(scene.periodic, 1.0 / scene.box, 0.0)
         number[at.SIGMA2] = sigma * sigma
-        number[at.CORE] = scene.radii[0]
+        number[at.COMMON_RADIUS] = scene.radii[0]
         number[at.MASS] = scene.masses[0]
         number[at.REDUCED] = 0.5 * scene.masses[0]
-        number[at.STANDSTILL] = -length
+        number[at.LAST_ADVANCE] = -length
         number[at.SCALE], number[at.GROWTH] = growth or (1.0, 0.0)
         count[at.N] = n
         count[at.HEAP_ROOM] = 1024 + n // 16
         count[at.BEYOND_CACHE] = int(n > CACHED)
         count[at.BEYOND_ALL] = int(n > CACHED_AT_ALL)
-        count[at.KINDS] = len(units) // 3
+        count[at.SPECIES_COUNT] = len(units) // 3
         count[at.LOG_ROOM] = ROOM if logs else 0
         self._plan(plan, length, number, count)
 
@@ -161,7 +161,7 @@ class Engine:
             event_float=event.view(np.float64),
             version=np.zeros(n, dtype=np.int32),
             mass=np.array(scene.masses if masses else scene.masses[:1]),
-            turns=np.zeros(n * dim, dtype=np.int64),
+            image_counts=np.zeros(n * dim, dtype=np.int64),
             flight=flight,
             log=aligned(int(count[at.LOG_ROOM]) * at.LOG_ROW + 1, np.float64),
             where=np.zeros(n, dtype=np.int32),
@@ -181,8 +181,8 @@ class Engine:
         """Choose everything that depends on the length of an epoch."""
         at, scene = self.layout, self.scene
         number[at.EPOCH_LENGTH] = length
-        number[at.LATE_BY] = 4.0 * math.ulp(length)
-        number[at.LEISURE], number[at.HASTE] = pace(scene, length)
+        number[at.ORDER_TOLERANCE] = 4.0 * math.ulp(length)
+        number[at.LOWER_MEAN_SQUARE], number[at.UPPER_MEAN_SQUARE] = pace(scene, length)
         number[at.MEAN_SQUARE] = math.nan
         self.large = np.flatnonzero(scene.radii > plan.small_radius) if plan else np.zeros(0, dtype=np.int64)
         if plan is None:
@@ -400,9 +400,9 @@ class Engine:
         """Length that epochs ought to have from now on, by the mean square speed at the beginning of this one."""
         at, number, epoch = self.layout, self.arrays.number, int(self.arrays.counter[self.layout.EPOCH])
         length, v2 = self.length, float(number[at.MEAN_SQUARE])
-        if v2 >= number[at.HASTE]:
+        if v2 >= number[at.UPPER_MEAN_SQUARE]:
             return epoch_length_at(self.scene, v2)
-        if v2 < number[at.LEISURE] and epoch % 16 == 0:
+        if v2 < number[at.LOWER_MEAN_SQUARE] and epoch % 16 == 0:
             longest = min(epoch_length_at(self.scene, v2), epoch_length(self.scene))
             return min(longest, length * (epoch & -epoch))  # it begins where a longer one would
         return length
@@ -458,7 +458,7 @@ class Engine:
         if status == self.kernels.NO_ROOM:
             self._make_room()
             return False
-        if status == self.kernels.OUT_OF_PACE:  # the epoch has begun, and nothing of it is known yet
+        if status == self.kernels.EPOCH_LENGTH_DUE:  # the epoch has begun, and nothing of it is known yet
             return False
         self._afresh = False
         if status == self.kernels.LOG_FULL:
@@ -489,7 +489,7 @@ class Engine:
     def state(self) -> dict[str, Any]:
         """Return the arrays from which everything else can be found again (views): see `kernel.layout`."""
         at = self.layout
-        arrays = {name: getattr(self.arrays, name) for name in at.STATE_ARRAYS}
+        arrays = {name: getattr(self.arrays, array) for name, array in at.STATE_ARRAYS.items()}
         numbers, counters = list(at.STATE_NUMBERS), list(at.STATE_COUNTERS)
         if self.flights:
             arrays["paths_before"] = self.flights.paths_before

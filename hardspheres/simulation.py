@@ -601,8 +601,8 @@ class Simulation:
 
     @property
     def _turns(self) -> NDArray[np.integer[Any]]:
-        turns: NDArray[np.integer[Any]] = self._engine.arrays.turns.reshape(self.scene.n, self.scene.dim)
-        return turns
+        counts: NDArray[np.integer[Any]] = self._engine.arrays.image_counts
+        return counts.reshape(self.scene.n, self.scene.dim)
 
     @property
     @at_rest
@@ -923,7 +923,7 @@ class Simulation:
             "temperature": self.temperature,
             "energy_drift": self.energy_drift,
             "momentum_drift": float(np.max(np.abs(self.momentum_drift))),
-            "late_events": int(count[at.LATE]),
+            "late_events": int(count[at.OUT_OF_ORDER]),
             "stale_events": int(count[at.STALE]),
             "method": self._engine.method,
             "cell_size": (1.0 / number[at.CELL_DENSITY : at.CELL_DENSITY + dim]).tolist(),

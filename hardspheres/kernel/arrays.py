@@ -15,7 +15,7 @@ class Arrays(NamedTuple):
     event_float: object  # the same memory as float64
     version: object  # int32 (n): how often a particle's row has changed through events
     mass: object  # float64 (n), or one element where all are equal
-    turns: object  # int64 (n * DIM): how often the row was wrapped back into the box
+    image_counts: object  # int64 (n * DIM): how often the row was wrapped back into the box
     flight: object  # float64 (n * FLIGHT): where FLIGHTS, when each particle's flight began
     log: object  # float64 (LOG_ROOM * LOG_ROW): events that are still to be handed over
     neighbours: object  # int32 (n * LIST_ROOM): ids, then n in all slots that are left

@@ -6,7 +6,7 @@ from .flags import DIM, FLIGHTS, SIZES, SPARSE
 from .simd.jit import jit
 from .simd.pointers import pointer
 
-# A particle's row, 8 float64 (one cache line): the canonical state. One more row, of NaN, stands for nobody.
+# A particle's row, 8 float64 (one cache line): the canonical state. One more row, of NaN, is the null particle, which collides with nothing.
 ROW = 8
 X = 0  # position when the row was last written, DIM numbers
 V = DIM  # velocity, DIM numbers
@@ -31,14 +31,14 @@ EPOCH_LENGTH = 6  # length of an epoch in time
 SHELL = 7  # how far a particle may go from CENTRE before its list is renewed
 REACH = 8  # neighbours' centres are closer than this (plus both radii, where radii differ)
 SIGMA2 = 9  # squared contact distance, where all radii are equal
-CORE = 10  # radius, where all radii are equal
+COMMON_RADIUS = 10  # radius, where all radii are equal
 REDUCED = 11  # reduced mass of a pair, where all masses are equal
 MASS = 12  # mass, where all are equal
 INVERSE_WIDTH = 13  # 1/width of a calendar bucket
 CELL_DENSITY = 14  # cells per length, 3 slots
 NOW = 17  # time of the last event, relative to the epoch
-LATE_BY = 18  # an event is late if predicted more than this before NOW
-STANDSTILL = 19  # NOW when time was last seen to move
+ORDER_TOLERANCE = 18  # an event is out of order if predicted more than this before NOW
+LAST_ADVANCE = 19  # NOW when time last advanced
 HALF_WINDOW = 20  # windows: half their length in time
 STRETCH = 21  # how far a registered piece of a flight reaches from its middle
 LINE_UNIT = 22  # 1 / the longest edge of a cell
@@ -51,8 +51,8 @@ SMALL_RADIUS = 30  # windows: particles with a larger radius are in the coarse g
 LARGEST = 31  # largest radius
 LARGE_DENSITY = 32  # coarse cells per length, 3 slots
 MEAN_SQUARE = 35  # mean square speed when this epoch began, where masses differ
-HASTE = 36  # from this mean square speed on epochs are too long
-LEISURE = 37  # below this one they are too short
+UPPER_MEAN_SQUARE = 36  # from this mean square speed on epochs are too long
+LOWER_MEAN_SQUARE = 37  # below this one they are too short
 UNIT_DENSITY = 38  # windows: units of the bounds of lines per length, 3 slots
 REACH_OF_LINES = 41  # how far a line may reach beyond its cell, 3 slots
 LEAD = 44  # lists: so much time ahead of a particle is its centre
@@ -82,10 +82,10 @@ BUCKET = 8  # the calendar's current bucket, counted from the epoch's start
 EPOCH = 9
 PAIRS = 10  # pair collisions
 WALL_HITS = 11
-LATE = 12
+OUT_OF_ORDER = 12
 STALE = 13
 RENEWALS = 14
-LONE = 15  # events since time was last seen to move
+INSTANT_EVENTS = 15  # events at one instant: since time last advanced
 FREE_BLOCK = 16  # head of the list of free blocks
 HEAP_LENGTH = 18
 HEAP_ROOM = 19
@@ -106,7 +106,7 @@ LARGE_CELLS = 35  # coarse cells per axis, 3 slots
 BEYOND_CACHE = 38  # 1: the gas is larger than a core's caches, so what is needed soon is fetched ahead
 LOGGED = 39  # events in the log's buffer
 LOG_ROOM = 40  # how many it can hold; 0: there is no log
-KINDS = 41  # species that flights are told apart by
+SPECIES_COUNT = 41  # species that flights are told apart by
 NEAR_ROOM = 31  # windows: pairs of lines whose bounds overlap that the table can hold
 WIDTH = 42  # of a cell in the units of bounds, 3 slots
 BEYOND = 45  # how far a line may reach beyond its cell in these units, 3 slots
@@ -119,9 +119,9 @@ COUNTERS = 53
 
 # Flights, where FLIGHTS. Of a particle, float64:
 FLIGHT = 4 if FLIGHTS else 0
-BEGAN = 0  # when it last met another particle, within the epoch
-BEGAN_EPOCH = 1  # that epoch; -1 and a time of a whole epoch at the start: then it has met nobody yet
-KIND = 2  # its species
+BEGAN = 0  # when its last collision with another particle was, within the epoch
+BEGAN_EPOCH = 1  # that epoch; -1 and a time of a whole epoch at the start: then it has not collided yet
+SPECIES = 2  # its species
 
 # Bins of paths and times: 2^OCTAVE_BITS of equal width in each octave of their unit, from 2^LEAST_OCTAVE on; the first bin
 # has all that is less, the last all that is more. Speeds: bins of equal width, the last has all that is more.
@@ -147,7 +147,7 @@ PATH_BINS = 2
 TIME_BINS = PATH_BINS + FLIGHT_BINS
 SPEED_COUNTS = TIME_BINS + FLIGHT_BINS
 FLIGHT_COUNT = SPEED_COUNTS + SPEED_BINS
-# After the last species: KINDS * KINDS numbers of collisions between species.
+# After the last species: SPECIES_COUNT * SPECIES_COUNT numbers of collisions between species.
 
 # An event in the log, float64.
 LOG_TIME = 0  # since the start of the simulation
@@ -158,9 +158,12 @@ LOG_NORMAL = 6  # DIM numbers
 LOG_ROW = LOG_NORMAL + DIM
 
 # What a checkpoint keeps of the arrays, numbers and counters. All else follows from these and the scene.
-STATE_ARRAYS = ("row", "turns", "total", *(("flight",) if FLIGHTS else ()))
-STATE_NUMBERS = (NOW, STANDSTILL)
-STATE_COUNTERS = (EPOCH, PAIRS, WALL_HITS, LATE, STALE, RENEWALS, LONE, LAST_PAIR_EPOCH)
+# Arrays by their names in a checkpoint.
+STATE_ARRAYS = {"row": "row", "turns": "image_counts", "total": "total"} | (
+    {"flight": "flight"} if FLIGHTS else {}
+)
+STATE_NUMBERS = (NOW, LAST_ADVANCE)
+STATE_COUNTERS = (EPOCH, PAIRS, WALL_HITS, OUT_OF_ORDER, STALE, RENEWALS, INSTANT_EVENTS, LAST_PAIR_EPOCH)
 
 # Calendar: blocks of 8 int64: the next block (-1: none) and how many entries, then 7 entries id << 32 | stamp.
 BLOCK = 8
@@ -207,7 +210,7 @@ def pointers(a):
         pointer(a.event_float),
         pointer(a.version),
         pointer(a.mass),
-        pointer(a.turns),
+        pointer(a.image_counts),
         pointer(a.flight),
         pointer(a.log),
         pointer(a.neighbours),

@@ -2,7 +2,7 @@
 
 from . import layout
 from .common.event_heap import pop_event
-from .common.particles import begin_epoch, collide_pair, hit_wall, out_of_pace
+from .common.particles import begin_epoch, collide_pair, epoch_length_due, hit_wall
 from .common.prefetch import prefetch_neighbours, prefetch_surroundings
 from .dense.calendar import clear_calendar, next_bucket, schedule
 from .dense.neighbour_lists import make_all_lists, renew_list
@@ -18,15 +18,16 @@ from .layout import (
     EPOCH_BUCKETS,
     EVENT,
     HEAP_LENGTH,
+    INSTANT_EVENTS,
     INVERSE_WIDTH,
-    LATE,
-    LATE_BY,
+    LAST_ADVANCE,
     LOG_ROOM,
     LOGGED,
-    LONE,
     NODE_ROOM,
     NODES,
     NOW,
+    ORDER_TOLERANCE,
+    OUT_OF_ORDER,
     PAIRS,
     PARTNER,
     PARTNER_VERSION,
@@ -38,7 +39,6 @@ from .layout import (
     STALE,
     STAMP,
     STAMP_BITS,
-    STANDSTILL,
     SWEEP_DUE,
     SWEEPS,
     TIME,
@@ -46,9 +46,9 @@ from .layout import (
     N,
     pointers,
 )
-from .simd.jit import entry, jit, part
+from .simd.jit import called, entry_point, jit
 
-__all__ = ["DONE", "LOG_FULL", "NO_ROOM", "OUT_OF_PACE", "PAUSED", "STANDS_STILL", "layout", "run"]
+__all__ = ["DONE", "EPOCH_LENGTH_DUE", "LOG_FULL", "NO_ROOM", "PAUSED", "STANDS_STILL", "layout", "run"]
 
 BEFORE = (
     1.0 - 2.0**-50
@@ -60,7 +60,7 @@ PAUSED = 1  # used up its budget; call it again
 NO_ROOM = 2  # a list, a cell or the calendar is full: make room, prepare, call it again
 STANDS_STILL = 3  # 1000 events per particle without time moving
 LOG_FULL = 4  # empty the log, and call it again
-OUT_OF_PACE = (
+EPOCH_LENGTH_DUE = (
     5  # an epoch is over, and the next ones ought to be shorter or longer: see to it, and call it again
 )
 
@@ -82,7 +82,7 @@ def predict_all(s, now, blocks):
         predict(s, i, now)
 
 
-@entry
+@entry_point
 def run(arrays, cells, blocks, afresh, stop_epoch, stop_time, stop_pairs, budget):
     """Execute events in their order.
 
@@ -114,8 +114,8 @@ def run(arrays, cells, blocks, afresh, stop_epoch, stop_time, stop_pairs, budget
                 begin_epoch(s)
                 s.counter[BUCKET] = 0
                 search = True
-                if MASSES and not GROWS and out_of_pace(s):
-                    return OUT_OF_PACE
+                if MASSES and not GROWS and epoch_length_due(s):
+                    return EPOCH_LENGTH_DUE
             elif SPARSE:
                 s.counter[BUCKET] = bucket
                 search = (bucket & (s.counter[WINDOW_BUCKETS] - 1)) == 0
@@ -143,7 +143,7 @@ def run(arrays, cells, blocks, afresh, stop_epoch, stop_time, stop_pairs, budget
                 if s.counter[BEYOND_CACHE] and s.counter[HEAP_LENGTH] > 0:
                     prefetch_neighbours(s)
                 execute_and_predict(s, first, time)
-            if s.counter[LONE] > 1000 * n:
+            if s.counter[INSTANT_EVENTS] > 1000 * n:
                 return STANDS_STILL
         if SPARSE and s.counter[SHORT_LISTS] and s.counter[NODES] == s.counter[NODE_ROOM]:
             # There is no room for more new lines: a new search clears those away that were replaced.
@@ -154,7 +154,7 @@ def run(arrays, cells, blocks, afresh, stop_epoch, stop_time, stop_pairs, budget
     return PAUSED
 
 
-@part
+@called
 def search_lists(s, cells, blocks):
     """Find all lists and events from the rows."""
     now = max(s.number[NOW], 0.0)
@@ -163,7 +163,7 @@ def search_lists(s, cells, blocks):
         predict_all(s, now, blocks)
 
 
-@part
+@called
 def renew_all(s, now, cells):
     """Make all lists anew. Events stay as they are, but who comes out of its new shell earlier does so."""
     make_all_lists(s, now, cells)
@@ -182,7 +182,7 @@ def execute_candidate(s, c, time):
         s.counter[STALE] += 1
         return
     i, partner = partners(s, c)
-    keep_clock(s, time)
+    advance_clock(s, time)
     if partner < s.counter[N]:
         collide_pair(s, i, partner, time)
     elif WALLS:
@@ -212,10 +212,10 @@ def execute(s, i, time):
         renew_list(s, i, time)
     elif partner >= s.counter[N]:
         if WALLS:
-            keep_clock(s, time)
+            advance_clock(s, time)
             hit_wall(s, i, partner, time)
     elif partner >= 0 and s.version[partner] == version:
-        keep_clock(s, time)
+        advance_clock(s, time)
         collide_pair(s, i, partner, time)
         return partner
     else:
@@ -224,14 +224,14 @@ def execute(s, i, time):
 
 
 @jit
-def keep_clock(s, time):
+def advance_clock(s, time):
     """Keep the clock, and count late events and events without progress."""
     now = s.number[NOW]
-    if time < now - s.number[LATE_BY]:
-        s.counter[LATE] += 1
+    if time < now - s.number[ORDER_TOLERANCE]:
+        s.counter[OUT_OF_ORDER] += 1
     s.number[NOW] = max(now, time)
-    if time > s.number[STANDSTILL] + s.number[LATE_BY]:
-        s.number[STANDSTILL] = time
-        s.counter[LONE] = 0
+    if time > s.number[LAST_ADVANCE] + s.number[ORDER_TOLERANCE]:
+        s.number[LAST_ADVANCE] = time
+        s.counter[INSTANT_EVENTS] = 0
     else:
-        s.counter[LONE] += 1
+        s.counter[INSTANT_EVENTS] += 1

@@ -29,9 +29,9 @@ FloatArray = NDArray[np.float64]
 
 BOUNCE, BACK_UP = "bounce", "back-up"
 
-part: Any = jit.part
+part: Any = jit.called
 pointer: Any = pointers.pointer
-entry: Any = jit.entry
+entry: Any = jit.entry_point
 
 # What `_advance` adds up.
 COLLISIONS, VIRIAL, MISSED, TESTS = range(4)

@@ -156,9 +156,9 @@ def test_an_array_too_short_is_seen():
 @pytest.mark.parametrize("k", [-1, 3, np.int32(-3), np.int64(3)])
 def test_negative_indices_are_refused_too(k):
     """Sibling: NumPy itself takes an index of -1 for the last."""
-    from hardspheres.kernel.simd.pointers import Guarded
+    from hardspheres.kernel.simd.pointers import BoundsChecked
 
-    guarded = Guarded(np.zeros(3))
+    guarded = BoundsChecked(np.zeros(3))
     guarded[2] += 1.0
     assert guarded[2] == 1.0
     with pytest.raises(IndexError, match="outside"):

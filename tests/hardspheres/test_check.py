@@ -295,9 +295,9 @@ def test_clock_and_counters_past_2_to_the_32(search, tmp_path):
     fresh, old = (hs.Simulation(scene, search=search) for _ in range(2))
     at, count, total = old._at, old._engine.arrays.counter, 2**40 + 7
     old._engine.now = total, 0.0
-    for name in ("EPOCH", "PAIRS", "WALL_HITS", "STALE", "RENEWALS", "LATE", "LAST_PAIR_EPOCH"):
+    for name in ("EPOCH", "PAIRS", "WALL_HITS", "STALE", "RENEWALS", "OUT_OF_ORDER", "LAST_PAIR_EPOCH"):
         count[getattr(at, name)] = total
-    old._engine.arrays.turns[:] = total
+    old._engine.arrays.image_counts[:] = total
     old.reset_tallies()
     for sim in (fresh, old):
         sim.run(collisions=800)
@@ -310,7 +310,7 @@ def test_clock_and_counters_past_2_to_the_32(search, tmp_path):
     assert old.tallies.collisions == fresh.tallies.collisions
     assert np.array_equal(old.tallies.virial, fresh.tallies.virial)
     assert old.tallies.time == fresh.tallies.time
-    turns = [sim._engine.arrays.turns for sim in (old, fresh)]
+    turns = [sim._engine.arrays.image_counts for sim in (old, fresh)]
     assert np.array_equal(turns[0] - total, turns[1])
     old.save(tmp_path / "old")
     loaded = hs.Simulation.load(tmp_path / "old", search=search)

@@ -4,7 +4,7 @@ An insertion touches one line; what a bucket holds is found without waiting for 
 """
 
 from ..layout import BLOCK, FREE_BLOCK, SHORT_QUEUE
-from ..simd.jit import jit, part
+from ..simd.jit import called, jit
 
 
 @jit
@@ -34,7 +34,7 @@ def release_block(s, block):
     return header >> 3
 
 
-@part
+@called
 def clear_buckets(s, buckets, blocks):
     """Empty all buckets."""
     for slot in range(buckets):

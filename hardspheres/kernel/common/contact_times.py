@@ -7,7 +7,7 @@ from hardspheres import collision, growth
 from ..flags import DIM, GROWS, SIZES
 from ..layout import (
     BOX,
-    CORE,
+    COMMON_RADIUS,
     GROWTH,
     IMAGES,
     INVERSE,
@@ -73,7 +73,7 @@ def solve(s, i, now, m):
     named = s.counter[IMAGES] == 1
     sigma2 = s.number[SIGMA2]
     radius = row[ri + RADIUS]
-    full = 2.0 * s.number[CORE]
+    full = 2.0 * s.number[COMMON_RADIUS]
     scale, rate = s.number[SCALE], s.number[GROWTH]
     soonest = NO_TIME
     for k in range(m):
@@ -128,7 +128,7 @@ def full_contact(s, i, j):
     """Contact distance of i and j where the scale is 1."""
     if SIZES:
         return s.row[i * ROW + RADIUS] + s.row[j * ROW + RADIUS]
-    return 2.0 * s.number[CORE]
+    return 2.0 * s.number[COMMON_RADIUS]
 
 
 @jit
@@ -144,7 +144,7 @@ def wall_contact(s, i):
     ri = i * ROW
     time = NEVER
     wall = NOTHING
-    radius = row[ri + RADIUS] if SIZES else s.number[CORE]
+    radius = row[ri + RADIUS] if SIZES else s.number[COMMON_RADIUS]
     for d in range(DIM):
         v = row[ri + V + d]
         lower, upper = row[ri + X + d] - radius, (s.number[BOX + d] - radius) - row[ri + X + d]
@@ -161,7 +161,7 @@ def growing_wall_contact(s, i):
     ri = i * ROW
     time = NEVER
     wall = NOTHING
-    full = s.row[ri + RADIUS] if SIZES else s.number[CORE]
+    full = s.row[ri + RADIUS] if SIZES else s.number[COMMON_RADIUS]
     radius = full * (s.number[SCALE] + s.number[GROWTH] * s.row[ri + T])
     for d in range(DIM):
         if s.number[INVERSE + d] == 0.0:

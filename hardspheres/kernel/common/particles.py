@@ -7,15 +7,15 @@ from hardspheres import collision, growth
 from ..flags import DIM, FLIGHTS, GROWS, MASSES, SIZES
 from ..layout import (
     BOX,
-    CORE,
+    COMMON_RADIUS,
     EPOCH,
     EPOCH_LENGTH,
     GROWTH,
-    HASTE,
     INVERSE,
+    LAST_ADVANCE,
     LAST_PAIR_EPOCH,
-    LEISURE,
     LOG_ROOM,
+    LOWER_MEAN_SQUARE,
     MASS,
     MEAN_SQUARE,
     NOW,
@@ -24,14 +24,14 @@ from ..layout import (
     REDUCED,
     ROW,
     SCALE,
-    STANDSTILL,
+    UPPER_MEAN_SQUARE,
     WALL_HITS,
     N,
     T,
     V,
     X,
 )
-from ..simd.jit import jit, part
+from ..simd.jit import called, jit
 from ..simd.pointers import bits, from_bits
 from .contact_times import full_contact, rint
 from .flights import end_flight, tally_encounter
@@ -141,7 +141,7 @@ def hit_wall(s, i, wall, t):
     side = (wall - s.counter[N]) & 1
     ri = i * ROW
     mass = s.mass[i] if MASSES else s.number[MASS]
-    radius = s.row[ri + RADIUS] if SIZES else s.number[CORE]
+    radius = s.row[ri + RADIUS] if SIZES else s.number[COMMON_RADIUS]
     v = s.row[ri + V + axis]
     s.row[ri + V + axis] = -v
     tally_wall(s, axis, side, 2.0 * mass * abs(v), radius)
@@ -157,7 +157,7 @@ def hit_wall(s, i, wall, t):
     s.counter[WALL_HITS] += 1
 
 
-@part
+@called
 def begin_epoch(s):
     """At the end of an epoch every row flies there and back into the box, and its clock goes back to zero.
 
@@ -171,15 +171,15 @@ def begin_epoch(s):
         s.row[ri + T] = 0.0
         for d in range(DIM):
             if s.number[INVERSE + d] > 0.0:
-                turns = math.floor(s.row[ri + X + d] * s.number[INVERSE + d])
-                shift = s.number[BOX + d] * turns
+                wraps = math.floor(s.row[ri + X + d] * s.number[INVERSE + d])
+                shift = s.number[BOX + d] * wraps
                 s.row[ri + X + d] -= shift
-                s.turns[i * DIM + d] += int(turns)
+                s.image_counts[i * DIM + d] += int(wraps)
     if GROWS:
         s.number[SCALE] += s.number[GROWTH] * length
     s.counter[EPOCH] += 1
     s.number[NOW] -= length
-    s.number[STANDSTILL] -= length
+    s.number[LAST_ADVANCE] -= length
     if MASSES and not GROWS:
         s.number[MEAN_SQUARE] = mean_square(s)
 
@@ -196,7 +196,9 @@ def mean_square(s):
 
 
 @jit
-def out_of_pace(s):
-    """Whether epochs ought to be shorter now, or longer (`hardspheres.tuning`); longer ones begin with every 16th only."""
+def epoch_length_due(s):
+    """Whether another length of epochs is due (`hardspheres.tuning`); longer ones begin with every 16th only."""
     v2 = s.number[MEAN_SQUARE]
-    return v2 >= s.number[HASTE] or (v2 < s.number[LEISURE] and (s.counter[EPOCH] & 15) == 0)
+    return v2 >= s.number[UPPER_MEAN_SQUARE] or (
+        v2 < s.number[LOWER_MEAN_SQUARE] and (s.counter[EPOCH] & 15) == 0
+    )

@@ -24,8 +24,8 @@ from ..layout import (
     WHOSE,
     N,
 )
-from ..simd.jit import jit, part
-from ..simd.pointers import prefetch, whole
+from ..simd.jit import called, jit
+from ..simd.pointers import int64, prefetch
 from ..simd.vectors import AT_ONCE
 
 
@@ -91,7 +91,7 @@ STEPS = 4
 ITSELF, COLUMNS = 1, 2
 
 
-@part
+@called
 def prefetch_surroundings(s):
     """Prefetch what the searches after the events in the heap will read.
 
@@ -120,9 +120,9 @@ def prefetch_step(s, step, i):
         prefetch(s.bounds, slot)
         prefetch(s.cell_of_line, slot)
         return
-    x, y, z = cell_place(s, whole(s.cell_of_line[slot]))
-    for k in range(columns_around(s, whole(0), s.bounds[slot] >> NEAR_SHIFT, x, z)):
-        cell = whole(s.column[s.places[k]]) * s.counter[CELLS + 1] + max(y - 1, 0)
+    x, y, z = cell_place(s, int64(s.cell_of_line[slot]))
+    for k in range(columns_around(s, int64(0), s.bounds[slot] >> NEAR_SHIFT, x, z)):
+        cell = int64(s.column[s.places[k]]) * s.counter[CELLS + 1] + max(y - 1, 0)
         if step == COLUMNS:
             prefetch(s.cell_count, cell)
         else:
@@ -130,12 +130,12 @@ def prefetch_step(s, step, i):
             prefetch(s.bounds, s.cell_count[cell] + AT_ONCE // 2)
 
 
-@part
+@called
 def prefetch_rows(s, meetings):
     """Prefetch the rows of those whose contacts are to be computed."""
     for a in range(meetings):
         pair = int(s.meetings[a])
         for slot in (int(s.pair_slot[pair]), int(slot_in(s.pair_own[pair]))):
-            i = whole(s.line_words[slot * LINE + WHOSE])
+            i = int64(s.line_words[slot * LINE + WHOSE])
             prefetch(s.row, i * ROW)
             prefetch(s.version, i)

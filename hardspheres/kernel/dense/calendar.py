@@ -25,7 +25,7 @@ from ..layout import (
     WAITING,
     WAITS,
 )
-from ..simd.jit import jit, part
+from ..simd.jit import called, jit
 from ..simd.pointers import prefetch
 
 
@@ -80,7 +80,7 @@ def insert_waiting(s, k):
         s.waiting_slot[k] = -1
 
 
-@part
+@called
 def insert_all_waiting(s):
     """Insert all delayed entries."""
     for k in range(WAITING):

@@ -38,7 +38,7 @@ from ..layout import (
     V,
     X,
 )
-from ..simd.jit import jit, part
+from ..simd.jit import called, jit
 from .cell_grid import line_of, locate, neighbour_cell, put_in_cell, take_from_cell, turns_of
 from .cutoff import copy_lines, keep_within
 
@@ -131,7 +131,7 @@ def look_in_cell(s, cell, i, x, y, z, reach, kept):
     return kept
 
 
-@part
+@called
 def look_around(s, i):
     """Find the ids of all centres within reach of i's; where lists name images, link them at once. Returns how many."""
     cx, cy, cz, x, y, z = locate(s, i)
@@ -220,7 +220,7 @@ def renew_list(s, i, now):
     s.counter[RENEWALS] += 1
 
 
-@part
+@called
 def make_all_lists(s, now, cells):
     """Centres, cells and lists of all particles from their rows."""
     n = s.counter[N]

@@ -18,7 +18,7 @@ from ..flags import DIM, GROWS, WALLS
 from ..layout import CENTRE, EVENT, IMAGES, LANES, LIST_ROOM, NOTHING, RENEW, ROW, SHELL, N, T, V, X
 from ..simd.jit import jit
 from ..simd.pointers import from_bits
-from ..simd.vectors import least_of_equal, turn_rows
+from ..simd.vectors import gather_transposed, least_of_equal
 
 
 @jit
@@ -26,7 +26,7 @@ def gather(s, i, first):
     """Lay out some of i's neighbours, and the images that the list names, if it does."""
     entry = i * s.counter[LIST_ROOM] + first
     for k in range(0, LANES, ROW):
-        turn_rows(s.scratch, k, LANES, s.row, s.neighbours, entry + k)
+        gather_transposed(s.scratch, k, LANES, s.row, s.neighbours, entry + k)
     if s.counter[IMAGES]:
         for k in range(LANES):
             for d in range(DIM):

@@ -30,8 +30,8 @@ from ..layout import (
     WHOSE,
     N,
 )
-from ..simd.jit import jit, part
-from ..simd.pointers import prefetch, whole
+from ..simd.jit import called, jit
+from ..simd.pointers import int64, prefetch
 from ..simd.vectors import AT_ONCE, copy_lanes, keep_overlapping
 from .filter import examine, examine_table
 from .grid import cell_at, cells_along_y, column_at, columns_after, fits
@@ -65,9 +65,9 @@ def count_lines(s, begin, duration):
             prefetch(s.row, s.order[min(first + AHEAD + k, n - 1)] * ROW)
         draft_eight(s, first, duration)
         for k in range(min(EIGHT, n - first)):
-            i = whole(s.order[first + k])
+            i = int64(s.order[first + k])
             if s.scratch[FAR + k] < 1.0:
-                cell = whole(s.scratch[CELL + k])
+                cell = int64(s.scratch[CELL + k])
                 s.where[i] = cell
                 s.cell_count[cell] += 1
                 if WALLS and s.scratch[EDGE + k] > 0.0:
@@ -101,15 +101,15 @@ def sort_lines(s, cells, begin, duration):
     for empty in range(cells, cells + s.counter[CELLS + 1] + 1):  # a column that stands for all beyond walls
         s.cell_count[empty] = end
     for m in range(in_cells(s)):
-        i = whole(s.order[m])
-        cell = whole(s.where[i])
+        i = int64(s.order[m])
+        cell = int64(s.where[i])
         if cell >= 0:
             s.where[i] = insert_draft(s, m, cell)
         else:
             take_pieces(s, m, i, begin, duration, True)
 
 
-@part
+@called
 def take_pieces(s, m, i, begin, duration, insert):
     """Bring the lines of a flight in pieces into the cells of their middles, or only count them there; returns how many there are."""
     pieces = pieces_of(s, i, duration)
@@ -123,7 +123,7 @@ def take_pieces(s, m, i, begin, duration, insert):
     return pieces
 
 
-@part
+@called
 def register_all(s, cells, begin):
     """Sort all lines into cells; SHORT_LISTS tells if there was no room."""
     duration = 2.0 * s.number[HALF_WINDOW]
@@ -139,12 +139,12 @@ def register_all(s, cells, begin):
         keep_order(s)
 
 
-@part
+@called
 def keep_order(s):
     """Go through the particles in the order of their cells from now on: it saves waiting for memory, and changes nothing else."""
-    m = whole(0)
+    m = int64(0)
     for slot in range(s.counter[REGISTERED]):
-        i = whole(s.line_words[slot * LINE + WHOSE])
+        i = int64(s.line_words[slot * LINE + WHOSE])
         if s.where[i] == slot or s.where[i] == SEVERAL:
             s.order[m] = i
             m += 1
@@ -170,8 +170,8 @@ def meet_column(s, m, own, column, first, last, after, code):
     """Do so with the cells from `first` to `last` of a column, which may lie beyond the box, and with slots that are not before `after`."""
     ny = s.counter[CELLS + 1]
     cells = column * ny
-    start = whole(s.cell_count[cells + max(first, 0)])
-    stop = whole(s.cell_count[cells + min(last, ny - 1) + 1])
+    start = int64(s.cell_count[cells + max(first, 0)])
+    stop = int64(s.cell_count[cells + min(last, ny - 1) + 1])
     m = meet_run(s, m, own, max(start, after), stop, code)
     if (first < 0 or last >= ny) and s.number[INVERSE + 1] > 0.0:
         m = meet_beyond(s, m, own, cells, first, last, code)
@@ -184,31 +184,31 @@ def meet_beyond(s, m, own, cells, first, last, code):
     ny = s.counter[CELLS + 1]
     for turn in range(-1, 2, 2):
         if first < 0 if turn < 0 else last >= ny:
-            start = whole(s.cell_count[cells + max(first - turn * ny, 0)])
-            stop = whole(s.cell_count[cells + min(last - turn * ny, ny - 1) + 1])
+            start = int64(s.cell_count[cells + max(first - turn * ny, 0)])
+            stop = int64(s.cell_count[cells + min(last - turn * ny, ny - 1) + 1])
             m = meet_run(s, m, own, start, stop, code - turn * IMAGE[1])
     return m
 
 
-@part
+@called
 def meet_all(s):
     """Compare all lines with those near them, each pair once: in a line's own column those that stand behind it."""
     ny = s.counter[CELLS + 1]
-    m = whole(0)
+    m = int64(0)
     for x in range(s.counter[CELLS]):
         for z in range(s.counter[CELLS + 2]):
             cells = column_at(s, x, z) * ny
             for y in range(ny):
-                for k in range(whole(s.cell_count[cells + y]), whole(s.cell_count[cells + y + 1])):
+                for k in range(int64(s.cell_count[cells + y]), int64(s.cell_count[cells + y + 1])):
                     near = s.bounds[k] >> NEAR_SHIFT
                     first, last = cells_along_y(s, near, y)
                     for a in range(columns_after(s, near, x, z)):
-                        column, code = whole(s.column[s.places[a]]), whole(s.column_code[s.places[a]])
+                        column, code = int64(s.column[s.places[a]]), int64(s.column_code[s.places[a]])
                         least, after = (y, k + 1) if a == 0 else (first, 0)
                         m = meet_column(s, m, k, column, least, last, after, code)
                     if m >= ENOUGH:
                         examine(s, m, ALWAYS)
-                        m = whole(0)
+                        m = int64(0)
     examine_table(s, m, ALWAYS)
 
 
@@ -224,7 +224,7 @@ def withdraw(s, i):
 def replace_line(s, i, new, x, y, z):
     """Put i's new line, whose middle is in (x, y, z), in the place of the old one, if it reaches no further; returns whether it does."""
     slot = s.where[i]
-    if slot < 0 or not fits(s, s.bounds[new], whole(s.cell_of_line[slot]), x, y, z):
+    if slot < 0 or not fits(s, s.bounds[new], int64(s.cell_of_line[slot]), x, y, z):
         return False
     copy_lanes(s.lines, slot * LINE, s.lines, new * LINE)
     s.bounds[slot] = s.bounds[new]

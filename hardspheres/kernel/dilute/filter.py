@@ -24,9 +24,9 @@ from ..layout import (
     WAY,
     WHOSE,
 )
-from ..simd.jit import jit, part, rough
-from ..simd.pointers import whole
-from ..simd.vectors import keep_marked, turn_rows
+from ..simd.jit import called, fast_arithmetic, jit
+from ..simd.pointers import int64
+from ..simd.vectors import gather_transposed, keep_marked
 from .pair_table import image_in, slot_in
 from .predicted_contacts import note_candidate
 
@@ -43,7 +43,7 @@ def new_line(s):
     return s.counter[LINE_ROOM] + s.counter[NODE_ROOM]
 
 
-@rough
+@fast_arithmetic
 def compare(p, stride, k, q, own, code, ex, ey, ez):
     """B = r.v, v.v, and r.r less the squared contact distance, of line k of p against one of q in the image of this code."""
     dx = (p[PLACE * stride + k] - q[PLACE * stride + own]) - np.float32((code & 3) - 1) * ex
@@ -65,7 +65,7 @@ def compare(p, stride, k, q, own, code, ex, ey, ez):
     return b, vv, rr - (limit * limit + SLACK)
 
 
-@rough
+@fast_arithmetic
 def may_meet(b, vv, c, since):
     """Whether two lines may come within contact from `since` to 1, in half windows from the middle.
 
@@ -84,12 +84,12 @@ def examine(s, m, since):
         np.float32(s.number[BOX + 1] * unit),
         np.float32(s.number[BOX + 2] * unit),
     )
-    meetings = whole(0)
+    meetings = int64(0)
     for block in range(0, m, LINES):
-        turn_rows(s.pair_lines, 0, LINES, s.lines, s.pair_slot, block)
+        gather_transposed(s.pair_lines, 0, LINES, s.lines, s.pair_slot, block)
         for k in range(LINES):
             s.own_slots[k] = slot_in(s.pair_own[block + k])
-        turn_rows(s.pair_lines, LINE * LINES, LINES, s.lines, s.own_slots, 0)
+        gather_transposed(s.pair_lines, LINE * LINES, LINES, s.lines, s.own_slots, 0)
         marks = 0
         for k in range(LINES):
             code = image_in(s.pair_own[block + k])
@@ -104,11 +104,11 @@ def examine(s, m, since):
         b, vv, c = compare(s.lines, 1, slot * LINE, s.lines, own * LINE, code, ex, ey, ez)
         when = min(max(-b / (vv + TINY), since), ONE)
         solve_meeting(
-            s, whole(s.line_words[own * LINE + WHOSE]), whole(s.line_words[slot * LINE + WHOSE]), when
+            s, int64(s.line_words[own * LINE + WHOSE]), int64(s.line_words[slot * LINE + WHOSE]), when
         )
 
 
-@part
+@called
 def examine_table(s, m, since):
     """Do so where it is not worth a copy of the code."""
     examine(s, m, since)

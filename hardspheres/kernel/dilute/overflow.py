@@ -1,8 +1,8 @@
 """Chains of the window method: the new lines that fit no slot, one chain for each stretch of cells of a column."""
 
 from ..layout import CELLS, CELLS_OF_CHAIN, LINE, LINE_ROOM, NODE_ROOM, NODES, SHORT_LISTS, WHOSE
-from ..simd.jit import jit, part
-from ..simd.pointers import whole
+from ..simd.jit import called, jit
+from ..simd.pointers import int64
 from ..simd.vectors import copy_lanes
 from .grid import column_at
 from .pair_table import enter_pair
@@ -26,7 +26,7 @@ def chain_at(s, x, y, z):
     return chains_before(s, column_at(s, x, z)) + y // CELLS_OF_CHAIN
 
 
-@part
+@called
 def clear_chains(s):
     """Empty all chains of the cells."""
     for head in range(all_chains(s)):
@@ -49,10 +49,10 @@ def chain_line(s, new, head):
 @jit
 def meet_chain(s, m, new, head, code):
     """Enter the pairs of a new line in this image and those of a chain in the table, which has m; returns how many it has."""
-    node = whole(s.chain_first[head])
+    node = int64(s.chain_first[head])
     while node >= 0:
         m = enter_pair(s, m, new, s.counter[LINE_ROOM] + node, code)
-        node = whole(s.node_next[node])
+        node = int64(s.node_next[node])
     return m
 
 
@@ -69,9 +69,9 @@ def meet_chains(s, m, new, column, first, last, code):
 def unchain(s, head, i):
     """Take i's lines off a chain."""
     before = -1
-    node = whole(s.chain_first[head])
+    node = int64(s.chain_first[head])
     while node >= 0:
-        after = whole(s.node_next[node])
+        after = int64(s.node_next[node])
         if s.line_words[(s.counter[LINE_ROOM] + node) * LINE + WHOSE] != i:
             before = node
         elif before < 0:

@@ -18,7 +18,7 @@ from ..layout import (
     BOX,
     CELL_DENSITY,
     CELLS,
-    CORE,
+    COMMON_RADIUS,
     HALF_WINDOW,
     INVERSE,
     LINE,
@@ -40,7 +40,7 @@ from ..layout import (
     X,
 )
 from ..simd.jit import jit
-from ..simd.vectors import turn_columns, turn_rows
+from ..simd.vectors import gather_transposed, store_transposed
 
 MANY = 1000000  # pieces; more than anybody can need
 OUTWARDS = 1e-3  # units that bounds are further out than they must be, because of rounding
@@ -152,9 +152,9 @@ def draft_eight(s, m, duration):
     compiler knows that nothing changes them, and uses vector instructions.
     """
     p = s.scratch
-    turn_rows(p, 0, EIGHT, s.row, s.order, m)
+    gather_transposed(p, 0, EIGHT, s.row, s.order, m)
     unit, half_window, margin = s.number[LINE_UNIT], s.number[HALF_WINDOW], s.number[LINE_MARGIN]
-    middle, core, half_time = s.number[MIDDLE], s.number[CORE], 0.5 * duration
+    middle, core, half_time = s.number[MIDDLE], s.number[COMMON_RADIUS], 0.5 * duration
     far = half_time / s.number[STRETCH]
     along_x, along_y, along_z = axis(s, 0), axis(s, 1), axis(s, 2)
     rows, columns = float(s.counter[CELLS + 1]), float(s.counter[CELLS + 2])
@@ -178,7 +178,7 @@ def draft_eight(s, m, duration):
         p[CELL + k] = (cx * columns + cz) * rows + cy
         p[FAR + k] = vv * far * far
         p[EDGE + k] = edge
-    turn_columns(s.drafts, m * LINE, p, LINES_OF_EIGHT)
+    store_transposed(s.drafts, m * LINE, p, LINES_OF_EIGHT)
     for k in range(EIGHT):
         s.draft_words[(m + k) * LINE + WHOSE] = s.order[m + k]
         s.draft_bounds[m + k] = int(p[ENDS + k]) | int(p[NEAR + k]) << NEAR_SHIFT
@@ -194,7 +194,7 @@ def write_draft(s, lines, words, bounds, k, i, t, duration, pieces):
     dt = t - s.row[ri + T]
     on = s.number[MIDDLE] - t
     unit = s.number[LINE_UNIT]
-    radius = s.row[ri + RADIUS] if SIZES else s.number[CORE]
+    radius = s.row[ri + RADIUS] if SIZES else s.number[COMMON_RADIUS]
     half_time = 0.5 * (duration / pieces)
     line = k * LINE
     ends, near = 0.0, 0.0

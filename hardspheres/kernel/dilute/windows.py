@@ -34,8 +34,8 @@ from ..layout import (
     SHORT_QUEUE,
     WINDOW_BUCKETS,
 )
-from ..simd.jit import jit, part
-from ..simd.pointers import prefetch, whole
+from ..simd.jit import called, jit
+from ..simd.pointers import int64, prefetch
 from ..simd.vectors import AT_ONCE
 from .cells import ALWAYS, SEVERAL, meet_all, meet_column, register_all, replace_line, withdraw
 from .filter import examine, examine_table, new_line
@@ -77,14 +77,14 @@ def open_window(s, cells, blocks):
     meet_all(s)
 
 
-@part
+@called
 def register_large(s, begin):
     """Hang the lines of all large particles in the coarse grid, compared with all small ones and with each other."""
     clear_large(s)
     duration = 2.0 * s.number[HALF_WINDOW]
     new = new_line(s)
     for a in range(s.counter[LARGE]):
-        i = whole(s.large[a])
+        i = int64(s.large[a])
         s.where[i] = SEVERAL
         if WALLS:
             note_wall(s, i)
@@ -134,7 +134,7 @@ def follow_piece(s, begin, end, p, now, duration):
     for a in range(begin, end):
         draft_piece(s, a, p, now, duration)
         find_runs(s, a)
-    m = whole(0)
+    m = int64(0)
     for a in range(begin, end):
         m = meet_piece(s, m, a, p, now, duration)
     examine(s, m, since)
@@ -204,7 +204,7 @@ def find_runs(s, a):
     s.changed[a * CHANGED + PLACES] = k - begin
     if s.counter[BEYOND_CACHE]:
         for place in range(begin, k):
-            column = whole(s.column[s.places[place]])
+            column = int64(s.column[s.places[place]])
             start = s.cell_count[column * s.counter[CELLS + 1] + max(first, 0)]
             prefetch(s.bounds, start)
             prefetch(s.bounds, start + AT_ONCE // 2)
@@ -216,7 +216,7 @@ def meet_around(s, m, a):
     new, begin = new_line(s) + a, a * MOST_PLACES
     first, last = s.changed[a * CHANGED + FIRST], s.changed[a * CHANGED + FIRST + 1]
     for k in range(begin, begin + s.changed[a * CHANGED + PLACES]):
-        column, code = whole(s.column[s.places[k]]), whole(s.column_code[s.places[k]])
+        column, code = int64(s.column[s.places[k]]), int64(s.column_code[s.places[k]])
         before = m
         m = meet_column(s, m, new, column, first, last, 0, code)
         if s.counter[BEYOND_ALL]:

@@ -24,7 +24,7 @@ def jit(function):
     )
 
 
-def rough(function):
+def fast_arithmetic(function):
     """As `jit` for what never enters the trajectory: products and sums may be fused, so their rounding depends on the machine."""
     return numba.njit(
         error_model="numpy",
@@ -35,12 +35,12 @@ def rough(function):
     )(function)
 
 
-def part(function):
+def called(function):
     """Compile a large part that is called rarely as a function of its own: it saves compilation time."""
     return numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
 
 
-def entry(function):
+def entry_point(function):
     """Compile a function that Python calls: cached on disk, and without the interpreter's lock."""
     return numba.njit(error_model="numpy", cache=not PURE_PYTHON and bool(config.CACHE_DIR), nogil=True)(
         function

@@ -13,8 +13,8 @@ from numba.extending import intrinsic
 from .jit import CHECKED, PURE_PYTHON
 
 
-class Guarded:
-    """An array that refuses every index outside of it, where NumPy would count negative ones from its end."""
+class BoundsChecked:
+    """An array that refuses every index outside of it; NumPy would count negative ones from its end."""
 
     __slots__ = ("array",)
 
@@ -34,13 +34,13 @@ class Guarded:
 
 
 # `int` leaves numbers of 32 bits as they are, and a 0 a constant: a function is then compiled once more for each mix of them.
-whole: Any = int if PURE_PYTHON else np.int64
+int64: Any = int if PURE_PYTHON else np.int64
 
 if PURE_PYTHON:
 
     def pointer(array):
         """In plain Python an array is its own pointer."""
-        return Guarded(array) if CHECKED else array
+        return BoundsChecked(array) if CHECKED else array
 
     def prefetch(array, k):
         """In plain Python: nothing."""

@@ -15,14 +15,14 @@ MOST = 2**31 - 1  # the largest int32
 if PURE_PYTHON or CHECKED:
 
     @numba.njit
-    def turn_rows(target, k, stride, source, ids, entry):
+    def gather_transposed(target, k, stride, source, ids, entry):
         """Copy 8 rows of 8 numbers to 8 columns, one by one."""
         for line in range(8):
             for column in range(8):
                 target[column * stride + k + line] = source[8 * ids[entry + line] + column]
 
     @numba.njit
-    def turn_columns(target, k, source, m):
+    def store_transposed(target, k, source, m):
         """Copy 8 columns of 8 numbers to 8 rows in single precision, one by one."""
         for line in range(8):
             for column in range(8):
@@ -81,7 +81,7 @@ else:
         return lines
 
     @intrinsic
-    def turn_columns(typingctx, target, k, source, m):
+    def store_transposed(typingctx, target, k, source, m):
         """Copy 8 columns of 8 float64, one behind the other, to 8 rows of 8 float32, turned in registers."""
 
         def codegen(context, builder, signature, args):
@@ -100,7 +100,7 @@ else:
         return types.none(target, types.int64, source, types.int64), codegen
 
     @intrinsic
-    def turn_rows(typingctx, target, k, stride, source, ids, entry):
+    def gather_transposed(typingctx, target, k, stride, source, ids, entry):
         """Copy 8 rows of 8 numbers, those that `ids` names from `entry` on, to 8 columns that are `stride` apart.
 
         The square is turned in registers.
