@@ -198,10 +198,10 @@ class Engine:
         cells = cells_per_axis(scene, 2.0 * shell * (1.0 + SLACK) + 2.0 * float(scene.radii.max()), n)
         self._set_cells(scene, cells, number, count)
         one_size = bool(np.all(scene.radii == scene.radii[0]))
-        number[at.SHELL] = shell
+        number[at.DISPLACEMENT_THRESHOLD] = shell
         number[at.LEAD] = LEAD / max(collision_frequency(scene), TINY)
         rounding = SLACK * float(np.max(scene.box / cells))  # of the centres in their cells
-        number[at.REACH] = (
+        number[at.CUTOFF] = (
             2.0 * shell * (1.0 + SLACK) + rounding + (2.0 * scene.radii[0] if one_size else 0.0)
         )
         # Where more than one image of a pair can matter, lists say which one they mean.
@@ -210,7 +210,7 @@ class Engine:
         lanes = at.CELL_LANES
         count[at.CELL_ROOM] = lanes * math.ceil(min(n, 1.5 * n / self.cells + 3) / lanes)
         count[at.LIST_ROOM] = 32
-        count[at.PATIENCE] = MOST_ENTRIES if count[at.IMAGES] else math.ceil(PATIENCE * n)
+        count[at.REBUILD_THRESHOLD] = MOST_ENTRIES if count[at.IMAGES] else math.ceil(PATIENCE * n)
         count[at.BUCKETS] = max(16, int(power_of_two_below(max(8 * n / per_bucket, 1))))
         self.blocks = int(count[at.BUCKETS]) // 2 + n // 3 + 64
         length = number[at.EPOCH_LENGTH]

@@ -154,12 +154,14 @@ class _Search:
         """Every pair of centres that two shells and the contact distance reach is in both lists."""
         at, scene = self.at, self.scene
         events = self.arrays.event_float[: self.n * at.EVENT].reshape(self.n, at.EVENT)
-        centres = returned_to_box(events[:, at.CENTRE : at.CENTRE + scene.dim], scene.box, scene.periodic)
+        centres = returned_to_box(
+            events[:, at.REFERENCE : at.REFERENCE + scene.dim], scene.box, scene.periodic
+        )
         lists = self.arrays.neighbours[: self.n * int(self.arrays.counter[at.LIST_ROOM])].reshape(self.n, -1)
         _require(
             lists.min() >= 0 and lists.max() <= self.n, "a neighbour list names a particle that there is not"
         )
-        shells = 2.0 * float(self.arrays.number[at.SHELL])
+        shells = 2.0 * float(self.arrays.number[at.DISPLACEMENT_THRESHOLD])
         grid = CellGrid(centres, scene.box, scene.periodic, shells + 2.0 * float(scene.radii.max()))
         for i, j in grid.pairs():
             gap = distances(centres, centres, i, j, scene.box, scene.periodic)
@@ -307,10 +309,10 @@ class _Search:
         """Nobody leaves the shell of its list before its next event."""
         at, dim = self.at, self.scene.dim
         centres = self.arrays.event_float[: self.n * at.EVENT].reshape(self.n, at.EVENT)
-        centres = centres[:, at.CENTRE : at.CENTRE + dim]
+        centres = centres[:, at.REFERENCE : at.REFERENCE + dim]
         there = self.x + self.v * (np.minimum(time, until) - self.t)[:, None]
         gone = np.sqrt(np.sum((there - centres) ** 2, axis=1))
-        shell = float(self.arrays.number[at.SHELL])
+        shell = float(self.arrays.number[at.DISPLACEMENT_THRESHOLD])
         slack = 1e-7 * shell + contact_tolerance(self.scene.box)
         far = int(np.argmax(gone))
         _require(

@@ -19,14 +19,12 @@ class Arrays(NamedTuple):
     flight: object  # float64 (n * FLIGHT): where FLIGHTS, when each particle's flight began
     log: object  # float64 (LOG_ROOM * LOG_ROW): events that are still to be handed over
     neighbours: object  # int32 (n * LIST_ROOM): ids, then n in all slots that are left
-    images: object  # int32 (n * LIST_ROOM * DIM): image of each neighbour, where IMAGES
+    images: object  # int32 (n * LIST_ROOM * DIM): image index of each neighbour, where IMAGES
     where: object  # int32 (n): slot in the cells; windows: slot of the line, negative where there are several
     cell_count: object  # int32 (cells + 1): particles in each cell; windows: the first line of each cell
-    cell_places: (
-        object  # float32 (cells * CELL_COLUMNS * CELL_ROOM): centres as seen from the cell's corner, radii
-    )
+    cell_places: object  # float32 (cells * CELL_COLUMNS * CELL_ROOM): reference positions seen from the cell's corner, radii
     cell_ids: object  # the same memory as int32, for their ids
-    near: object  # int32 (AROUND * CELL_ROOM + LIST_ROOM + CELL_LANES): ids of those within reach of one particle
+    near: object  # int32 (AROUND * CELL_ROOM + LIST_ROOM + CELL_LANES): ids of those within the cutoff of one particle
     around: object  # float32 (CELL_COLUMNS * (AROUND * CELL_ROOM + CELL_LANES)): the same of a cell and those around it
     around_ids: object  # the same memory as int32
     buckets: object  # int64 (BUCKETS + 1): first block of each bucket; the last is for later cycles

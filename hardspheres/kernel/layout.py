@@ -13,23 +13,23 @@ V = DIM  # velocity, DIM numbers
 T = 2 * DIM  # when that was, relative to the epoch
 RADIUS = 7
 
-# A particle's next event, 8 int64 (one cache line); TIME and CENTRE hold float64 bits. Windows need none.
+# A particle's next event, 8 int64 (one cache line); TIME and REFERENCE hold float64 bits. Windows need none.
 EVENT = 0 if SPARSE else 8
 TIME = 0
 PARTNER = 1  # a particle, n + 2 axis + side for a wall, or one of the codes below
 PARTNER_VERSION = 2  # the partner's version when the event was predicted
 STAMP = 3  # of the one queue entry that counts
-CENTRE = 4  # of the particle's shell (unwrapped as the row), DIM numbers
+REFERENCE = 4  # reference position of the particle's list (unwrapped as the row), DIM numbers
 
-RENEW = -1  # the particle leaves its shell: a new neighbour list is due
+REBUILD = -1  # the particle is at its displacement threshold: a new neighbour list is due
 NOTHING = -2  # no event before the epoch ends
 
 # Numbers, float64.
 BOX = 0  # edge lengths, 3 slots
 INVERSE = 3  # 1/edge on periodic axes, 0 on wall axes
 EPOCH_LENGTH = 6  # length of an epoch in time
-SHELL = 7  # how far a particle may go from CENTRE before its list is renewed
-REACH = 8  # neighbours' centres are closer than this (plus both radii, where radii differ)
+DISPLACEMENT_THRESHOLD = 7  # how far a particle may go from REFERENCE before its list is rebuilt
+CUTOFF = 8  # neighbours' reference positions are closer (plus both radii, where radii differ)
 SIGMA2 = 9  # squared contact distance, where all radii are equal
 COMMON_RADIUS = 10  # radius, where all radii are equal
 REDUCED = 11  # reduced mass of a pair, where all masses are equal
@@ -55,7 +55,7 @@ UPPER_MEAN_SQUARE = 36  # from this mean square speed on epochs are too long
 LOWER_MEAN_SQUARE = 37  # below this one they are too short
 UNIT_DENSITY = 38  # windows: units of the bounds of lines per length, 3 slots
 REACH_OF_LINES = 41  # how far a line may reach beyond its cell, 3 slots
-LEAD = 44  # lists: so much time ahead of a particle is its centre
+LEAD = 44  # lists: how far in time a reference position is ahead of its particle
 NUMBERS = 45
 FLIGHT_UNITS = NUMBERS  # where FLIGHTS, of each species: 1 / the units of its paths, times, and bins of speed
 
@@ -76,7 +76,7 @@ N = 0
 CELLS = 1  # cells per axis, 3 slots
 CELL_ROOM = 4  # particles that a cell can hold
 LIST_ROOM = 5  # slots in a neighbour list, a multiple of LANES
-IMAGES = 6  # 1: lists name the periodic image (boxes too small for the nearest image to be meant)
+IMAGES = 6  # 1: lists store the image index, as the nearest image may not be the one meant
 BUCKETS = 7  # buckets in a cycle of the calendar, a power of two
 BUCKET = 8  # the calendar's current bucket, counted from the epoch's start
 EPOCH = 9
@@ -84,7 +84,7 @@ PAIRS = 10  # pair collisions
 WALL_HITS = 11
 OUT_OF_ORDER = 12
 STALE = 13
-RENEWALS = 14
+REBUILDS = 14
 INSTANT_EVENTS = 15  # events at one instant: since time last advanced
 FREE_BLOCK = 16  # head of the list of free blocks
 HEAP_LENGTH = 18
@@ -110,9 +110,9 @@ SPECIES_COUNT = 41  # species that flights are told apart by
 NEAR_ROOM = 31  # windows: pairs of lines whose bounds overlap that the table can hold
 WIDTH = 42  # of a cell in the units of bounds, 3 slots
 BEYOND = 45  # how far a line may reach beyond its cell in these units, 3 slots
-PATIENCE = 48  # lists: single renewals after which all are renewed at once
-SWEEP_DUE = 49  # how many single renewals there have been then
-SWEEPS = 50  # how often all lists were made at once
+REBUILD_THRESHOLD = 48  # lists: single rebuilds after which all are rebuilt at once
+REBUILD_ALL_DUE = 49  # how many single rebuilds there have been then
+REBUILDS_OF_ALL = 50  # how often all lists were rebuilt at once
 WAITS = 51  # which of those that wait for their bucket is the next
 BEYOND_ALL = 52  # 1: it is larger than those that cores share, too
 COUNTERS = 53
@@ -163,7 +163,7 @@ STATE_ARRAYS = {"row": "row", "turns": "image_counts", "total": "total"} | (
     {"flight": "flight"} if FLIGHTS else {}
 )
 STATE_NUMBERS = (NOW, LAST_ADVANCE)
-STATE_COUNTERS = (EPOCH, PAIRS, WALL_HITS, OUT_OF_ORDER, STALE, RENEWALS, INSTANT_EVENTS, LAST_PAIR_EPOCH)
+STATE_COUNTERS = (EPOCH, PAIRS, WALL_HITS, OUT_OF_ORDER, STALE, REBUILDS, INSTANT_EVENTS, LAST_PAIR_EPOCH)
 
 # Calendar: blocks of 8 int64: the next block (-1: none) and how many entries, then 7 entries id << 32 | stamp.
 BLOCK = 8

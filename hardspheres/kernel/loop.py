@@ -5,8 +5,8 @@ from .common.event_heap import pop_event
 from .common.particles import begin_epoch, collide_pair, epoch_length_due, hit_wall
 from .common.prefetch import prefetch_neighbours, prefetch_surroundings
 from .dense.calendar import clear_calendar, next_bucket, schedule
-from .dense.neighbour_lists import make_all_lists, renew_list
-from .dense.prediction import next_event, shell_exit
+from .dense.neighbour_lists import make_all_lists, rebuild_list
+from .dense.prediction import next_event, threshold_crossing
 from .dilute.predicted_contacts import candidate_holds, open_candidates, partners
 from .dilute.windows import follow, open_window
 from .flags import FLIGHTS, GROWS, MASSES, SPARSE, WALLS
@@ -31,16 +31,16 @@ from .layout import (
     PAIRS,
     PARTNER,
     PARTNER_VERSION,
-    RENEW,
-    RENEWALS,
+    REBUILD,
+    REBUILD_ALL_DUE,
+    REBUILDS,
+    REBUILDS_OF_ALL,
     SHORT_CELLS,
     SHORT_LISTS,
     SHORT_QUEUE,
     STALE,
     STAMP,
     STAMP_BITS,
-    SWEEP_DUE,
-    SWEEPS,
     TIME,
     WINDOW_BUCKETS,
     N,
@@ -70,7 +70,7 @@ def predict(s, i, now):
     """Find i's next event and enter it in the calendar."""
     time, partner = next_event(s, i, now)
     met = 0 <= partner < s.counter[N]
-    s.event[i * EVENT + PARTNER_VERSION] = s.version[partner] if met else s.counter[SWEEPS]
+    s.event[i * EVENT + PARTNER_VERSION] = s.version[partner] if met else s.counter[REBUILDS_OF_ALL]
     schedule(s, i, time, partner)
 
 
@@ -123,8 +123,8 @@ def run(arrays, cells, blocks, afresh, stop_epoch, stop_time, stop_pairs, budget
                     open_candidates(s)
                     if s.counter[BEYOND_ALL]:
                         prefetch_surroundings(s)
-            elif s.counter[RENEWALS] >= s.counter[SWEEP_DUE]:
-                renew_all(s, bucket_end, cells)
+            elif s.counter[REBUILDS] >= s.counter[REBUILD_ALL_DUE]:
+                rebuild_all(s, bucket_end, cells)
                 budget -= n
             else:
                 next_bucket(s)
@@ -164,15 +164,15 @@ def search_lists(s, cells, blocks):
 
 
 @called
-def renew_all(s, now, cells):
-    """Make all lists anew. Events stay as they are, but who comes out of its new shell earlier does so."""
+def rebuild_all(s, now, cells):
+    """Rebuild all lists. Events stay as they are, but a threshold that is crossed earlier now is the next event."""
     make_all_lists(s, now, cells)
     if s.counter[SHORT_CELLS] == 0 and s.counter[SHORT_LISTS] == 0:
         for i in range(s.counter[N]):
-            time = shell_exit(s, i)
+            time = threshold_crossing(s, i)
             if time < s.event_float[i * EVENT + TIME]:
-                s.event[i * EVENT + PARTNER_VERSION] = s.counter[SWEEPS]
-                schedule(s, i, max(time, now), RENEW)
+                s.event[i * EVENT + PARTNER_VERSION] = s.counter[REBUILDS_OF_ALL]
+                schedule(s, i, max(time, now), REBUILD)
 
 
 @jit
@@ -208,8 +208,8 @@ def execute(s, i, time):
     """Let i's event happen. Returns the other particle that has changed, or -1."""
     partner = s.event[i * EVENT + PARTNER]
     version = s.event[i * EVENT + PARTNER_VERSION]
-    if partner == RENEW and version == s.counter[SWEEPS]:
-        renew_list(s, i, time)
+    if partner == REBUILD and version == s.counter[REBUILDS_OF_ALL]:
+        rebuild_list(s, i, time)
     elif partner >= s.counter[N]:
         if WALLS:
             advance_clock(s, time)

@@ -163,7 +163,9 @@ def walls_forgotten(sim, at, a):
 
 
 def centre_astray(sim, at, a):
-    a.event_float[7 * at.EVENT + at.CENTRE] += 2.5 * a.number[at.SHELL]  # now it is outside of its shell
+    a.event_float[7 * at.EVENT + at.REFERENCE] += (
+        2.5 * a.number[at.DISPLACEMENT_THRESHOLD]
+    )  # now it is outside of its shell
 
 
 def pending(sim, at, a):
@@ -295,7 +297,7 @@ def test_clock_and_counters_past_2_to_the_32(search, tmp_path):
     fresh, old = (hs.Simulation(scene, search=search) for _ in range(2))
     at, count, total = old._at, old._engine.arrays.counter, 2**40 + 7
     old._engine.now = total, 0.0
-    for name in ("EPOCH", "PAIRS", "WALL_HITS", "STALE", "RENEWALS", "OUT_OF_ORDER", "LAST_PAIR_EPOCH"):
+    for name in ("EPOCH", "PAIRS", "WALL_HITS", "STALE", "REBUILDS", "OUT_OF_ORDER", "LAST_PAIR_EPOCH"):
         count[getattr(at, name)] = total
     old._engine.arrays.image_counts[:] = total
     old.reset_tallies()

@@ -35,8 +35,8 @@ def off(kernel, distance, offset, rng, cancelling=False):
     row, event, number = np.zeros(at.ROW), np.zeros(at.EVENT), np.zeros(at.NUMBERS)
     row[at.X : at.X + at.DIM] = centre + SHELL * (offset * across - distance * along)
     row[at.V : at.V + at.DIM] = v
-    event[at.CENTRE : at.CENTRE + at.DIM] = centre
-    number[at.SHELL] = SHELL
+    event[at.REFERENCE : at.REFERENCE + at.DIM] = centre
+    number[at.DISPLACEMENT_THRESHOLD] = SHELL
     u = row[at.X : at.X + at.DIM] - centre
     if cancelling:
         b, vv = u @ v, v @ v

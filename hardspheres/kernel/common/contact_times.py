@@ -45,7 +45,7 @@ SHIFT = 9 * LANES
 
 
 @jit
-def lay_out(s, k, j):
+def copy_row(s, k, j):
     """Copy the row of j to line k of the table."""
     rj = j * ROW
     for d in range(DIM):
@@ -180,5 +180,5 @@ def growing_wall_contact(s, i):
 @jit
 def pair_contact(s, i, j, about):
     """Time of contact of one pair, in the image that is the nearest at about that time."""
-    lay_out(s, 0, j)
+    copy_row(s, 0, j)
     return from_bits(solve(s, i, about, 1))

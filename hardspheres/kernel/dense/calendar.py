@@ -1,8 +1,8 @@
-"""The calendar of the list method: a ring of buckets for the particles' coming events.
+"""The calendar of the list method (Brown 1988): a ring of buckets for the next events of the particles.
 
-A bucket is the blocks of a bucket (one cache line: a link and seven entries), so that an insertion touches one line and a removal
-none: an entry counts only while its stamp is its particle's latest. Events after the present cycle of the ring wait in one
-further bucket; events after the epoch are not entered at all, since the epoch predicts them again.
+An insertion touches one block of a bucket (`bucket_queue`), a removal touches none: an entry counts only while its stamp
+is its particle's latest. One turn of the ring is a cycle. Events after the present cycle are in one further bucket; events
+after the epoch are not entered at all, since the next epoch predicts them again.
 """
 
 from ..common.bucket_queue import clear_buckets, push_bucket, release_block
@@ -31,7 +31,7 @@ from ..simd.pointers import prefetch
 
 @jit
 def tie_key(i, partner):
-    """Order of events at equal times: lower id, then higher id; a due neighbour list first."""
+    """Order of events at equal times: lower id, then higher id; a list to rebuild first."""
     if partner < 0:
         return 0
     return (min(i, partner) << 32) | max(i, partner)
@@ -39,7 +39,7 @@ def tie_key(i, partner):
 
 @jit
 def insert_event(s, i):
-    """Put i's event, just predicted, into the calendar."""
+    """Insert i's event, just predicted, into the calendar."""
     time = s.event_float[i * EVENT + TIME]
     if time >= s.number[EPOCH_LENGTH]:
         return
@@ -89,7 +89,7 @@ def insert_all_waiting(s):
 
 @jit
 def schedule(s, i, time, partner):
-    """Make this i's next event; an earlier one of i no longer counts."""
+    """Make this i's next event; an entry of i made before no longer counts."""
     event = i * EVENT
     s.event_float[event + TIME] = time
     s.event[event + PARTNER] = partner
@@ -99,7 +99,7 @@ def schedule(s, i, time, partner):
 
 @jit
 def open_bucket(s, slot):
-    """Enter the live events of a bucket anew: those of the current bucket reach the event heap."""
+    """Insert the live events of a bucket again: those of the current bucket go to the event heap."""
     block = s.buckets[slot]
     s.buckets[slot] = -1
     while block >= 0:

@@ -1,11 +1,14 @@
-"""Who can meet whom: cells of centres, and a neighbour list for each particle that lasts while it stays in its shell.
+"""Neighbour lists: with whom each particle can collide before it exceeds its displacement threshold.
 
-A list names every particle whose centre (a little ahead of where *it* was when its own list was made) lies within REACH. REACH is
-the contact distance and two shells, so nobody can meet a stranger before one of the two has left its shell. Lists are symmetric,
-and making a new one touches only the neighbours lost and won. All are made at once from a table of what is around each cell. A
-list ends with the id n, the row of which nobody meets, and so does every slot after that. Cells are at least REACH wide: 27 of them (9 in 2D) hold all candidates; they keep the centres as seen
-from their own corner, in single precision, which REACH makes up for. On a periodic axis of one or two cells the same cell is
-visited again as another image of itself, which lists then name.
+Each particle has a reference position, a little ahead of where it was when its list was made. The list names every
+particle whose reference position lies within CUTOFF of it. CUTOFF is the contact distance and two displacement
+thresholds, so no particle outside the list can collide before one of the two exceeds its threshold. Then that one
+gets a new list, and only the lists of removed and added neighbours change with it: lists are symmetric. All lists
+are rebuilt at once, cell by cell, from a table of the particles around each cell.
+
+A list ends with the id n, the null particle, and so does every slot after that. Cells are at least CUTOFF wide, so 27 of them (9
+in 2D) hold all neighbours; CUTOFF covers the rounding of positions in cells to single precision. On a periodic axis of
+one or two cells the same cell is visited again as another image of itself; lists then store the image index.
 """
 
 import numpy as np
@@ -18,44 +21,43 @@ from ..layout import (
     CELL_LANES,
     CELL_ROOM,
     CELLS,
-    CENTRE,
+    CUTOFF,
+    DISPLACEMENT_THRESHOLD,
     EVENT,
     IMAGES,
     LEAD,
     LIST_ROOM,
-    PATIENCE,
     RADIUS,
-    REACH,
-    RENEWALS,
+    REBUILD_ALL_DUE,
+    REBUILD_THRESHOLD,
+    REBUILDS,
+    REBUILDS_OF_ALL,
+    REFERENCE,
     ROW,
-    SHELL,
     SHORT_CELLS,
     SHORT_LISTS,
-    SWEEP_DUE,
-    SWEEPS,
     N,
     T,
     V,
     X,
 )
 from ..simd.jit import called, jit
-from .cell_grid import line_of, locate, neighbour_cell, put_in_cell, take_from_cell, turns_of
-from .cutoff import copy_lines, keep_within
+from .cell_grid import image_of, locate, neighbour_cell, place_of_slot, put_in_cell, take_from_cell
+from .cutoff import copy_columns, cutoff_test
 
-AHEAD = (
-    0.5  # of a shell, along each axis: the centre is so far ahead at most, so the particle is in the shell
-)
+# Of the displacement threshold, along each axis: the reference position is at most so far ahead of the particle.
+MOST_AHEAD = 0.5
 
 
 @jit
-def set_centre(s, i, now):
-    """Move i's centre to a little ahead of where i is now, about where it will collide: it stays around there for longer."""
+def set_reference(s, i, now):
+    """Put i's reference position a little ahead of i, about where it will collide: i stays around there longer."""
     dt = now - s.row[i * ROW + T]
-    most = AHEAD * s.number[SHELL]
+    most = MOST_AHEAD * s.number[DISPLACEMENT_THRESHOLD]
     for d in range(DIM):
         v = s.row[i * ROW + V + d]
         ahead = max(min(v * s.number[LEAD], most), -most)
-        s.event_float[i * EVENT + CENTRE + d] = s.row[i * ROW + X + d] + v * dt + ahead
+        s.event_float[i * EVENT + REFERENCE + d] = s.row[i * ROW + X + d] + v * dt + ahead
 
 
 @jit
@@ -69,8 +71,8 @@ def position_in_list(s, i, j):
 
 
 @jit
-def append(s, i, j):
-    """Append j to i's list; returns its slot, or -1 where the list is full (then the run makes room and starts over)."""
+def add_neighbour(s, i, j):
+    """Append j to i's list; returns its slot, or -1 where the list is full (then the run makes room)."""
     room = s.counter[LIST_ROOM]
     end = position_in_list(s, i, s.counter[N])
     if end >= room - 1:
@@ -81,7 +83,7 @@ def append(s, i, j):
 
 
 @jit
-def strike(s, i, j):
+def remove_neighbour(s, i, j):
     """Remove one entry of j from i's list; the last entry takes its slot."""
     room = s.counter[LIST_ROOM]
     k = position_in_list(s, i, j)
@@ -96,49 +98,49 @@ def strike(s, i, j):
 
 
 @jit
-def forget(s, i):
+def clear_list(s, i):
     """Empty i's list, and remove i from the lists of those on it."""
     room = s.counter[LIST_ROOM]
     for k in range(room):
         j = s.neighbours[i * room + k]
         if j < s.counter[N]:
-            strike(s, j, i)
+            remove_neighbour(s, j, i)
         s.neighbours[i * room + k] = s.counter[N]
 
 
 @jit
-def link(s, i, j, sx, sy, sz):
-    """Enter i and j in each other's lists; the image of j that i meets is shifted by (sx, sy, sz) boxes."""
-    a = append(s, i, j)
-    b = append(s, j, i)
+def add_pair(s, i, j, sx, sy, sz):
+    """Enter i and j in each other's lists; j is seen in the image that is shifted by (sx, sy, sz) boxes."""
+    a = add_neighbour(s, i, j)
+    b = add_neighbour(s, j, i)
     if s.counter[IMAGES] and a >= 0 and b >= 0:
         for d in range(DIM):
             shift = sx if d == 0 else (sy if d == 1 else sz)
-            image = int(shift + turns_of(s, i, d) - turns_of(s, j, d))
+            image = int(shift + image_of(s, i, d) - image_of(s, j, d))
             s.images[a * DIM + d] = image
             s.images[b * DIM + d] = -image
 
 
 @jit
-def look_in_cell(s, cell, i, x, y, z, reach, kept):
-    """Add the ids of a cell's centres within reach of (x, y, z), other than i's, to those kept. Returns how many there are then."""
+def find_in_cell(s, cell, i, x, y, z, cutoff, kept):
+    """Append the ids in a cell within the cutoff of (x, y, z), without i, to those kept; returns how many there are."""
     count = s.cell_count[cell]
-    line = line_of(cell * s.counter[CELL_ROOM])
+    line = place_of_slot(cell * s.counter[CELL_ROOM])
     for k in range(0, max(count, 1), CELL_LANES):
         left = count - k
         at = line + CELL_COLUMNS * k
-        kept += keep_within(s.near, kept, s.cell_ids, s.cell_places, at, CELL_LANES, left, i, x, y, z, reach)
+        kept += cutoff_test(s.near, kept, s.cell_ids, s.cell_places, at, CELL_LANES, left, i, x, y, z, cutoff)
     return kept
 
 
 @called
-def look_around(s, i):
-    """Find the ids of all centres within reach of i's; where lists name images, link them at once. Returns how many."""
+def find_neighbours(s, i):
+    """Find all particles within the cutoff of i, and return how many; where lists store images, enter them at once."""
     cx, cy, cz, x, y, z = locate(s, i)
     named = s.counter[IMAGES] == 1
-    reach = np.float32(s.number[REACH])
+    cutoff = np.float32(s.number[CUTOFF])
     if SIZES:
-        reach = np.float32(s.number[REACH] + s.row[i * ROW + RADIUS])
+        cutoff = np.float32(s.number[CUTOFF] + s.row[i * ROW + RADIUS])
     kept = 0
     for ox in range(-1, 2):
         kx, sx = neighbour_cell(s, cx + ox, 0)
@@ -153,10 +155,10 @@ def look_around(s, i):
                 kz, sz = neighbour_cell(s, cz + oz, 2)
                 pz = np.float32(z - np.float32(oz * s.number[CELL_EDGE + 2]))
                 if kz >= 0:
-                    kept = look_in_cell(s, row_of_cells + kz, i, px, py, pz, reach, kept)
+                    kept = find_in_cell(s, row_of_cells + kz, i, px, py, pz, cutoff, kept)
                     if named:
                         for k in range(kept):
-                            link(s, i, s.near[k], sx, sy, sz)
+                            add_pair(s, i, s.near[k], sx, sy, sz)
                         kept = 0
     for k in range(kept, kept + CELL_LANES):
         s.near[k] = -1
@@ -164,7 +166,7 @@ def look_around(s, i):
 
 
 @jit
-def is_near(s, kept, j):
+def is_found(s, kept, j):
     """Whether j is one of those kept."""
     found = False
     for k in range(0, kept, CELL_LANES):
@@ -174,30 +176,30 @@ def is_near(s, kept, j):
 
 
 @jit
-def relist(s, i):
-    """Replace i's list by what `look_around` finds, and tell those lost and won."""
+def update_list(s, i):
+    """Replace i's list by what `find_neighbours` finds, and update the lists of removed and added neighbours."""
     room = s.counter[LIST_ROOM]
     n = s.counter[N]
-    kept = look_around(s, i)
+    kept = find_neighbours(s, i)
     if kept >= room:
         s.counter[SHORT_LISTS] = 1
         return
     for k in range(kept):
         j = s.near[k]
         if position_in_list(s, i, j) == room:
-            append(s, j, i)
+            add_neighbour(s, j, i)
     for k in range(room):
         j = s.neighbours[i * room + k]
         if j == n:
             break
-        if not is_near(s, kept, j):
-            strike(s, j, i)
+        if not is_found(s, kept, j):
+            remove_neighbour(s, j, i)
     write_list(s, i, kept)
 
 
 @jit
 def write_list(s, i, kept):
-    """Make those kept i's list."""
+    """Write the particles that were kept to i's list."""
     room = s.counter[LIST_ROOM]
     if kept >= room:
         s.counter[SHORT_LISTS] = 1
@@ -207,67 +209,67 @@ def write_list(s, i, kept):
 
 
 @jit
-def renew_list(s, i, now):
-    """Move i's centre to where i is, and make its list anew."""
+def rebuild_list(s, i, now):
+    """Move i's reference position to where i is now, and rebuild its list."""
     take_from_cell(s, i)
-    set_centre(s, i, now)
+    set_reference(s, i, now)
     if s.counter[IMAGES]:
-        forget(s, i)
-        look_around(s, i)
+        clear_list(s, i)
+        find_neighbours(s, i)
     else:
-        relist(s, i)
+        update_list(s, i)
     put_in_cell(s, i)
-    s.counter[RENEWALS] += 1
+    s.counter[REBUILDS] += 1
 
 
 @called
 def make_all_lists(s, now, cells):
-    """Centres, cells and lists of all particles from their rows."""
+    """Make the reference positions, cells and lists of all particles from their rows."""
     n = s.counter[N]
     s.counter[SHORT_CELLS] = 0
     s.counter[SHORT_LISTS] = 0
-    s.counter[SWEEPS] += 1
-    s.counter[SWEEP_DUE] = s.counter[RENEWALS] + s.counter[PATIENCE]
+    s.counter[REBUILDS_OF_ALL] += 1
+    s.counter[REBUILD_ALL_DUE] = s.counter[REBUILDS] + s.counter[REBUILD_THRESHOLD]
     for cell in range(cells):
         s.cell_count[cell] = 0
     if s.counter[IMAGES]:
         for k in range(n * s.counter[LIST_ROOM]):
             s.neighbours[k] = n
     for i in range(n):
-        set_centre(s, i, now)
+        set_reference(s, i, now)
         if s.counter[IMAGES]:
-            look_around(s, i)  # each for those that came before
+            find_neighbours(s, i)  # each with those before it
         put_in_cell(s, i)
     if s.counter[IMAGES] == 0 and s.counter[SHORT_CELLS] == 0:
         for cx in range(s.counter[CELLS]):
             for cy in range(s.counter[CELLS + 1]):
                 for cz in range(s.counter[CELLS + 2]):
-                    list_cell(s, cx, cy, cz)
+                    make_lists_of_cell(s, cx, cy, cz)
 
 
 @jit
-def list_cell(s, cx, cy, cz):
+def make_lists_of_cell(s, cx, cy, cz):
     """Make the lists of all particles in a cell."""
     wide = AROUND * s.counter[CELL_ROOM] + CELL_LANES
-    m, own, count = lay_out_around(s, cx, cy, cz)
-    for line in range(own, own + count):
-        i = s.around_ids[line]
-        x, y = s.around[line + wide], s.around[line + 2 * wide]
-        z = s.around[line + 3 * wide] if DIM == 3 else np.float32(0.0)
-        reach = np.float32(s.number[REACH])
+    m, own, count = gather_cells(s, cx, cy, cz)
+    for k_own in range(own, own + count):
+        i = s.around_ids[k_own]
+        x, y = s.around[k_own + wide], s.around[k_own + 2 * wide]
+        z = s.around[k_own + 3 * wide] if DIM == 3 else np.float32(0.0)
+        cutoff = np.float32(s.number[CUTOFF])
         if SIZES:
-            reach += s.around[line + (1 + DIM) * wide]
+            cutoff += s.around[k_own + (1 + DIM) * wide]
         kept = 0
         for k in range(0, m, CELL_LANES):
-            kept += keep_within(s.near, kept, s.around_ids, s.around, k, wide, m - k, i, x, y, z, reach)
+            kept += cutoff_test(s.near, kept, s.around_ids, s.around, k, wide, m - k, i, x, y, z, cutoff)
         write_list(s, i, kept)
 
 
 @jit
-def lay_out_around(s, cx, cy, cz):
+def gather_cells(s, cx, cy, cz):
     """Copy a cell and those around it to a table, as seen from its corner.
 
-    Returns how many lines that makes, which is the first of the cell itself, and how many it has.
+    Returns how many particles the table has, which is the first of the cell itself, and how many it has.
     """
     wide = AROUND * s.counter[CELL_ROOM] + CELL_LANES
     m, own, count = 0, 0, 0
@@ -288,10 +290,10 @@ def lay_out_around(s, cx, cy, cz):
                 here = s.cell_count[row_of_cells + kz]
                 if ox == 0 and oy == 0 and oz == 0:
                     own, count = m, here
-                line = line_of((row_of_cells + kz) * s.counter[CELL_ROOM])
+                line = place_of_slot((row_of_cells + kz) * s.counter[CELL_ROOM])
                 for k in range(0, max(here, 1), CELL_LANES):
                     at = line + CELL_COLUMNS * k
-                    copy_lines(
+                    copy_columns(
                         s.around_ids,
                         s.around,
                         m + k,

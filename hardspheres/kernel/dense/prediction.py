@@ -1,4 +1,4 @@
-"""The next event of a particle of the list method: a contact with a neighbour, a wall, or the end of its shell."""
+"""The next event of a particle of the list method: a contact, a wall, or its displacement threshold."""
 
 import math
 
@@ -15,7 +15,21 @@ from ..common.contact_times import (
     wall_contact,
 )
 from ..flags import DIM, GROWS, WALLS
-from ..layout import CENTRE, EVENT, IMAGES, LANES, LIST_ROOM, NOTHING, RENEW, ROW, SHELL, N, T, V, X
+from ..layout import (
+    DISPLACEMENT_THRESHOLD,
+    EVENT,
+    IMAGES,
+    LANES,
+    LIST_ROOM,
+    NOTHING,
+    REBUILD,
+    REFERENCE,
+    ROW,
+    N,
+    T,
+    V,
+    X,
+)
 from ..simd.jit import jit
 from ..simd.pointers import from_bits
 from ..simd.vectors import gather_transposed, least_of_equal
@@ -23,7 +37,7 @@ from ..simd.vectors import gather_transposed, least_of_equal
 
 @jit
 def gather(s, i, first):
-    """Lay out some of i's neighbours, and the images that the list names, if it does."""
+    """Copy the rows of some of i's neighbours to the table, and the images that the list stores, if any."""
     entry = i * s.counter[LIST_ROOM] + first
     for k in range(0, LANES, ROW):
         gather_transposed(s.scratch, k, LANES, s.row, s.neighbours, entry + k)
@@ -58,41 +72,41 @@ def earliest_contact(s, i, now):
 
 
 @jit
-def shell_exit(s, i):
-    """Time at which i comes out of the shell around the centre of its neighbour list.
+def threshold_crossing(s, i):
+    """Time at which i is one displacement threshold away from its reference position.
 
-    The row may have been written many shells before i came into this one. So, as for contacts, the discriminant is the one in which
-    nothing of the size of that distance cancels.
+    The row may have been written many thresholds away from there. So, as for contacts, the discriminant is the
+    one in which nothing of the size of that distance cancels.
     """
     row = s.row
-    ri, centre = i * ROW, i * EVENT + CENTRE
-    x, y = row[ri + X] - s.event_float[centre], row[ri + X + 1] - s.event_float[centre + 1]
+    ri, reference = i * ROW, i * EVENT + REFERENCE
+    x, y = row[ri + X] - s.event_float[reference], row[ri + X + 1] - s.event_float[reference + 1]
     u, v = row[ri + V], row[ri + V + 1]
-    shell2 = s.number[SHELL] * s.number[SHELL]
+    threshold2 = s.number[DISPLACEMENT_THRESHOLD] * s.number[DISPLACEMENT_THRESHOLD]
     if DIM == 3:
-        z, w = row[ri + X + 2] - s.event_float[centre + 2], row[ri + V + 2]
+        z, w = row[ri + X + 2] - s.event_float[reference + 2], row[ri + V + 2]
         b, vv, rr = x * u + y * v + z * w, u * u + v * v + w * w, x * x + y * y + z * z
-        d = discriminant_3d(x, y, z, u, v, w, shell2)
+        d = discriminant_3d(x, y, z, u, v, w, threshold2)
     else:
         b, vv, rr = x * u + y * v, u * u + v * v, x * x + y * y
-        d = discriminant_2d(x, y, u, v, shell2)
+        d = discriminant_2d(x, y, u, v, threshold2)
     root = math.sqrt(max(d, 0.0))
     outwards = b > 0.0
-    time = (shell2 - rr if outwards else root - b) / (b + root if outwards else vv)
+    time = (threshold2 - rr if outwards else root - b) / (b + root if outwards else vv)
     return row[ri + T] + time if vv > 0.0 else NEVER
 
 
 @jit
 def next_event(s, i, now):
-    """Time and partner of the next thing that happens to i: a contact, a wall, or a new neighbour list."""
+    """Time and partner of i's next event: a contact, a wall, or a new neighbour list."""
     time, partner = earliest_contact(s, i, now)
     if WALLS:
         t, wall = growing_wall_contact(s, i) if GROWS else wall_contact(s, i)
         if t < time:
             time, partner = t, wall
-    t = shell_exit(s, i)
+    t = threshold_crossing(s, i)
     if t <= time:
         if t == NEVER:
             return NEVER, NOTHING
-        return max(t, now), RENEW
+        return max(t, now), REBUILD
     return time, partner
