@@ -352,9 +352,7 @@ class _Search:
         for slot in range((bucket & (size - 1)) + 1, size):
             pending += [(c, slot) for c in self.chain(slot)]
         numbers = np.array([c for c, _ in pending], dtype=np.int64)
-        entries = arrays.candidates[: int(count[at.CANDIDATES]) * at.CANDIDATE].reshape(-1, at.CANDIDATE)[
-            numbers
-        ]
+        entries = arrays.contacts[: int(count[at.CONTACTS]) * at.CONTACT].reshape(-1, at.CONTACT)[numbers]
         when, pair, versions = entries[:, 0].view(np.float64), entries[:, 1], entries[:, 2]
         i, j = pair >> 32, pair & STAMP_BITS
         now = arrays.version[i].astype(np.int64) << 32

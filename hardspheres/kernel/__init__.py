@@ -34,10 +34,10 @@ down is never later. **The calendar** (`calendar`; Brown 1988, doi:10.1145/63039
 their time. An event that no longer counts stays where it is until its bucket is opened.
 
 *Dilute: windows* (`windows`). In a short window of time every flight is a known line and few lines come near another. All lines
-are drafted, eight at a time (`drafts`), and sorted into columns of cells (`line_cells`), so that those near one stand in a few
+are drafted, eight at a time (`unsorted`), and sorted into columns of cells (`line_cells`), so that those near one stand in a few
 contiguous runs. Two lines are compared by the boxes that hold them, first: a box is six bytes, and sixteen are compared at once.
-What overlaps goes through a vectorised filter in single precision (`lines`), and what passes that is computed exactly. Contacts
-within the window are kept in buckets by their time (`candidates`); a particle that has collided gets a new line, which is compared
+What overlaps goes through a vectorised filter in single precision (`segments`), and what passes that is computed exactly. Contacts
+within the window are kept in buckets by their time (`contacts`); a particle that has collided gets a new line, which is compared
 again and takes the place of the old one, or hangs in a chain (`chains`). Between collisions nothing happens at all, where lists
 would have to be renewed many times for each collision of a dilute gas.
 A few large particles among small ones have a coarser grid of their own (`large`).
@@ -59,7 +59,7 @@ needs, and everything else is as before.
 **The loop** (`loop`) takes the next event, executes it, and searches for what its one or two particles do next.
 
 Arithmetic is strict wherever it enters the trajectory: only + - x / sqrt and integers, no fused or reordered operations, so one
-scene gives the same bits on every IEEE-754 machine. Only the filters of `lines` and `line_cells`, whose margins cover
+scene gives the same bits on every IEEE-754 machine. Only the filters of `segments` and `line_cells`, whose margins cover
 their rounding, are coarser, and may be fused.
 
 **Specialisation.** What a scene lacks is not compiled in: `specialise` loads this package's files once for each kind of scene (its

@@ -40,13 +40,13 @@ class Arrays(NamedTuple):
         object  # windows: int32 (n): the particles of the cells in the order in which they are gone through
     )
     large: object  # int32: those that are in the coarse grid
-    drafts: object  # float32 (n * LINE): lines before they are sorted
-    draft_words: object  # the same memory as int32
-    draft_bounds: object  # int64 (n)
-    lines: object  # float32 ((LINE_ROOM + NODE_ROOM + 2) * LINE): sorted by cells; those in chains; the latest new ones
-    line_words: object  # the same memory as int32
-    bounds: object  # int64 (LINE_ROOM + NODE_ROOM + AT_ONCE): of the boxes that hold the lines, see `lines`
-    cell_of_line: object  # int32 (LINE_ROOM)
+    unsorted: object  # float32 (n * SEGMENT): lines before they are sorted
+    unsorted_words: object  # the same memory as int32
+    unsorted_boxes: object  # int64 (n)
+    segments: object  # float32 ((SEGMENT_ROOM + OVERFLOW_ROOM + 2) * SEGMENT): sorted by cells; those in chains; the latest new ones
+    segment_words: object  # the same memory as int32
+    boxes: object  # int64 (SEGMENT_ROOM + OVERFLOW_ROOM + AT_ONCE): of the boxes that hold the lines, see `segments`
+    cell_of_segment: object  # int32 (SEGMENT_ROOM)
     image_shifts: object  # int64 (64): how far bounds are shifted in each image
     column: object  # int32 ((nx + 2) (nz + 2)): index of each column of cells, and of those one cell beyond the box
     column_code: object  # int32, the same: the image in which the box is seen from there
@@ -55,13 +55,13 @@ class Arrays(NamedTuple):
         object  # int32 (NEAR_ROOM + 2 * AT_ONCE): the slots of lines whose bounds overlap those of another
     )
     pair_own: object  # uint32, the same: the slot of that other, and the image in which it is seen
-    own_slots: object  # int32 (LINES): such slots alone
-    pair_lines: object  # float32 (2 * LINE * LINES): the lines of eight pairs, column by column
-    meetings: object  # int32 (NEAR_ROOM + 2 * AT_ONCE): which pairs may meet
+    own_slots: object  # int32 (EIGHT): such slots alone
+    pair_segments: object  # float32 (2 * SEGMENT * EIGHT): the lines of eight pairs, column by column
+    passed: object  # int32 (NEAR_ROOM + 2 * AT_ONCE): which pairs may meet
     changed: object  # int64 (2 * CHANGED): those that an event has changed, see `windows`
-    chain_first: object  # int32: first node of each chain of new lines
-    node_next: object  # int32 (NODE_ROOM)
-    candidates: object  # int64 (CANDIDATE_ROOM * CANDIDATE), see `candidates`
+    overflow_first: object  # int32: first node of each chain of new lines
+    overflow_next: object  # int32 (OVERFLOW_ROOM)
+    contacts: object  # int64 (CONTACT_ROOM * CONTACT), see `contacts`
     number: object  # float64: the numbers above
     counter: object  # int64: the counters above
     total: object  # float64: the sums above

@@ -40,9 +40,9 @@ NOW = 17  # time of the last event, relative to the epoch
 ORDER_TOLERANCE = 18  # an event is out of order if predicted more than this before NOW
 LAST_ADVANCE = 19  # NOW when time last advanced
 HALF_WINDOW = 20  # windows: half their length in time
-STRETCH = 21  # how far a registered piece of a flight reaches from its middle
-LINE_UNIT = 22  # 1 / the longest edge of a cell
-LINE_MARGIN = 23  # added to the radius of a line
+HALF_LENGTH = 21  # how far a registered piece of a flight reaches from its middle
+SEGMENT_UNIT = 22  # 1 / the longest edge of a cell
+SEGMENT_MARGIN = 23  # added to the radius of a line
 CELL_EDGE = 24  # edges of a cell, 3 slots
 MIDDLE = 27  # time at the middle of the window
 SCALE = 28  # growth: at the epoch's start all radii are this many times those given
@@ -54,7 +54,7 @@ MEAN_SQUARE = 35  # mean square speed when this epoch began, where masses differ
 UPPER_MEAN_SQUARE = 36  # from this mean square speed on epochs are too long
 LOWER_MEAN_SQUARE = 37  # below this one they are too short
 UNIT_DENSITY = 38  # windows: units of the bounds of lines per length, 3 slots
-REACH_OF_LINES = 41  # how far a line may reach beyond its cell, 3 slots
+SEGMENT_OVERHANG = 41  # how far a line may reach beyond its cell, 3 slots
 LEAD = 44  # lists: how far in time a reference position is ahead of its particle
 NUMBERS = 45
 FLIGHT_UNITS = NUMBERS  # where FLIGHTS, of each species: 1 / the units of its paths, times, and bins of speed
@@ -94,12 +94,12 @@ SHORT_CELLS = 21
 SHORT_QUEUE = 22
 LAST_PAIR_EPOCH = 23  # epoch of the last pair collision
 WINDOW_BUCKETS = 24  # buckets in a window; 0 for lists
-LINE_ROOM = 25  # windows: lines that the cells can hold
-NODES = 26  # new lines of this window that are chained
+SEGMENT_ROOM = 25  # windows: lines that the cells can hold
+OVERFLOWED = 26  # new lines of this window that are chained
 REGISTERED = 27  # lines at the beginning of this window
-CANDIDATE_ROOM = 28
-CANDIDATES = 29  # contacts noted in this window
-NODE_ROOM = 30
+CONTACT_ROOM = 28
+CONTACTS = 29  # contacts noted in this window
+OVERFLOW_ROOM = 30
 EPOCH_BUCKETS = 33  # buckets in an epoch
 LARGE = 34  # windows: how many particles are in the coarse grid
 LARGE_CELLS = 35  # coarse cells per axis, 3 slots
@@ -109,7 +109,7 @@ LOG_ROOM = 40  # how many it can hold; 0: there is no log
 SPECIES_COUNT = 41  # species that flights are told apart by
 NEAR_ROOM = 31  # windows: pairs of lines whose bounds overlap that the table can hold
 WIDTH = 42  # of a cell in the units of bounds, 3 slots
-BEYOND = 45  # how far a line may reach beyond its cell in these units, 3 slots
+OVERHANG = 45  # how far a line may reach beyond its cell in these units, 3 slots
 REBUILD_THRESHOLD = 48  # lists: single rebuilds after which all are rebuilt at once
 REBUILD_ALL_DUE = 49  # how many single rebuilds there have been then
 REBUILDS_OF_ALL = 50  # how often all lists were rebuilt at once
@@ -170,8 +170,8 @@ BLOCK = 8
 STAMP_BITS = 0xFFFFFFFF
 WAITING = 4  # entries that wait for their bucket to come into the cache
 
-CANDIDATE = 4  # int64 in a candidate
-CELLS_OF_CHAIN = 16  # windows: cells along y that share a chain of new lines
+CONTACT = 4  # int64 in a candidate
+CELLS_OF_OVERFLOW = 16  # windows: cells along y that share a chain of new lines
 # The image of one line in which another is compared with it: 1, plus or minus a box, for each axis.
 IMAGE = (1, 4, 16)
 SAME = 21
@@ -182,15 +182,15 @@ AROUND = 27 if DIM == 3 else 9  # cells where a particle's neighbours may be
 CELL_COLUMNS = DIM + 2 if SIZES else DIM + 1  # of a cell: id, place as seen from its corner, radius
 
 # A candidate.
-WHEN = 0  # bits of its time
-PAIR = 1  # lower id << 32 | higher id
-VERSIONS = 2  # of both, when the contact was computed
+CONTACT_TIME = 0  # bits of its time
+CONTACT_PAIR = 1  # lower id << 32 | higher id
+CONTACT_VERSIONS = 2  # of both, when the contact was computed
 
-LINE = 8  # float32 in a line
-PLACE = 0
-WAY = 3
-REACH_OF_LINE = 6
-WHOSE = 7  # the id, in the same memory as int32
+SEGMENT = 8  # float32 in a line
+MIDPOINT = 0
+HALF_DISPLACEMENT = 3
+PADDED_RADIUS = 6
+OWNER = 7  # the id, in the same memory as int32
 
 # Bounds of a line, 6 bytes of an int64: the low ends of a box that holds it, along x, y, z, and the high ends negated. Whole turns
 # of 256 are left out: units are such that boxes that overlap, and those that are compared, differ by less than half a turn, so
@@ -233,13 +233,13 @@ def pointers(a):
         pointer(a.scratch_int),
         pointer(a.order),
         pointer(a.large),
-        pointer(a.drafts),
-        pointer(a.draft_words),
-        pointer(a.draft_bounds),
-        pointer(a.lines),
-        pointer(a.line_words),
-        pointer(a.bounds),
-        pointer(a.cell_of_line),
+        pointer(a.unsorted),
+        pointer(a.unsorted_words),
+        pointer(a.unsorted_boxes),
+        pointer(a.segments),
+        pointer(a.segment_words),
+        pointer(a.boxes),
+        pointer(a.cell_of_segment),
         pointer(a.image_shifts),
         pointer(a.column),
         pointer(a.column_code),
@@ -247,12 +247,12 @@ def pointers(a):
         pointer(a.pair_slot),
         pointer(a.pair_own),
         pointer(a.own_slots),
-        pointer(a.pair_lines),
-        pointer(a.meetings),
+        pointer(a.pair_segments),
+        pointer(a.passed),
         pointer(a.changed),
-        pointer(a.chain_first),
-        pointer(a.node_next),
-        pointer(a.candidates),
+        pointer(a.overflow_first),
+        pointer(a.overflow_next),
+        pointer(a.contacts),
         pointer(a.number),
         pointer(a.counter),
         pointer(a.total),

@@ -7,7 +7,7 @@ from .common.prefetch import prefetch_neighbours, prefetch_surroundings
 from .dense.calendar import clear_calendar, next_bucket, schedule
 from .dense.neighbour_lists import make_all_lists, rebuild_list
 from .dense.prediction import next_event, threshold_crossing
-from .dilute.predicted_contacts import candidate_holds, open_candidates, partners
+from .dilute.predicted_contacts import contact_holds, open_contacts, partners
 from .dilute.windows import follow, open_window
 from .flags import FLIGHTS, GROWS, MASSES, SPARSE, WALLS
 from .layout import (
@@ -23,11 +23,11 @@ from .layout import (
     LAST_ADVANCE,
     LOG_ROOM,
     LOGGED,
-    NODE_ROOM,
-    NODES,
     NOW,
     ORDER_TOLERANCE,
     OUT_OF_ORDER,
+    OVERFLOW_ROOM,
+    OVERFLOWED,
     PAIRS,
     PARTNER,
     PARTNER_VERSION,
@@ -120,7 +120,7 @@ def run(arrays, cells, blocks, afresh, stop_epoch, stop_time, stop_pairs, budget
                 s.counter[BUCKET] = bucket
                 search = (bucket & (s.counter[WINDOW_BUCKETS] - 1)) == 0
                 if not search:
-                    open_candidates(s)
+                    open_contacts(s)
                     if s.counter[BEYOND_ALL]:
                         prefetch_surroundings(s)
             elif s.counter[REBUILDS] >= s.counter[REBUILD_ALL_DUE]:
@@ -138,14 +138,14 @@ def run(arrays, cells, blocks, afresh, stop_epoch, stop_time, stop_pairs, budget
             first = s.heap_entry[0]
             pop_event(s)
             if SPARSE:
-                execute_candidate(s, first, time)
+                execute_contact(s, first, time)
             else:
                 if s.counter[BEYOND_CACHE] and s.counter[HEAP_LENGTH] > 0:
                     prefetch_neighbours(s)
                 execute_and_predict(s, first, time)
             if s.counter[INSTANT_EVENTS] > 1000 * n:
                 return STANDS_STILL
-        if SPARSE and s.counter[SHORT_LISTS] and s.counter[NODES] == s.counter[NODE_ROOM]:
+        if SPARSE and s.counter[SHORT_LISTS] and s.counter[OVERFLOWED] == s.counter[OVERFLOW_ROOM]:
             # There is no room for more new lines: a new search clears those away that were replaced.
             s.counter[SHORT_LISTS] = 0
             search = True
@@ -176,9 +176,9 @@ def rebuild_all(s, now, cells):
 
 
 @jit
-def execute_candidate(s, c, time):
+def execute_contact(s, c, time):
     """Let a candidate of the window happen, if it still holds, and search for what follows."""
-    if not candidate_holds(s, c):
+    if not contact_holds(s, c):
         s.counter[STALE] += 1
         return
     i, partner = partners(s, c)

@@ -37,7 +37,7 @@ for search in ("lists", "windows"):
     at, e = sim._at, sim._engine
     small = {at.HEAP_ROOM: 2, at.LIST_ROOM: at.LANES, at.CELL_ROOM: at.CELL_LANES}
     if search == "windows":
-        small = {at.HEAP_ROOM: 2, at.LINE_ROOM: 10, at.CANDIDATE_ROOM: 2, at.NODE_ROOM: 7, at.NEAR_ROOM: 1}
+        small = {at.HEAP_ROOM: 2, at.SEGMENT_ROOM: 10, at.CONTACT_ROOM: 2, at.OVERFLOW_ROOM: 7, at.NEAR_ROOM: 1}
     for slot, room in small.items():
         e.arrays.counter[slot] = room
     e.blocks = min(e.blocks, 4)
@@ -61,7 +61,7 @@ ONE_TOO_SHORT = """
 short = []
 for search, names in (
     ("lists", ("event", "neighbours", "images", "cell_ids", "cell_places", "near", "blocks", "scratch")),
-    ("windows", ("order", "drafts", "lines", "bounds", "cell_of_line", "column", "pair_slot", "pair_own", "meetings", "changed", "version")),
+    ("windows", ("order", "unsorted", "segments", "boxes", "cell_of_segment", "column", "pair_slot", "pair_own", "passed", "changed", "version")),
 ):
     for name in names:
         sim = hs.Simulation(gas("3d", 10, 0.02, seed=3), search=search)
@@ -86,7 +86,7 @@ for cells in range(1, 7):
     for width in (42, 66, 85):
         counter = np.zeros(at.COUNTERS, dtype=np.int64)
         counter[at.CELLS : at.CELLS + 3], counter[at.WIDTH : at.WIDTH + 2] = (cells, 9, 1), (width, 20)
-        counter[at.BEYOND : at.BEYOND + 2] = 21
+        counter[at.OVERHANG : at.OVERHANG + 2] = 21
         for middle in range(0, cells * width, 3):
             for half in (2, 20):
                 ends = (middle - half, 85, 0, -(middle + half), -95, 0)
@@ -149,7 +149,7 @@ def test_an_array_too_short_is_seen():
     """Sibling: where only its first element is left of an array the checks speak up, whichever array it is."""
     seen = checked(with_prelude(ONE_TOO_SHORT))
     lists = "event neighbours images cell_ids cell_places near blocks scratch"
-    windows = "order drafts lines bounds cell_of_line column pair_slot pair_own meetings changed version"
+    windows = "order unsorted segments boxes cell_of_segment column pair_slot pair_own passed changed version"
     assert seen == lists.split() + windows.split()
 
 

@@ -125,7 +125,7 @@ def test_running_out_of_room_changes_nothing(scene, expected, search):
     small = (
         {at.LIST_ROOM: at.LANES}
         if search == "lists"
-        else {at.LINE_ROOM: 10, at.CANDIDATE_ROOM: 2, at.NODE_ROOM: 7, at.NEAR_ROOM: 1}
+        else {at.SEGMENT_ROOM: 10, at.CONTACT_ROOM: 2, at.OVERFLOW_ROOM: 7, at.NEAR_ROOM: 1}
     )
     small |= {at.HEAP_ROOM: 2}
     for slot, room in small.items():
@@ -135,7 +135,7 @@ def test_running_out_of_room_changes_nothing(scene, expected, search):
     sim.run(collisions=COLLISIONS)
     assert state(sim) == expected
     grown = {slot for slot, room in small.items() if e.arrays.counter[slot] > room}
-    assert grown >= ({at.LIST_ROOM} if search == "lists" else {at.LINE_ROOM, at.CANDIDATE_ROOM})
+    assert grown >= ({at.LIST_ROOM} if search == "lists" else {at.SEGMENT_ROOM, at.CONTACT_ROOM})
 
 
 def test_fetching_ahead_changes_nothing(scene, expected, search, monkeypatch):

@@ -180,7 +180,7 @@ def contacts_forgotten(sim, at, a):
 
 
 def contact_one_rounding_late(sim, at, a):
-    when = a.candidates[: int(a.counter[at.CANDIDATES]) * at.CANDIDATE : at.CANDIDATE].view(np.float64)
+    when = a.contacts[: int(a.counter[at.CONTACTS]) * at.CONTACT : at.CONTACT].view(np.float64)
     when[:] = np.nextafter(when, np.inf)
 
 
@@ -260,9 +260,9 @@ def test_a_box_of_a_hundred_million_diameters():
         ("lists", "CELL_ROOM", 16),
         ("lists", "HEAP_ROOM", 1),
         ("lists", "blocks", 1),
-        ("windows", "LINE_ROOM", 1),
-        ("windows", "NODE_ROOM", 1),
-        ("windows", "CANDIDATE_ROOM", 1),
+        ("windows", "SEGMENT_ROOM", 1),
+        ("windows", "OVERFLOW_ROOM", 1),
+        ("windows", "CONTACT_ROOM", 1),
         ("windows", "NEAR_ROOM", 1),
         ("windows", "HEAP_ROOM", 1),
         ("windows", "blocks", 1),
@@ -284,7 +284,7 @@ def test_any_room_may_run_out(search, room, least, monkeypatch):
         each.run(collisions=1500)
         each.check()
     assert state(sim) == state(usual)
-    if room != "NODE_ROOM":  # where this runs out a new search clears it
+    if room != "OVERFLOW_ROOM":  # where this runs out a new search clears it
         assert (engine.blocks if room == "blocks" else engine.arrays.counter[getattr(at, room)]) > least
 
 

@@ -9,19 +9,19 @@ from ..dilute.grid import cell_place, columns_around
 from ..dilute.pair_table import slot_in
 from ..layout import (
     BLOCK,
-    CANDIDATE,
     CELLS,
+    CONTACT,
+    CONTACT_PAIR,
     EVENT,
     HEAP_LENGTH,
     LANES,
-    LINE,
     LIST_ROOM,
     NEAR_SHIFT,
-    PAIR,
+    OWNER,
     PARTNER,
     ROW,
+    SEGMENT,
     STAMP_BITS,
-    WHOSE,
     N,
 )
 from ..simd.jit import called, jit
@@ -75,9 +75,9 @@ def prefetch_contacts(s, first):
             for k in range(1, (header & 7) + 1):
                 c = s.blocks[block * BLOCK + k]
                 if stage == 0:
-                    prefetch(s.candidates, c * CANDIDATE)
+                    prefetch(s.contacts, c * CONTACT)
                 else:
-                    pair = s.candidates[c * CANDIDATE + PAIR]
+                    pair = s.contacts[c * CONTACT + CONTACT_PAIR]
                     low, high = pair >> 32, pair & STAMP_BITS
                     prefetch(s.version, low)
                     prefetch(s.version, high)
@@ -116,26 +116,26 @@ def prefetch_step(s, step, i):
     if slot < 0:
         return
     if step == ITSELF:
-        prefetch(s.lines, slot * LINE)
-        prefetch(s.bounds, slot)
-        prefetch(s.cell_of_line, slot)
+        prefetch(s.segments, slot * SEGMENT)
+        prefetch(s.boxes, slot)
+        prefetch(s.cell_of_segment, slot)
         return
-    x, y, z = cell_place(s, int64(s.cell_of_line[slot]))
-    for k in range(columns_around(s, int64(0), s.bounds[slot] >> NEAR_SHIFT, x, z)):
+    x, y, z = cell_place(s, int64(s.cell_of_segment[slot]))
+    for k in range(columns_around(s, int64(0), s.boxes[slot] >> NEAR_SHIFT, x, z)):
         cell = int64(s.column[s.places[k]]) * s.counter[CELLS + 1] + max(y - 1, 0)
         if step == COLUMNS:
             prefetch(s.cell_count, cell)
         else:
-            prefetch(s.bounds, s.cell_count[cell])
-            prefetch(s.bounds, s.cell_count[cell] + AT_ONCE // 2)
+            prefetch(s.boxes, s.cell_count[cell])
+            prefetch(s.boxes, s.cell_count[cell] + AT_ONCE // 2)
 
 
 @called
-def prefetch_rows(s, meetings):
+def prefetch_rows(s, passed):
     """Prefetch the rows of those whose contacts are to be computed."""
-    for a in range(meetings):
-        pair = int(s.meetings[a])
+    for a in range(passed):
+        pair = int(s.passed[a])
         for slot in (int(s.pair_slot[pair]), int(slot_in(s.pair_own[pair]))):
-            i = int64(s.line_words[slot * LINE + WHOSE])
+            i = int64(s.segment_words[slot * SEGMENT + OWNER])
             prefetch(s.row, i * ROW)
             prefetch(s.version, i)

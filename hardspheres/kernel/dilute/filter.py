@@ -13,60 +13,62 @@ from ..flags import DIM
 from ..layout import (
     BEYOND_ALL,
     BOX,
+    HALF_DISPLACEMENT,
     HALF_WINDOW,
-    LINE,
-    LINE_ROOM,
-    LINE_UNIT,
     MIDDLE,
-    NODE_ROOM,
-    PLACE,
-    REACH_OF_LINE,
-    WAY,
-    WHOSE,
+    MIDPOINT,
+    OVERFLOW_ROOM,
+    OWNER,
+    PADDED_RADIUS,
+    SEGMENT,
+    SEGMENT_ROOM,
+    SEGMENT_UNIT,
 )
 from ..simd.jit import called, fast_arithmetic, jit
 from ..simd.pointers import int64
 from ..simd.vectors import gather_transposed, keep_marked
 from .pair_table import image_in, slot_in
-from .predicted_contacts import note_candidate
+from .predicted_contacts import keep_contact
 
 ONE = np.float32(1.0)
 TWO = np.float32(2.0)
 TINY = np.float32(1e-30)
 SLACK = np.float32(1e-5)  # for rounding: of squared distances, of b, of the moment from which a line counts
-LINES = 8  # lines that the filter compares at once
+EIGHT = 8  # lines that the filter compares at once
 
 
 @jit
-def new_line(s):
+def new_segment(s):
     """Slot of the first of the latest two new lines. The slots of the cells' lines come first, and then those of lines in chains."""
-    return s.counter[LINE_ROOM] + s.counter[NODE_ROOM]
+    return s.counter[SEGMENT_ROOM] + s.counter[OVERFLOW_ROOM]
 
 
 @fast_arithmetic
 def compare(p, stride, k, q, own, code, ex, ey, ez):
     """B = r.v, v.v, and r.r less the squared contact distance, of line k of p against one of q in the image of this code."""
-    dx = (p[PLACE * stride + k] - q[PLACE * stride + own]) - np.float32((code & 3) - 1) * ex
-    dy = (p[(PLACE + 1) * stride + k] - q[(PLACE + 1) * stride + own]) - np.float32(
+    dx = (p[MIDPOINT * stride + k] - q[MIDPOINT * stride + own]) - np.float32((code & 3) - 1) * ex
+    dy = (p[(MIDPOINT + 1) * stride + k] - q[(MIDPOINT + 1) * stride + own]) - np.float32(
         ((code >> 2) & 3) - 1
     ) * ey
-    du = p[WAY * stride + k] - q[WAY * stride + own]
-    dv = p[(WAY + 1) * stride + k] - q[(WAY + 1) * stride + own]
+    du = p[HALF_DISPLACEMENT * stride + k] - q[HALF_DISPLACEMENT * stride + own]
+    dv = p[(HALF_DISPLACEMENT + 1) * stride + k] - q[(HALF_DISPLACEMENT + 1) * stride + own]
     rr = dx * dx + dy * dy
     b = dx * du + dy * dv
     vv = du * du + dv * dv
     if DIM == 3:
-        dz = (p[(PLACE + 2) * stride + k] - q[(PLACE + 2) * stride + own]) - np.float32((code >> 4) - 1) * ez
-        dw = p[(WAY + 2) * stride + k] - q[(WAY + 2) * stride + own]
+        dz = (p[(MIDPOINT + 2) * stride + k] - q[(MIDPOINT + 2) * stride + own]) - np.float32(
+            (code >> 4) - 1
+        ) * ez
+        dw = p[(HALF_DISPLACEMENT + 2) * stride + k] - q[(HALF_DISPLACEMENT + 2) * stride + own]
         rr += dz * dz
         b += dz * dw
         vv += dw * dw
-    limit = p[REACH_OF_LINE * stride + k] + q[REACH_OF_LINE * stride + own]
+    limit = p[PADDED_RADIUS * stride + k] + q[PADDED_RADIUS * stride + own]
     return b, vv, rr - (limit * limit + SLACK)
 
 
 @fast_arithmetic
-def may_meet(b, vv, c, since):
+def may_touch(b, vv, c, since):
     """Whether two lines may come within contact from `since` to 1, in half windows from the middle.
 
     They approach at first, b + since v.v < 0, and are in contact when nearest to each other or, if that is later, at the end.
@@ -76,47 +78,52 @@ def may_meet(b, vv, c, since):
 
 
 @jit
-def examine(s, m, since):
+def filter_pairs(s, m, since):
     """Compare the lines of the first m pairs of the table, and compute the contacts of those that may meet."""
-    unit = s.number[LINE_UNIT]
+    unit = s.number[SEGMENT_UNIT]
     ex, ey, ez = (
         np.float32(s.number[BOX] * unit),
         np.float32(s.number[BOX + 1] * unit),
         np.float32(s.number[BOX + 2] * unit),
     )
-    meetings = int64(0)
-    for block in range(0, m, LINES):
-        gather_transposed(s.pair_lines, 0, LINES, s.lines, s.pair_slot, block)
-        for k in range(LINES):
+    passed = int64(0)
+    for block in range(0, m, EIGHT):
+        gather_transposed(s.pair_segments, 0, EIGHT, s.segments, s.pair_slot, block)
+        for k in range(EIGHT):
             s.own_slots[k] = slot_in(s.pair_own[block + k])
-        gather_transposed(s.pair_lines, LINE * LINES, LINES, s.lines, s.own_slots, 0)
+        gather_transposed(s.pair_segments, SEGMENT * EIGHT, EIGHT, s.segments, s.own_slots, 0)
         marks = 0
-        for k in range(LINES):
+        for k in range(EIGHT):
             code = image_in(s.pair_own[block + k])
-            b, vv, c = compare(s.pair_lines, LINES, k, s.pair_lines, LINE * LINES + k, code, ex, ey, ez)
-            marks |= (1 << k) if may_meet(b, vv, c, since) else 0
-        meetings = keep_marked(s.meetings, meetings, block, m, marks)
+            b, vv, c = compare(
+                s.pair_segments, EIGHT, k, s.pair_segments, SEGMENT * EIGHT + k, code, ex, ey, ez
+            )
+            marks |= (1 << k) if may_touch(b, vv, c, since) else 0
+        passed = keep_marked(s.passed, passed, block, m, marks)
     if s.counter[BEYOND_ALL]:
-        prefetch_rows(s, meetings)
-    for a in range(meetings):
-        pair = int(s.meetings[a])
+        prefetch_rows(s, passed)
+    for a in range(passed):
+        pair = int(s.passed[a])
         slot, own, code = int(s.pair_slot[pair]), slot_in(s.pair_own[pair]), image_in(s.pair_own[pair])
-        b, vv, c = compare(s.lines, 1, slot * LINE, s.lines, own * LINE, code, ex, ey, ez)
+        b, vv, c = compare(s.segments, 1, slot * SEGMENT, s.segments, own * SEGMENT, code, ex, ey, ez)
         when = min(max(-b / (vv + TINY), since), ONE)
-        solve_meeting(
-            s, int64(s.line_words[own * LINE + WHOSE]), int64(s.line_words[slot * LINE + WHOSE]), when
+        predict_contact(
+            s,
+            int64(s.segment_words[own * SEGMENT + OWNER]),
+            int64(s.segment_words[slot * SEGMENT + OWNER]),
+            when,
         )
 
 
 @called
-def examine_table(s, m, since):
+def filter_table(s, m, since):
     """Do so where it is not worth a copy of the code."""
-    examine(s, m, since)
+    filter_pairs(s, m, since)
 
 
 @jit
-def solve_meeting(s, i, j, when):
+def predict_contact(s, i, j, when):
     """Compute the contact of two whose lines may meet: in the image in which they are nearest when the lines are."""
     if i != j:
         about = s.number[MIDDLE] + s.number[HALF_WINDOW] * when
-        note_candidate(s, min(i, j), max(i, j), pair_contact(s, i, j, about))
+        keep_contact(s, min(i, j), max(i, j), pair_contact(s, i, j, about))

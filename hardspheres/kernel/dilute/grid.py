@@ -1,7 +1,7 @@
 """The geometry of the window method's grid: cells, columns of cells, and which of them are near a line."""
 
 from ..flags import DIM
-from ..layout import AFTER_X, AFTER_Y, AFTER_Z, BEFORE_X, BEFORE_Y, BEFORE_Z, BEYOND, BYTE, CELLS, WIDTH
+from ..layout import AFTER_X, AFTER_Y, AFTER_Z, BEFORE_X, BEFORE_Y, BEFORE_Z, BYTE, CELLS, OVERHANG, WIDTH
 from ..simd.jit import jit
 
 
@@ -91,7 +91,7 @@ def fits(s, word, cell, cx, cy, cz):
     inside = (abs(cx - x) <= 1) & (abs(cy - y) <= 2) & (abs(cz - z) <= 1)
     for d in range(DIM):
         at = x if d == 0 else (y if d == 1 else z)
-        beyond = s.counter[BEYOND + d]
+        beyond = s.counter[OVERHANG + d]
         low = signed((word >> 8 * d) - at * s.counter[WIDTH + d])
         length = (-(word >> 8 * (d + 3)) - (word >> 8 * d)) & BYTE
         inside &= (low >= -beyond) & (low + length <= s.counter[WIDTH + d] + beyond)

@@ -8,17 +8,17 @@ from ..layout import (
     BEYOND_CACHE,
     BLOCK,
     BUCKET,
-    CANDIDATE,
-    CANDIDATE_ROOM,
-    CANDIDATES,
+    CONTACT,
+    CONTACT_PAIR,
+    CONTACT_ROOM,
+    CONTACT_TIME,
+    CONTACT_VERSIONS,
+    CONTACTS,
     HALF_WINDOW,
     INVERSE_WIDTH,
     MIDDLE,
-    PAIR,
     SHORT_QUEUE,
     STAMP_BITS,
-    VERSIONS,
-    WHEN,
     WINDOW_BUCKETS,
     N,
 )
@@ -36,19 +36,19 @@ def versions_of(s, low, high):
 
 
 @jit
-def note_candidate(s, low, high, time):
+def keep_contact(s, low, high, time):
     """Keep a contact if it lies in this window."""
     if time >= s.number[MIDDLE] + s.number[HALF_WINDOW]:
         return
-    c = s.counter[CANDIDATES]
-    if c == s.counter[CANDIDATE_ROOM]:
+    c = s.counter[CONTACTS]
+    if c == s.counter[CONTACT_ROOM]:
         s.counter[SHORT_QUEUE] = 1
         return
-    s.counter[CANDIDATES] = c + 1
-    entry = c * CANDIDATE
-    s.candidates[entry + WHEN] = bits(time)
-    s.candidates[entry + PAIR] = low << 32 | high
-    s.candidates[entry + VERSIONS] = versions_of(s, low, high)
+    s.counter[CONTACTS] = c + 1
+    entry = c * CONTACT
+    s.contacts[entry + CONTACT_TIME] = bits(time)
+    s.contacts[entry + CONTACT_PAIR] = low << 32 | high
+    s.contacts[entry + CONTACT_VERSIONS] = versions_of(s, low, high)
     last = s.counter[BUCKET] | (s.counter[WINDOW_BUCKETS] - 1)  # of this window, whatever rounding says
     bucket = min(int(max(time, 0.0) * s.number[INVERSE_WIDTH]), last)
     if bucket <= s.counter[BUCKET]:
@@ -59,29 +59,29 @@ def note_candidate(s, low, high, time):
 
 
 @jit
-def note_wall(s, i):
+def keep_wall_contact(s, i):
     """Keep i's next wall as a candidate."""
     time, wall = wall_contact(s, i)
     if wall >= 0:
-        note_candidate(s, i, wall, time)
+        keep_contact(s, i, wall, time)
 
 
 @jit
 def partners(s, c):
     """Lower and higher id of a candidate."""
-    pair = s.candidates[c * CANDIDATE + PAIR]
+    pair = s.contacts[c * CONTACT + CONTACT_PAIR]
     return pair >> 32, pair & STAMP_BITS
 
 
 @jit
-def candidate_holds(s, c):
+def contact_holds(s, c):
     """Whether neither partner of a candidate has changed since it was noted."""
     low, high = partners(s, c)
-    return versions_of(s, low, high) == s.candidates[c * CANDIDATE + VERSIONS]
+    return versions_of(s, low, high) == s.contacts[c * CONTACT + CONTACT_VERSIONS]
 
 
 @jit
-def open_candidates(s):
+def open_contacts(s):
     """Bring the candidates of the current bucket, as far as they still hold, to the event heap."""
     slot = s.counter[BUCKET] & (s.counter[WINDOW_BUCKETS] - 1)
     block = s.buckets[slot]
@@ -91,7 +91,9 @@ def open_candidates(s):
     while block >= 0:
         for k in range(1, (s.blocks[block * BLOCK] & 7) + 1):
             c = s.blocks[block * BLOCK + k]
-            if candidate_holds(s, c):
-                entry = c * CANDIDATE
-                push_event(s, from_bits(s.candidates[entry + WHEN]), s.candidates[entry + PAIR], c)
+            if contact_holds(s, c):
+                entry = c * CONTACT
+                push_event(
+                    s, from_bits(s.contacts[entry + CONTACT_TIME]), s.contacts[entry + CONTACT_PAIR], c
+                )
         block = release_block(s, block)

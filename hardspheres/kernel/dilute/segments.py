@@ -19,22 +19,22 @@ from ..layout import (
     CELL_DENSITY,
     CELLS,
     COMMON_RADIUS,
+    HALF_DISPLACEMENT,
+    HALF_LENGTH,
     HALF_WINDOW,
     INVERSE,
-    LINE,
-    LINE_MARGIN,
-    LINE_UNIT,
     MIDDLE,
+    MIDPOINT,
     NEAR_SHIFT,
-    PLACE,
+    OWNER,
+    PADDED_RADIUS,
     RADIUS,
-    REACH_OF_LINE,
-    REACH_OF_LINES,
     ROW,
-    STRETCH,
+    SEGMENT,
+    SEGMENT_MARGIN,
+    SEGMENT_OVERHANG,
+    SEGMENT_UNIT,
     UNIT_DENSITY,
-    WAY,
-    WHOSE,
     T,
     V,
     X,
@@ -52,8 +52,8 @@ NEAR_A_WALL = 1e-9  # of a box, for rounding
 
 # The table of eight drafts, after their rows in columns: their lines in columns, and what else is known of them.
 EIGHT = 8
-LINES_OF_EIGHT = EIGHT * ROW
-ENDS = LINES_OF_EIGHT + EIGHT * LINE  # bounds
+SEGMENTS_OF_EIGHT = EIGHT * ROW
+ENDS = SEGMENTS_OF_EIGHT + EIGHT * SEGMENT  # bounds
 CELL = ENDS + EIGHT
 FAR = CELL + EIGHT  # below 1 where one piece does
 NEAR = FAR + EIGHT  # how many cells are near, see `near_of`
@@ -61,13 +61,13 @@ EDGE = NEAR + EIGHT  # 1 where the flight may reach a wall
 
 
 @jit
-def pieces_of(s, i, duration):
-    """In how many pieces a flight of this duration is registered, so that none reaches further than STRETCH both ways."""
+def segments_of(s, i, duration):
+    """In how many pieces a flight of this duration is registered, so that none reaches further than HALF_LENGTH both ways."""
     vv = 0.0
     for d in range(DIM):
         v = s.row[i * ROW + V + d]
         vv += v * v
-    far = 0.5 * duration / s.number[STRETCH]
+    far = 0.5 * duration / s.number[HALF_LENGTH]
     if vv * far * far < 1.0:
         return 1
     return 1 + int(min(math.sqrt(vv) * far, MANY))
@@ -82,7 +82,7 @@ def axis(s, d):
         s.number[CELL_DENSITY + d],
         float(s.counter[CELLS + d] - 1),
         s.number[UNIT_DENSITY + d],
-        s.number[REACH_OF_LINES + d],
+        s.number[SEGMENT_OVERHANG + d],
     )
 
 
@@ -128,13 +128,13 @@ def near_of(d, before, after):
 
 
 @jit
-def draft_along(p, k, d, dt, half_time, half_window, unit, radius, of_axis):
+def segment_along(p, k, d, dt, half_time, half_window, unit, radius, of_axis):
     """Draft line k of the table along axis d; returns its bounds, cell, what is near, squared speed, and whether it may reach a wall, as numbers."""
     v = p[EIGHT * (V + d) + k]
     x = in_box(p[EIGHT * (X + d) + k] + v * dt, of_axis)
     half = half_time * abs(v) + radius
-    p[LINES_OF_EIGHT + EIGHT * (PLACE + d) + k] = x * unit
-    p[LINES_OF_EIGHT + EIGHT * (WAY + d) + k] = v * half_window * unit
+    p[SEGMENTS_OF_EIGHT + EIGHT * (MIDPOINT + d) + k] = x * unit
+    p[SEGMENTS_OF_EIGHT + EIGHT * (HALF_DISPLACEMENT + d) + k] = v * half_window * unit
     edge = 0.0
     if WALLS:
         reached = min(x, of_axis[0] - x) < half + NEAR_A_WALL * of_axis[0]
@@ -145,7 +145,7 @@ def draft_along(p, k, d, dt, half_time, half_window, unit, radius, of_axis):
 
 
 @jit
-def draft_eight(s, m, duration):
+def write_eight(s, m, duration):
     """Draft the lines of eight particles, from m on in their order, for the whole window, and write in the table what else is known of them.
 
     Those that are too fast for one piece have their line drafted anew later. All numbers are loaded first, so that the
@@ -153,39 +153,41 @@ def draft_eight(s, m, duration):
     """
     p = s.scratch
     gather_transposed(p, 0, EIGHT, s.row, s.order, m)
-    unit, half_window, margin = s.number[LINE_UNIT], s.number[HALF_WINDOW], s.number[LINE_MARGIN]
+    unit, half_window, margin = s.number[SEGMENT_UNIT], s.number[HALF_WINDOW], s.number[SEGMENT_MARGIN]
     middle, core, half_time = s.number[MIDDLE], s.number[COMMON_RADIUS], 0.5 * duration
-    far = half_time / s.number[STRETCH]
+    far = half_time / s.number[HALF_LENGTH]
     along_x, along_y, along_z = axis(s, 0), axis(s, 1), axis(s, 2)
     rows, columns = float(s.counter[CELLS + 1]), float(s.counter[CELLS + 2])
     for k in range(EIGHT):
         dt = middle - p[EIGHT * T + k]
         radius = p[EIGHT * RADIUS + k] if SIZES else core
-        ends, cx, near, vv, edge = draft_along(p, k, 0, dt, half_time, half_window, unit, radius, along_x)
-        more, cy, along, uu, beside = draft_along(p, k, 1, dt, half_time, half_window, unit, radius, along_y)
+        ends, cx, near, vv, edge = segment_along(p, k, 0, dt, half_time, half_window, unit, radius, along_x)
+        more, cy, along, uu, beside = segment_along(
+            p, k, 1, dt, half_time, half_window, unit, radius, along_y
+        )
         ends, near, vv, edge, cz = ends + TURN * more, near + along, vv + uu, max(edge, beside), 0.0
         if DIM == 3:
-            more, cz, along, uu, beside = draft_along(
+            more, cz, along, uu, beside = segment_along(
                 p, k, 2, dt, half_time, half_window, unit, radius, along_z
             )
             ends, near, vv, edge = ends + TURN * TURN * more, near + along, vv + uu, max(edge, beside)
         else:
-            p[LINES_OF_EIGHT + EIGHT * (PLACE + 2) + k] = 0.0
-            p[LINES_OF_EIGHT + EIGHT * (WAY + 2) + k] = 0.0
-        p[LINES_OF_EIGHT + EIGHT * REACH_OF_LINE + k] = radius * unit + margin
+            p[SEGMENTS_OF_EIGHT + EIGHT * (MIDPOINT + 2) + k] = 0.0
+            p[SEGMENTS_OF_EIGHT + EIGHT * (HALF_DISPLACEMENT + 2) + k] = 0.0
+        p[SEGMENTS_OF_EIGHT + EIGHT * PADDED_RADIUS + k] = radius * unit + margin
         p[ENDS + k] = ends
         p[NEAR + k] = near
         p[CELL + k] = (cx * columns + cz) * rows + cy
         p[FAR + k] = vv * far * far
         p[EDGE + k] = edge
-    store_transposed(s.drafts, m * LINE, p, LINES_OF_EIGHT)
+    store_transposed(s.unsorted, m * SEGMENT, p, SEGMENTS_OF_EIGHT)
     for k in range(EIGHT):
-        s.draft_words[(m + k) * LINE + WHOSE] = s.order[m + k]
-        s.draft_bounds[m + k] = int(p[ENDS + k]) | int(p[NEAR + k]) << NEAR_SHIFT
+        s.unsorted_words[(m + k) * SEGMENT + OWNER] = s.order[m + k]
+        s.unsorted_boxes[m + k] = int(p[ENDS + k]) | int(p[NEAR + k]) << NEAR_SHIFT
 
 
 @jit
-def write_draft(s, lines, words, bounds, k, i, t, duration, pieces):
+def write_segment(s, segments, words, boxes, k, i, t, duration, parts):
     """Write i's line, in the image that is in the box at time t, to slot k, and its bounds for one of the pieces of this duration, around t.
 
     Returns the cell (x, y, z) that holds i at time t.
@@ -193,18 +195,18 @@ def write_draft(s, lines, words, bounds, k, i, t, duration, pieces):
     ri = i * ROW
     dt = t - s.row[ri + T]
     on = s.number[MIDDLE] - t
-    unit = s.number[LINE_UNIT]
+    unit = s.number[SEGMENT_UNIT]
     radius = s.row[ri + RADIUS] if SIZES else s.number[COMMON_RADIUS]
-    half_time = 0.5 * (duration / pieces)
-    line = k * LINE
+    half_time = 0.5 * (duration / parts)
+    line = k * SEGMENT
     ends, near = 0.0, 0.0
     cx, cy, cz = 0, 0, 0
     for d in range(DIM):
         v = s.row[ri + V + d]
         of_axis = axis(s, d)
         x = in_box(s.row[ri + X + d] + v * dt, of_axis)
-        lines[line + PLACE + d] = (x + v * on) * unit
-        lines[line + WAY + d] = v * s.number[HALF_WINDOW] * unit
+        segments[line + MIDPOINT + d] = (x + v * on) * unit
+        segments[line + HALF_DISPLACEMENT + d] = v * s.number[HALF_WINDOW] * unit
         half = half_time * abs(v) + radius
         ends += TURN**d * ends_of(x, half, of_axis)
         cell = int(cell_of(x, of_axis))
@@ -216,16 +218,16 @@ def write_draft(s, lines, words, bounds, k, i, t, duration, pieces):
             cy = cell
         else:
             cz = cell
-    reach = radius * unit + s.number[LINE_MARGIN]
-    if pieces > 1:
-        reach += 3e-3 * pieces * s.number[STRETCH] * unit
-    lines[line + REACH_OF_LINE] = reach
-    words[line + WHOSE] = i
-    bounds[k] = int(ends) | int(near) << NEAR_SHIFT
+    reach = radius * unit + s.number[SEGMENT_MARGIN]
+    if parts > 1:
+        reach += 3e-3 * parts * s.number[HALF_LENGTH] * unit
+    segments[line + PADDED_RADIUS] = reach
+    words[line + OWNER] = i
+    boxes[k] = int(ends) | int(near) << NEAR_SHIFT
     return cx, cy, cz
 
 
 @jit
-def draft(s, k, i, t, duration, pieces):
+def write_unsorted(s, k, i, t, duration, parts):
     """Write a draft before lines are sorted."""
-    return write_draft(s, s.drafts, s.draft_words, s.draft_bounds, k, i, t, duration, pieces)
+    return write_segment(s, s.unsorted, s.unsorted_words, s.unsorted_boxes, k, i, t, duration, parts)
