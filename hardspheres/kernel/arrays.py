@@ -1,7 +1,8 @@
 """The engine's memory: the record of flat arrays that the kernels work on.
 
-One class for all specialisations: Numba's quick look at an argument cannot tell records of equal fields apart, and with a class
-for each specialisation every call of the second one used in a process would take the slow way.
+One class for all specialisations: Numba's quick look at an argument cannot tell records of equal fields
+apart, and with a class for each specialisation every call of the second one used in a process would take the
+slow way.
 """
 
 from typing import NamedTuple
@@ -20,8 +21,10 @@ class Arrays(NamedTuple):
     log: object  # float64 (LOG_ROOM * LOG_ROW): events that are still to be handed over
     neighbours: object  # int32 (n * LIST_ROOM): ids, then n in all slots that are left
     images: object  # int32 (n * LIST_ROOM * DIM): image index of each neighbour, where IMAGES
-    where: object  # int32 (n): slot in the cells; windows: slot of the line, negative where there are several
-    cell_count: object  # int32 (cells + 1): particles in each cell; windows: the first line of each cell
+    where: (
+        object  # int32 (n): slot in the cells; windows: slot of the segment, negative where there are several
+    )
+    cell_count: object  # int32 (cells + 1): particles in each cell; windows: the first segment of each cell
     cell_places: object  # float32 (cells * CELL_COLUMNS * CELL_ROOM): reference positions seen from the cell's corner, radii
     cell_ids: object  # the same memory as int32, for their ids
     near: object  # int32 (AROUND * CELL_ROOM + LIST_ROOM + CELL_LANES): ids of those within the cutoff of one particle
@@ -40,28 +43,30 @@ class Arrays(NamedTuple):
         object  # windows: int32 (n): the particles of the cells in the order in which they are gone through
     )
     large: object  # int32: those that are in the coarse grid
-    unsorted: object  # float32 (n * SEGMENT): lines before they are sorted
+    unsorted: object  # float32 (n * SEGMENT): segments before they are sorted
     unsorted_words: object  # the same memory as int32
     unsorted_boxes: object  # int64 (n)
-    segments: object  # float32 ((SEGMENT_ROOM + OVERFLOW_ROOM + 2) * SEGMENT): sorted by cells; those in chains; the latest new ones
+    segments: object  # float32 ((SEGMENT_ROOM + OVERFLOW_ROOM + 2) * SEGMENT): sorted by cells; overflow lists; latest new ones
     segment_words: object  # the same memory as int32
-    boxes: object  # int64 (SEGMENT_ROOM + OVERFLOW_ROOM + AT_ONCE): of the boxes that hold the lines, see `segments`
+    boxes: (
+        object  # int64 (SEGMENT_ROOM + OVERFLOW_ROOM + AT_ONCE): their quantised bounding boxes, see `layout`
+    )
     cell_of_segment: object  # int32 (SEGMENT_ROOM)
-    image_shifts: object  # int64 (64): how far bounds are shifted in each image
+    image_shifts: object  # int64 (64): how far bounding boxes are shifted in each image
     column: object  # int32 ((nx + 2) (nz + 2)): index of each column of cells, and of those one cell beyond the box
     column_code: object  # int32, the same: the image in which the box is seen from there
-    places: object  # int64 (32): columns near a line, as places in their table
+    places: object  # int64 (32): columns near a segment, as places in their table
     pair_slot: (
-        object  # int32 (NEAR_ROOM + 2 * AT_ONCE): the slots of lines whose bounds overlap those of another
+        object  # int32 (NEAR_ROOM + 2 * AT_ONCE): slots of segments whose boxes overlap that of another
     )
     pair_own: object  # uint32, the same: the slot of that other, and the image in which it is seen
     own_slots: object  # int32 (EIGHT): such slots alone
-    pair_segments: object  # float32 (2 * SEGMENT * EIGHT): the lines of eight pairs, column by column
-    passed: object  # int32 (NEAR_ROOM + 2 * AT_ONCE): which pairs may meet
-    changed: object  # int64 (2 * CHANGED): those that an event has changed, see `windows`
-    overflow_first: object  # int32: first node of each chain of new lines
+    pair_segments: object  # float32 (2 * SEGMENT * EIGHT): the segments of eight pairs, column by column
+    passed: object  # int32 (NEAR_ROOM + 2 * AT_ONCE): which pairs may touch
+    changed: object  # int64 (2 * CHANGED): particles that an event has changed, see `windows`
+    overflow_first: object  # int32: first node of each overflow list
     overflow_next: object  # int32 (OVERFLOW_ROOM)
-    contacts: object  # int64 (CONTACT_ROOM * CONTACT), see `contacts`
+    contacts: object  # int64 (CONTACT_ROOM * CONTACT), see `layout`
     number: object  # float64: the numbers above
     counter: object  # int64: the counters above
     total: object  # float64: the sums above

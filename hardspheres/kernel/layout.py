@@ -6,7 +6,8 @@ from .flags import DIM, FLIGHTS, SIZES, SPARSE
 from .simd.jit import jit
 from .simd.pointers import pointer
 
-# A particle's row, 8 float64 (one cache line): the canonical state. One more row, of NaN, is the null particle, which collides with nothing.
+# A particle's row, 8 float64 (one cache line): the canonical state. One more row, of NaN, is the null
+# particle, which collides with nothing.
 ROW = 8
 X = 0  # position when the row was last written, DIM numbers
 V = DIM  # velocity, DIM numbers
@@ -40,9 +41,9 @@ NOW = 17  # time of the last event, relative to the epoch
 ORDER_TOLERANCE = 18  # an event is out of order if predicted more than this before NOW
 LAST_ADVANCE = 19  # NOW when time last advanced
 HALF_WINDOW = 20  # windows: half their length in time
-HALF_LENGTH = 21  # how far a registered piece of a flight reaches from its middle
+HALF_LENGTH = 21  # how far a segment reaches from its middle, at most
 SEGMENT_UNIT = 22  # 1 / the longest edge of a cell
-SEGMENT_MARGIN = 23  # added to the radius of a line
+SEGMENT_MARGIN = 23  # added to the radius, for rounding
 CELL_EDGE = 24  # edges of a cell, 3 slots
 MIDDLE = 27  # time at the middle of the window
 SCALE = 28  # growth: at the epoch's start all radii are this many times those given
@@ -53,8 +54,8 @@ LARGE_DENSITY = 32  # coarse cells per length, 3 slots
 MEAN_SQUARE = 35  # mean square speed when this epoch began, where masses differ
 UPPER_MEAN_SQUARE = 36  # from this mean square speed on epochs are too long
 LOWER_MEAN_SQUARE = 37  # below this one they are too short
-UNIT_DENSITY = 38  # windows: units of the bounds of lines per length, 3 slots
-SEGMENT_OVERHANG = 41  # how far a line may reach beyond its cell, 3 slots
+UNIT_DENSITY = 38  # windows: units of bounding boxes per length, 3 slots
+SEGMENT_OVERHANG = 41  # how far a segment may reach beyond its cell, 3 slots
 LEAD = 44  # lists: how far in time a reference position is ahead of its particle
 NUMBERS = 45
 FLIGHT_UNITS = NUMBERS  # where FLIGHTS, of each species: 1 / the units of its paths, times, and bins of speed
@@ -94,11 +95,11 @@ SHORT_CELLS = 21
 SHORT_QUEUE = 22
 LAST_PAIR_EPOCH = 23  # epoch of the last pair collision
 WINDOW_BUCKETS = 24  # buckets in a window; 0 for lists
-SEGMENT_ROOM = 25  # windows: lines that the cells can hold
-OVERFLOWED = 26  # new lines of this window that are chained
-REGISTERED = 27  # lines at the beginning of this window
+SEGMENT_ROOM = 25  # windows: segments that the cells can hold
+OVERFLOWED = 26  # new segments of this window in overflow lists
+REGISTERED = 27  # segments at the beginning of this window
 CONTACT_ROOM = 28
-CONTACTS = 29  # contacts noted in this window
+CONTACTS = 29  # contacts predicted in this window
 OVERFLOW_ROOM = 30
 EPOCH_BUCKETS = 33  # buckets in an epoch
 LARGE = 34  # windows: how many particles are in the coarse grid
@@ -107,9 +108,9 @@ BEYOND_CACHE = 38  # 1: the gas is larger than a core's caches, so what is neede
 LOGGED = 39  # events in the log's buffer
 LOG_ROOM = 40  # how many it can hold; 0: there is no log
 SPECIES_COUNT = 41  # species that flights are told apart by
-NEAR_ROOM = 31  # windows: pairs of lines whose bounds overlap that the table can hold
-WIDTH = 42  # of a cell in the units of bounds, 3 slots
-OVERHANG = 45  # how far a line may reach beyond its cell in these units, 3 slots
+NEAR_ROOM = 31  # windows: pairs with overlapping bounding boxes that the table can hold
+WIDTH = 42  # of a cell in the units of bounding boxes, 3 slots
+OVERHANG = 45  # how far a segment may reach beyond its cell in these units, 3 slots
 REBUILD_THRESHOLD = 48  # lists: single rebuilds after which all are rebuilt at once
 REBUILD_ALL_DUE = 49  # how many single rebuilds there have been then
 REBUILDS_OF_ALL = 50  # how often all lists were rebuilt at once
@@ -123,8 +124,9 @@ BEGAN = 0  # when its last collision with another particle was, within the epoch
 BEGAN_EPOCH = 1  # that epoch; -1 and a time of a whole epoch at the start: then it has not collided yet
 SPECIES = 2  # its species
 
-# Bins of paths and times: 2^OCTAVE_BITS of equal width in each octave of their unit, from 2^LEAST_OCTAVE on; the first bin
-# has all that is less, the last all that is more. Speeds: bins of equal width, the last has all that is more.
+# Bins of paths and times: 2^OCTAVE_BITS of equal width in each octave of their unit, from 2^LEAST_OCTAVE on;
+# the first bin has all that is less, the last all that is more. Speeds: bins of equal width, the last has all
+# that is more.
 OCTAVE_BITS = 4
 LEAST_OCTAVE, OCTAVES = -8, 16
 FLIGHT_BINS = (OCTAVES << OCTAVE_BITS) + 2
@@ -165,14 +167,15 @@ STATE_ARRAYS = {"row": "row", "turns": "image_counts", "total": "total"} | (
 STATE_NUMBERS = (NOW, LAST_ADVANCE)
 STATE_COUNTERS = (EPOCH, PAIRS, WALL_HITS, OUT_OF_ORDER, STALE, REBUILDS, INSTANT_EVENTS, LAST_PAIR_EPOCH)
 
-# Calendar: blocks of 8 int64: the next block (-1: none) and how many entries, then 7 entries id << 32 | stamp.
+# Calendar: blocks of 8 int64: the next block (-1: none) and how many entries, then 7 entries id << 32 |
+# stamp.
 BLOCK = 8
 STAMP_BITS = 0xFFFFFFFF
 WAITING = 4  # entries that wait for their bucket to come into the cache
 
-CONTACT = 4  # int64 in a candidate
-CELLS_OF_OVERFLOW = 16  # windows: cells along y that share a chain of new lines
-# The image of one line in which another is compared with it: 1, plus or minus a box, for each axis.
+CONTACT = 4  # int64 in a predicted contact
+CELLS_OF_OVERFLOW = 16  # windows: cells along y that share an overflow list
+# The image of one segment in which another is compared with it: 1, plus or minus a box, for each axis.
 IMAGE = (1, 4, 16)
 SAME = 21
 
@@ -181,20 +184,21 @@ CELL_LANES = 8  # centres that one step in a cell handles
 AROUND = 27 if DIM == 3 else 9  # cells where a particle's neighbours may be
 CELL_COLUMNS = DIM + 2 if SIZES else DIM + 1  # of a cell: id, place as seen from its corner, radius
 
-# A candidate.
+# A predicted contact.
 CONTACT_TIME = 0  # bits of its time
 CONTACT_PAIR = 1  # lower id << 32 | higher id
 CONTACT_VERSIONS = 2  # of both, when the contact was computed
 
-SEGMENT = 8  # float32 in a line
-MIDPOINT = 0
-HALF_DISPLACEMENT = 3
-PADDED_RADIUS = 6
-OWNER = 7  # the id, in the same memory as int32
+SEGMENT = 8  # float32 in a segment
+MIDPOINT = 0  # at the middle of the window
+HALF_DISPLACEMENT = 3  # in the window
+PADDED_RADIUS = 6  # radius and margin
+OWNER = 7  # the particle's id, in the same memory as int32
 
-# Bounds of a line, 6 bytes of an int64: the low ends of a box that holds it, along x, y, z, and the high ends negated. Whole turns
-# of 256 are left out: units are such that boxes that overlap, and those that are compared, differ by less than half a turn, so
-# that the sign of their difference can be told. The byte after them tells how many cells near its own a line has to do with.
+# The quantised bounding box of a segment, 6 bytes of an int64: the low ends along x, y, z, and the high ends
+# negated. Whole turns of 256 are left out: units are such that boxes that overlap, and those that are
+# compared, differ by less than half a turn, so that the sign of their difference can be told. The byte after
+# them has the numbers of near cells with segments that may overlap this one.
 BYTE = 255
 NEAR_SHIFT = 48
 BEFORE_X, BEFORE_Z, AFTER_X, AFTER_Z = 1, 2, 16, 32  # bits of that byte: one cell

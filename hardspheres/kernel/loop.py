@@ -86,8 +86,9 @@ def predict_all(s, now, blocks):
 def run(arrays, cells, blocks, afresh, stop_epoch, stop_time, stop_pairs, budget):
     """Execute events in their order.
 
-    Stops after the pair collision that makes PAIRS equal `stop_pairs`, or before the first event later than `stop_time` in
-    epoch `stop_epoch`. `budget` bounds the work of one call. `afresh`: first find lists, events and calendar from the rows.
+    Stops after the pair collision that makes PAIRS equal `stop_pairs`, or before the first event later than
+    `stop_time` in epoch `stop_epoch`. `budget` bounds the work of one call. `afresh`: first find lists,
+    events and calendar from the rows.
     """
     s = pointers(arrays)
     n = s.counter[N]
@@ -146,7 +147,7 @@ def run(arrays, cells, blocks, afresh, stop_epoch, stop_time, stop_pairs, budget
             if s.counter[INSTANT_EVENTS] > 1000 * n:
                 return STANDS_STILL
         if SPARSE and s.counter[SHORT_LISTS] and s.counter[OVERFLOWED] == s.counter[OVERFLOW_ROOM]:
-            # There is no room for more new lines: a new search clears those away that were replaced.
+            # There is no room for more new segments: a new search clears those away that were replaced.
             s.counter[SHORT_LISTS] = 0
             search = True
         if s.counter[SHORT_QUEUE] or s.counter[SHORT_LISTS] or s.counter[SHORT_CELLS]:
@@ -177,7 +178,7 @@ def rebuild_all(s, now, cells):
 
 @jit
 def execute_contact(s, c, time):
-    """Let a candidate of the window happen, if it still holds, and search for what follows."""
+    """Execute a predicted contact of the window, if it still holds, and predict again."""
     if not contact_holds(s, c):
         s.counter[STALE] += 1
         return

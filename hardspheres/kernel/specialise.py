@@ -1,7 +1,8 @@
 """One set of modules for each kind of scene.
 
-The set of the kind `3d_sparse` is the package `hardspheres.kernel.3d_sparse`. It has the files of `hardspheres.kernel`, and `flags` of its
-own. Relative imports stay inside it, also those of its rooms, so no constant of another kind is ever seen.
+The set of the kind `3d_sparse` is the package `hardspheres.kernel.3d_sparse`. It has the files of
+`hardspheres.kernel`, and `flags` of its own. Relative imports stay inside it, also those of its rooms, so no
+constant of another kind is ever seen.
 """
 
 import importlib

@@ -1,4 +1,4 @@
-"""When does a particle meet its next partner? All neighbours at once, without branches."""
+"""Contact times: a pure function of two rows and the periodic image; many pairs at once, without branches."""
 
 import math
 
@@ -35,7 +35,7 @@ NEVER = math.inf
 NO_TIME = 0x7FF0000000000000  # the bits of infinity: non-negative times order as their bits do
 NO_PARTICLE = 0x7FFFFFFF
 
-# Columns of the table that the prediction works on: a partner's row as it is, the contact time found.
+# Columns of the table of partners: their rows as they are, and the contact times found.
 PLACE = X * LANES
 VEL = V * LANES
 SINCE = T * LANES
@@ -60,8 +60,9 @@ def copy_row(s, k, j):
 def solve(s, i, now, m):
     """Contact time of i with each line of the table, and the soonest; the loop is vectorised.
 
-    The periodic image is the nearest one at `now`; separation and velocity are then taken at the later local time, so that the
-    result depends on nothing but the two rows and the image. Where lists name the image, and on wall axes, INVERSE is 0 here.
+    The periodic image is the nearest one at `now`; separation and velocity are then taken at the later local
+    time, so that the result depends on nothing but the two rows and the image. Where lists store the image,
+    and on wall axes, INVERSE is 0 here.
     """
     scratch, row = s.scratch, s.row
     ri = i * ROW
@@ -157,7 +158,7 @@ def wall_contact(s, i):
 
 @jit
 def growing_wall_contact(s, i):
-    """As `wall_contact` for a sphere that grows: it may meet the wall that it flies away from."""
+    """As `wall_contact` for a sphere that grows: it may touch the wall that it flies away from."""
     ri = i * ROW
     time = NEVER
     wall = NOTHING

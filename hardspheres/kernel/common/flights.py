@@ -1,6 +1,7 @@
 """What each free flight adds to the sums when it ends. A flight lasts from one collision of two particles to the next.
 
-Walls turn a flight round and do not end it: the speed, and so path = speed x time, goes on. Nothing here is read by the dynamics.
+Walls turn a flight round and do not end it: the speed, and so path = speed x time, goes on. Nothing here is
+read by the dynamics.
 """
 
 import math

@@ -42,9 +42,10 @@ impulse = jit(collision.impulse)
 impulse_of_masses = jit(collision.impulse_of_masses)
 rebound_from_wall = jit(growth.rebound_from_wall)
 
-# dp = -2 mu (b / r.r) r holds for r of any length. With diameters of 1, 2 or 1/2, r.r itself would scatter round a power of
-# two, where the spacing of doubles changes and the quotient's rounding prefers one side: energy would grow by 1e-17 a
-# collision, always. Three quarters of r keeps away from there; where it does not, r as it is does.
+# dp = -2 mu (b / r.r) r holds for r of any length. With diameters of 1, 2 or 1/2, r.r itself would scatter
+# round a power of two, where the spacing of doubles changes and the quotient's rounding prefers one side:
+# energy would grow by 1e-17 a collision, always. Three quarters of r keeps away from there; where it does
+# not, r as it is does.
 THREE_QUARTERS = 0.75
 AVOIDED = (
     4.0 / 3.0,
@@ -161,8 +162,9 @@ def hit_wall(s, i, wall, t):
 def begin_epoch(s):
     """At the end of an epoch every row flies there and back into the box, and its clock goes back to zero.
 
-    This is the one change of rows that no event makes. It happens at multiples of the epoch's length, which the scene
-    and the rows decide, so the trajectory depends on neither the search for neighbours nor on who looks at it.
+    This is the one change of rows that no event makes. It happens at multiples of the epoch's length, which
+    the scene and the rows decide, so the trajectory depends on neither the search for neighbours nor on who
+    looks at it.
     """
     length = s.number[EPOCH_LENGTH]
     for i in range(s.counter[N]):

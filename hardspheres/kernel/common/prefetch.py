@@ -1,8 +1,8 @@
 """Prefetching: what the coming events need is fetched ahead where a gas is larger than the caches. It changes no bit.
 
-In windows a search reads where a particle's line is, in which cell, where the lines near it begin, and these:
-each from a place that the one before tells, and each would be waited for. So `prefetch_surroundings` takes every
-step for all events of a bucket before the next one.
+In windows a search reads where a particle's segment is, in which cell, where the segments near it begin, and
+these: each from a place that the one before tells, and each would be waited for. So `prefetch_surroundings`
+takes every step for all events of a bucket before the next one.
 """
 
 from ..dilute.grid import cell_place, columns_around
@@ -67,7 +67,7 @@ def prefetch_events(s, block):
 
 @jit
 def prefetch_contacts(s, first):
-    """Prefetch the candidates of a bucket, given its first block, and then their particles."""
+    """Prefetch the predicted contacts of a bucket, given its first block, and then their particles."""
     for stage in range(2):
         block = first
         while block >= 0:
@@ -86,7 +86,8 @@ def prefetch_contacts(s, first):
             block = header >> 3
 
 
-# The steps: where the line is, the line itself, where the lines of near columns begin, and their bounds.
+# The steps: where the segment is, the segment itself, where the segments of near columns begin, and their
+# bounding boxes.
 STEPS = 4
 ITSELF, COLUMNS = 1, 2
 

@@ -1,8 +1,9 @@
 """The calendar of the list method (Brown 1988): a ring of buckets for the next events of the particles.
 
-An insertion touches one block of a bucket (`bucket_queue`), a removal touches none: an entry counts only while its stamp
-is its particle's latest. One turn of the ring is a cycle. Events after the present cycle are in one further bucket; events
-after the epoch are not entered at all, since the next epoch predicts them again.
+An insertion touches one block of a bucket (`bucket_queue`), a removal touches none: an entry counts only
+while its stamp is its particle's latest. One turn of the ring is a cycle. Events after the present cycle are
+in one further bucket; events after the epoch are not entered at all, since the next epoch predicts them
+again.
 """
 
 from ..common.bucket_queue import clear_buckets, push_bucket, release_block

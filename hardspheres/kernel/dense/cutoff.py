@@ -1,10 +1,10 @@
 """The cutoff test: which particles of a table are within the cutoff, eight in one step.
 
-LLVM turns a loop over eight lanes into eight scalar steps before it could make vectors of them, so the vectors are
-written down here. What is found goes into lists only, never into the trajectory.
+LLVM turns a loop over eight lanes into eight scalar steps before it could make vectors of them, so the
+vectors are written down here. What is found goes into lists only, never into the trajectory.
 
-Both functions work on columns that are `stride` apart: ids, positions, and radii where they differ. Ids are integers
-in the same memory as the floats.
+Both functions work on columns that are `stride` apart: ids, positions, and radii where they differ. Ids are
+integers in the same memory as the floats.
 """
 
 import numba

@@ -1,14 +1,16 @@
 """Neighbour lists: with whom each particle can collide before it exceeds its displacement threshold.
 
-Each particle has a reference position, a little ahead of where it was when its list was made. The list names every
-particle whose reference position lies within CUTOFF of it. CUTOFF is the contact distance and two displacement
-thresholds, so no particle outside the list can collide before one of the two exceeds its threshold. Then that one
-gets a new list, and only the lists of removed and added neighbours change with it: lists are symmetric. All lists
-are rebuilt at once, cell by cell, from a table of the particles around each cell.
+Each particle has a reference position, a little ahead of where it was when its list was made. The list names
+every particle whose reference position lies within CUTOFF of it. CUTOFF is the contact distance and two
+displacement thresholds, so no particle outside the list can collide before one of the two exceeds its
+threshold. Then that one gets a new list, and only the lists of removed and added neighbours change with it:
+lists are symmetric. All lists are rebuilt at once, cell by cell, from a table of the particles around each
+cell.
 
-A list ends with the id n, the null particle, and so does every slot after that. Cells are at least CUTOFF wide, so 27 of them (9
-in 2D) hold all neighbours; CUTOFF covers the rounding of positions in cells to single precision. On a periodic axis of
-one or two cells the same cell is visited again as another image of itself; lists then store the image index.
+A list ends with the id n, the null particle, and so does every slot after that. Cells are at least CUTOFF
+wide, so 27 of them (9 in 2D) hold all neighbours; CUTOFF covers the rounding of positions in cells to single
+precision. On a periodic axis of one or two cells the same cell is visited again as another image of itself;
+lists then store the image index.
 """
 
 import numpy as np
@@ -45,7 +47,8 @@ from ..simd.jit import called, jit
 from .cell_grid import image_of, locate, neighbour_cell, place_of_slot, put_in_cell, take_from_cell
 from .cutoff import copy_columns, cutoff_test
 
-# Of the displacement threshold, along each axis: the reference position is at most so far ahead of the particle.
+# Of the displacement threshold, along each axis: the reference position is at most so far ahead of the
+# particle.
 MOST_AHEAD = 0.5
 
 

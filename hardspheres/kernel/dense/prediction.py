@@ -75,8 +75,8 @@ def earliest_contact(s, i, now):
 def threshold_crossing(s, i):
     """Time at which i is one displacement threshold away from its reference position.
 
-    The row may have been written many thresholds away from there. So, as for contacts, the discriminant is the
-    one in which nothing of the size of that distance cancels.
+    The row may have been written many thresholds away from there. So, as for contacts, the discriminant is
+    the one in which nothing of the size of that distance cancels.
     """
     row = s.row
     ri, reference = i * ROW, i * EVENT + REFERENCE

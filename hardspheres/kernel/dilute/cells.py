@@ -1,13 +1,14 @@
-"""The grid of the window method: all lines sorted by cells, and who among them comes near a line.
+"""All segments sorted by cells, and the pairs of segments whose bounding boxes overlap.
 
-A line stands in the cell that holds its middle, and reaches no further than OVERHANG outside of it. Cells follow each other in y,
-in which they are narrow, so the lines near another stand in few runs: one for each column of cells that its box, OVERHANG wider on
-all sides, overlaps. Runs are compared by the bounds of lines, 16 at a time (`compiler.keep_overlapping`). Those that are left are
-compared as lines (`segments`). To meet each pair once, a line meets all that stand behind it in its own column, in that at z + 1, and
-in those at x + 1.
+A segment is in the cell that holds its middle, and reaches no further than OVERHANG outside of it. Cells
+follow each other in y, in which they are narrow, so the segments near another stand in few runs: one for each
+column of cells that its box, OVERHANG wider on all sides, overlaps. Runs are compared by their bounding
+boxes, 16 at a time (`vectors.keep_overlapping`). What is left is compared as segments (`filter`). To see each
+pair once, a segment is compared with all that stand behind it in its own column, in that at z + 1, and in
+those at x + 1.
 
-A particle that has collided has a new line. It takes the place of the old one where it reaches no further beyond that cell than
-lines may; otherwise it is chained to those of its cell (`chains`).
+The new segment of a particle that has collided takes the place of the old one where it reaches no further
+beyond that cell than segments may; otherwise it goes to the overflow list of its cell (`overflow`).
 """
 
 import numpy as np
@@ -40,8 +41,8 @@ from .predicted_contacts import keep_wall_contact
 from .segments import CELL, EDGE, EIGHT, FAR, segments_of, write_eight, write_unsorted
 
 ALWAYS = np.float32(-1.00001)  # from the beginning of the window
-AHEAD = 16  # particles from here to that whose row is fetched
-SEVERAL = -1  # slots of a flight in pieces, which has many
+AHEAD = 16  # particles from here to the one whose row is prefetched
+SEVERAL = -1  # slot of a flight of several segments
 ENOUGH = 64  # pairs that are worth a look
 SEEN = -2  # the same, and it has its place in the order
 
@@ -54,9 +55,9 @@ def in_cells(s):
 
 @jit
 def count_segments(s, begin, duration):
-    """Draft the lines of all particles, count those of each cell, and find who meets a wall.
+    """Write the segments of all particles, count those of each cell, and predict wall collisions.
 
-    Flights in several pieces are drafted later.
+    Flights of several segments are written when they are sorted.
     """
     n = in_cells(s)
     total = n
@@ -82,7 +83,7 @@ def count_segments(s, begin, duration):
 
 @jit
 def insert_segment(s, k, cell):
-    """Copy a draft to the lines of its cell, the last free slot first; returns the slot."""
+    """Copy an unsorted segment to the slots of its cell, the last free one first; returns the slot."""
     slot = s.cell_count[cell] - 1
     s.cell_count[cell] = slot
     copy_lanes(s.segments, slot * SEGMENT, s.unsorted, k * SEGMENT)
@@ -93,7 +94,7 @@ def insert_segment(s, k, cell):
 
 @jit
 def sort_segments(s, cells, begin, duration):
-    """Bring the lines into the order of their cells; `cell_count` then tells where each cell begins."""
+    """Sort the segments by cells; `cell_count` then tells where each cell begins."""
     end = 0
     for cell in range(cells):
         end += s.cell_count[cell]
@@ -111,7 +112,7 @@ def sort_segments(s, cells, begin, duration):
 
 @called
 def place_parts(s, m, i, begin, duration, insert):
-    """Bring the lines of a flight in pieces into the cells of their middles, or only count them there; returns how many there are."""
+    """Insert the segments of a fast flight in their cells, or only count them there; returns how many there are."""
     parts = segments_of(s, i, duration)
     for p in range(parts):
         x, y, z = write_unsorted(s, m, i, begin + duration * (p + 0.5) / parts, duration, parts)
@@ -125,7 +126,7 @@ def place_parts(s, m, i, begin, duration, insert):
 
 @called
 def register_all(s, cells, begin):
-    """Sort all lines into cells; SHORT_LISTS tells if there was no room."""
+    """Sort all segments into cells; SHORT_LISTS tells if there was no room."""
     duration = 2.0 * s.number[HALF_WINDOW]
     for cell in range(cells):
         s.cell_count[cell] = 0
@@ -141,7 +142,7 @@ def register_all(s, cells, begin):
 
 @called
 def keep_order(s):
-    """Go through the particles in the order of their cells from now on: it saves waiting for memory, and changes nothing else."""
+    """From now on go through the particles in the order of their cells: faster for memory, and the same bits."""
     m = int64(0)
     for slot in range(s.counter[REGISTERED]):
         i = int64(s.segment_words[slot * SEGMENT + OWNER])
@@ -154,7 +155,7 @@ def keep_order(s):
 
 @jit
 def pairs_in_run(s, m, own, first, last, code):
-    """Enter the pairs of a line, seen in this image, and those from `first` to `last` whose bounds overlap.
+    """Enter the pairs of a segment, seen in this image, and those from `first` to `last` whose boxes overlap its own.
 
     The table has m pairs; returns how many it has then.
     """
@@ -167,7 +168,7 @@ def pairs_in_run(s, m, own, first, last, code):
 
 @jit
 def pairs_in_column(s, m, own, column, first, last, after, code):
-    """Do so with the cells from `first` to `last` of a column, which may lie beyond the box, and with slots that are not before `after`."""
+    """Enter the pairs with the cells from `first` to `last` of a column, even beyond the box, from slot `after` on."""
     ny = s.counter[CELLS + 1]
     cells = column * ny
     start = int64(s.cell_count[cells + max(first, 0)])
@@ -180,7 +181,7 @@ def pairs_in_column(s, m, own, column, first, last, after, code):
 
 @jit
 def pairs_beyond(s, m, own, cells, first, last, code):
-    """Do so with those of these cells that lie beyond the box, on its other side."""
+    """Enter the pairs with those of these cells that lie beyond the box: cells on its other side."""
     ny = s.counter[CELLS + 1]
     for turn in range(-1, 2, 2):
         if first < 0 if turn < 0 else last >= ny:
@@ -192,7 +193,7 @@ def pairs_beyond(s, m, own, cells, first, last, code):
 
 @called
 def compare_all(s):
-    """Compare all lines with those near them, each pair once: in a line's own column those that stand behind it."""
+    """Compare all segments with those near them, each pair once."""
     ny = s.counter[CELLS + 1]
     m = int64(0)
     for x in range(s.counter[CELLS]):
@@ -214,7 +215,7 @@ def compare_all(s):
 
 @jit
 def withdraw(s, i):
-    """Take the line away that i had."""
+    """Remove i's segment: no pair passes the filter with a radius of NaN."""
     slot = s.where[i]
     if slot >= 0:
         s.segments[slot * SEGMENT + PADDED_RADIUS] = np.nan
@@ -222,7 +223,7 @@ def withdraw(s, i):
 
 @jit
 def replace_segment(s, i, new, x, y, z):
-    """Put i's new line, whose middle is in (x, y, z), in the place of the old one, if it reaches no further; returns whether it does."""
+    """Put i's new segment, whose middle is in cell (x, y, z), in the place of the old one; returns whether it fits."""
     slot = s.where[i]
     if slot < 0 or not fits(s, s.boxes[new], int64(s.cell_of_segment[slot]), x, y, z):
         return False

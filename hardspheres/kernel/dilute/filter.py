@@ -1,8 +1,9 @@
-"""Lines of the window method: the straight flights of a window, in single precision, and the filter that compares them.
+"""The filter: which pairs of trajectory segments come within contact, in single precision.
 
-A line is its place in the middle of the window, half its way through it, its reach (radius and margin), in units of the
-longest cell edge, and its id. The filter asks whether two lines come within contact; rounding is covered by margins, so it lets
-pass whatever does, and a little more. It works through a table of pairs, eight at a time and without a branch.
+A segment is its midpoint (at the middle of the window), half of its displacement in the window, its padded
+radius (radius and margin), in units of the longest cell edge, and its owner's id. Margins cover rounding, so
+all pairs in contact pass, and a few more. The filter works through a table of pairs, eight at a time and
+without a branch. What passes is computed exactly.
 """
 
 import numpy as np
@@ -33,19 +34,21 @@ from .predicted_contacts import keep_contact
 ONE = np.float32(1.0)
 TWO = np.float32(2.0)
 TINY = np.float32(1e-30)
-SLACK = np.float32(1e-5)  # for rounding: of squared distances, of b, of the moment from which a line counts
-EIGHT = 8  # lines that the filter compares at once
+SLACK = np.float32(
+    1e-5
+)  # for rounding: of squared distances, of b, of the moment from which a segment counts
+EIGHT = 8  # segments that the filter compares at once
 
 
 @jit
 def new_segment(s):
-    """Slot of the first of the latest two new lines. The slots of the cells' lines come first, and then those of lines in chains."""
+    """Slot of the first of the latest two new segments; the sorted ones and the overflow lists come before."""
     return s.counter[SEGMENT_ROOM] + s.counter[OVERFLOW_ROOM]
 
 
 @fast_arithmetic
 def compare(p, stride, k, q, own, code, ex, ey, ez):
-    """B = r.v, v.v, and r.r less the squared contact distance, of line k of p against one of q in the image of this code."""
+    """B = r.v, v.v, and r.r less the squared contact distance of two segments, one seen in the image of this code."""
     dx = (p[MIDPOINT * stride + k] - q[MIDPOINT * stride + own]) - np.float32((code & 3) - 1) * ex
     dy = (p[(MIDPOINT + 1) * stride + k] - q[(MIDPOINT + 1) * stride + own]) - np.float32(
         ((code >> 2) & 3) - 1
@@ -69,17 +72,18 @@ def compare(p, stride, k, q, own, code, ex, ey, ez):
 
 @fast_arithmetic
 def may_touch(b, vv, c, since):
-    """Whether two lines may come within contact from `since` to 1, in half windows from the middle.
+    """Whether two segments may come within contact from `since` to 1, in half windows from the middle.
 
-    They approach at first, b + since v.v < 0, and are in contact when nearest to each other or, if that is later, at the end.
-    Two that touch and fly alike pass, too: b and v.v are 0 then, and may be different from 0 in double precision.
+    They approach at first, b + since v.v < 0, and are in contact when nearest to each other or, if that is
+    later, at the end. Two that touch and fly alike pass, too: b and v.v are 0 then, and may be different from
+    0 in double precision.
     """
     return (b < SLACK - since * vv) & (c * vv <= b * b) & ((b + vv > 0.0) | (c + (TWO * b + vv) < 0.0))
 
 
 @jit
 def filter_pairs(s, m, since):
-    """Compare the lines of the first m pairs of the table, and compute the contacts of those that may meet."""
+    """Compare the first m pairs of the table, and compute the contacts of those that may touch."""
     unit = s.number[SEGMENT_UNIT]
     ex, ey, ez = (
         np.float32(s.number[BOX] * unit),
@@ -117,13 +121,13 @@ def filter_pairs(s, m, since):
 
 @called
 def filter_table(s, m, since):
-    """Do so where it is not worth a copy of the code."""
+    """Call `filter_pairs` where it is not worth an inlined copy."""
     filter_pairs(s, m, since)
 
 
 @jit
 def predict_contact(s, i, j, when):
-    """Compute the contact of two whose lines may meet: in the image in which they are nearest when the lines are."""
+    """Compute the contact of two particles, in the image that is nearest when their segments are nearest."""
     if i != j:
         about = s.number[MIDDLE] + s.number[HALF_WINDOW] * when
         keep_contact(s, min(i, j), max(i, j), pair_contact(s, i, j, about))

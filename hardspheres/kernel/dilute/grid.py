@@ -1,4 +1,4 @@
-"""The geometry of the window method's grid: cells, columns of cells, and which of them are near a line."""
+"""The geometry of the window method's grid: cells, columns of cells, and which of them are near a segment."""
 
 from ..flags import DIM
 from ..layout import AFTER_X, AFTER_Y, AFTER_Z, BEFORE_X, BEFORE_Y, BEFORE_Z, BYTE, CELLS, OVERHANG, WIDTH
@@ -19,13 +19,13 @@ def column_at(s, x, z):
 
 @jit
 def signed(difference):
-    """Return a difference of bounds, given with whole turns, without them."""
+    """Return a difference of box ends in units, without whole turns of 256."""
     return ((difference + 128) & BYTE) - 128
 
 
 @jit
 def cells_along_y(s, near, y):
-    """First and last cell along y with lines that may overlap a line of cell y."""
+    """First and last cell along y with segments that may overlap a segment of cell y."""
     return y - (near >> BEFORE_Y & 3), y + (near >> AFTER_Y & 3)
 
 
@@ -52,7 +52,7 @@ def note_place(s, k, place, noted):
 
 @jit
 def columns_around(s, begin, near, x, z):
-    """Note, from `begin` on, this column and those with lines that may overlap one of its own; returns where they end."""
+    """Note, from `begin` on, this column and all with segments that may overlap one of its own; returns the end."""
     layer = s.counter[CELLS + 2] + 2
     k = begin
     for ox in range(-1, 2):
@@ -67,7 +67,7 @@ def columns_around(s, begin, near, x, z):
 
 @jit
 def columns_after(s, near, x, z):
-    """Note this column and those behind it with lines that may overlap one of its own; returns how many there are."""
+    """Note this column and those behind it with segments that may overlap one of its own; returns how many."""
     layer = s.counter[CELLS + 2] + 2
     own = place_of_column(s, x, z)
     right = (near & AFTER_X) // AFTER_X
@@ -83,9 +83,10 @@ def columns_after(s, near, x, z):
 
 @jit
 def fits(s, word, cell, cx, cy, cz):
-    """Whether a line with these bounds, whose middle is in (cx, cy, cz), reaches no further beyond another cell than lines may.
+    """Whether a segment with this box, whose middle is in (cx, cy, cz), overhangs another cell by no more than OVERHANG.
 
-    What lies further away than one cell, along y than two, does not, even if whole turns of 256 make it seem so.
+    What lies further away than one cell, along y than two, does not, even if whole turns of 256 make it seem
+    so.
     """
     x, y, z = cell_place(s, cell)
     inside = (abs(cx - x) <= 1) & (abs(cy - y) <= 2) & (abs(cz - z) <= 1)

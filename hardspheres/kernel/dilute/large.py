@@ -1,10 +1,10 @@
-"""Large particles among many small ones, in the window method: cells sized by the small, and a second grid for the large.
+"""Large particles among many small ones: cells sized by the small, and a second, coarse grid for the large.
 
-With cells as wide as the largest diameter each small particle would meet hundreds of others at every comparison. So the cells
-hold the lines of the small particles only. A large one (radius above SMALL_RADIUS) is compared with all cells within its reach,
-and its line hangs in the one cell of a coarse grid that holds its middle. A small one looks, beside the cells around it, at the
-coarse cells within its own reach; they are few and mostly empty. Lines, filter and chains are those of `segments` and `chains`: the
-coarse cells' chains follow those of the cells.
+With cells as wide as the largest diameter each small particle would be compared with hundreds of others. So
+the cells hold the segments of the small particles only. A large one (radius above SMALL_RADIUS) is compared
+with all cells within its reach, and its segment is in the one cell of a coarse grid that holds its middle. A
+small one is compared with the cells around it, and with the coarse cells within its own reach, which are few
+and mostly empty. The coarse cells' overflow lists follow those of the cells.
 """
 
 import math
@@ -45,7 +45,7 @@ def is_large(s, i):
 
 @jit
 def span(s, i, t, d, reach, cells, density):
-    """First and last cell of a grid along axis d within reach of i at time t; on periodic axes they may lie beyond the box."""
+    """First and last cell along axis d within reach of i at time t; on periodic axes they may lie beyond the box."""
     x = s.row[i * ROW + X + d] + s.row[i * ROW + V + d] * (t - s.row[i * ROW + T])
     inside = s.number[BOX + d] * math.floor(x * s.number[INVERSE + d])  # INVERSE is 0 between walls
     first = math.floor((x - inside - reach) * s.number[density + d])
@@ -71,7 +71,7 @@ def around(s, cell, d, grid):
 
 @jit
 def pairs_with_small(s, m, i, new, t):
-    """Enter the pairs of a new line, of a large particle as registered at time t, and all small ones within reach; returns how many pairs there are."""
+    """Enter the pairs of a large particle's new segment and all small ones within reach; returns how many there are."""
     reach = (s.row[i * ROW + RADIUS] + s.number[SMALL_RADIUS] + 2.0 * s.number[HALF_LENGTH]) * ROUNDED_UP
     first_x, last_x = span(s, i, t, 0, reach, CELLS, CELL_DENSITY)
     first_y, last_y = span(s, i, t, 1, reach, CELLS, CELL_DENSITY)
@@ -88,14 +88,14 @@ def pairs_with_small(s, m, i, new, t):
 
 @jit
 def pairs_along_y(s, m, new, column, first, last, code):
-    """Do so with the cells from `first` to `last` of a column, which may lie beyond the box, and with their chains."""
+    """Enter the pairs with the cells from `first` to `last` of a column, even beyond the box, and their overflow lists."""
     ny = s.counter[CELLS + 1]
     cells = column * ny
     for turn in range(-1, 2):
         begin, end = max(first - turn * ny, 0), min(last - turn * ny, ny - 1)
         if begin <= end:
             image = code - turn * IMAGE[1]
-            # Bounds tell nothing of boxes that are wider than a cell.
+            # Bounding boxes in bytes cannot hold a segment wider than a cell.
             for slot in range(s.cell_count[cells + begin], s.cell_count[cells + end + 1]):
                 m = enter_pair(s, m, new, slot, image)
             m = pairs_in_lists(s, m, new, column, begin, end, image)
@@ -104,7 +104,7 @@ def pairs_along_y(s, m, new, column, first, last, code):
 
 @jit
 def pairs_with_large(s, m, i, new, t):
-    """Enter the pairs of a new line, as registered at time t, and the large particles within reach; returns how many pairs there are."""
+    """Enter the pairs of a new segment and the large particles within reach; returns how many there are."""
     if s.counter[LARGE] == 0:
         return m
     reach = (s.row[i * ROW + RADIUS] + s.number[LARGEST] + 2.0 * s.number[HALF_LENGTH]) * ROUNDED_UP
@@ -125,7 +125,7 @@ def pairs_with_large(s, m, i, new, t):
 
 @jit
 def list_of_large(s, x, y, z):
-    """Which chain holds the large particles of a coarse cell: they follow those of the cells."""
+    """Which overflow list holds the large particles of a coarse cell."""
     return number_of_lists(s) + (x * s.counter[LARGE_CELLS + 1] + y) * s.counter[LARGE_CELLS + 2] + z
 
 
@@ -138,7 +138,7 @@ def coarse_cell(s, i, t, d):
 
 @jit
 def overflow_large(s, i, new, t, replaces):
-    """Hang a new line of a large particle, as registered at time t, in its coarse cell, perhaps in place of older ones."""
+    """Register a large particle's new segment in its coarse cell, perhaps in place of older ones."""
     z = coarse_cell(s, i, t, 2) if DIM == 3 else 0
     head = list_of_large(s, coarse_cell(s, i, t, 0), coarse_cell(s, i, t, 1), z)
     if replaces:

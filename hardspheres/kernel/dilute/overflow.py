@@ -1,4 +1,7 @@
-"""Chains of the window method: the new lines that fit no slot, one chain for each stretch of cells of a column."""
+"""Overflow lists: the new segments that fit no slot of the sorted ones.
+
+Each stretch of CELLS_OF_OVERFLOW cells of a column has a linked list of its own.
+"""
 
 from ..layout import (
     CELLS,
@@ -19,32 +22,32 @@ from .pair_table import enter_pair
 
 @jit
 def lists_before(s, column):
-    """Index of the first chain of a column."""
+    """Index of the first overflow list of a column."""
     return column * ((s.counter[CELLS + 1] + CELLS_OF_OVERFLOW - 1) // CELLS_OF_OVERFLOW)
 
 
 @jit
 def number_of_lists(s):
-    """How many chains the columns have, with that which stands for all beyond walls."""
+    """How many overflow lists the columns have; the last stands for all beyond walls."""
     return lists_before(s, s.counter[CELLS] * s.counter[CELLS + 2] + 1)
 
 
 @jit
 def list_at(s, x, y, z):
-    """Which chain holds the new lines of a cell."""
+    """Which overflow list holds the new segments of a cell."""
     return lists_before(s, column_at(s, x, z)) + y // CELLS_OF_OVERFLOW
 
 
 @called
 def clear_overflow(s):
-    """Empty all chains of the cells."""
+    """Empty all overflow lists of the cells."""
     for head in range(number_of_lists(s)):
         s.overflow_first[head] = -1
 
 
 @jit
 def append_overflow(s, new, head):
-    """Add a new line to a chain."""
+    """Add a new segment to an overflow list."""
     node = s.counter[OVERFLOWED]
     if node == s.counter[OVERFLOW_ROOM]:
         s.counter[SHORT_LISTS] = 1
@@ -57,7 +60,7 @@ def append_overflow(s, new, head):
 
 @jit
 def pairs_in_list(s, m, new, head, code):
-    """Enter the pairs of a new line in this image and those of a chain in the table, which has m; returns how many it has."""
+    """Enter the pairs of a new segment, in this image, and an overflow list; the table has m, returns how many then."""
     node = int64(s.overflow_first[head])
     while node >= 0:
         m = enter_pair(s, m, new, s.counter[SEGMENT_ROOM] + node, code)
@@ -67,7 +70,7 @@ def pairs_in_list(s, m, new, head, code):
 
 @jit
 def pairs_in_lists(s, m, new, column, first, last, code):
-    """Do so with the chains of the cells from `first` to `last` of a column."""
+    """Enter the pairs of a new segment and the overflow lists of the cells from `first` to `last` of a column."""
     before = lists_before(s, column)
     for head in range(before + first // CELLS_OF_OVERFLOW, before + last // CELLS_OF_OVERFLOW + 1):
         m = pairs_in_list(s, m, new, head, code)
@@ -76,7 +79,7 @@ def pairs_in_lists(s, m, new, column, first, last, code):
 
 @jit
 def remove_overflow(s, head, i):
-    """Take i's lines off a chain."""
+    """Remove i's segments from an overflow list."""
     before = -1
     node = int64(s.overflow_first[head])
     while node >= 0:

@@ -1,4 +1,8 @@
-"""The table of pairs of lines that the filter compares: slot, slot of the other line, and the image in which that is seen."""
+"""The table of pairs of segments that the filter compares.
+
+An entry is the slot of one segment, the slot of the other, and the periodic image in which that other is
+seen.
+"""
 
 import numpy as np
 

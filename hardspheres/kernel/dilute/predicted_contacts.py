@@ -1,4 +1,4 @@
-"""Candidates of the window method: the contacts found for the present window, kept by time in buckets until it ends."""
+"""The contacts predicted for the present window, kept in buckets by their time until it ends."""
 
 from ..common.bucket_queue import push_bucket, release_block
 from ..common.contact_times import wall_contact
@@ -49,7 +49,7 @@ def keep_contact(s, low, high, time):
     s.contacts[entry + CONTACT_TIME] = bits(time)
     s.contacts[entry + CONTACT_PAIR] = low << 32 | high
     s.contacts[entry + CONTACT_VERSIONS] = versions_of(s, low, high)
-    last = s.counter[BUCKET] | (s.counter[WINDOW_BUCKETS] - 1)  # of this window, whatever rounding says
+    last = s.counter[BUCKET] | (s.counter[WINDOW_BUCKETS] - 1)  # of this window, however the time is rounded
     bucket = min(int(max(time, 0.0) * s.number[INVERSE_WIDTH]), last)
     if bucket <= s.counter[BUCKET]:
         push_event(s, time, low << 32 | high, c)
@@ -60,7 +60,7 @@ def keep_contact(s, low, high, time):
 
 @jit
 def keep_wall_contact(s, i):
-    """Keep i's next wall as a candidate."""
+    """Keep i's next wall collision."""
     time, wall = wall_contact(s, i)
     if wall >= 0:
         keep_contact(s, i, wall, time)
@@ -68,21 +68,21 @@ def keep_wall_contact(s, i):
 
 @jit
 def partners(s, c):
-    """Lower and higher id of a candidate."""
+    """Lower and higher id of a predicted contact."""
     pair = s.contacts[c * CONTACT + CONTACT_PAIR]
     return pair >> 32, pair & STAMP_BITS
 
 
 @jit
 def contact_holds(s, c):
-    """Whether neither partner of a candidate has changed since it was noted."""
+    """Whether neither partner of a contact has changed since it was predicted."""
     low, high = partners(s, c)
     return versions_of(s, low, high) == s.contacts[c * CONTACT + CONTACT_VERSIONS]
 
 
 @jit
 def open_contacts(s):
-    """Bring the candidates of the current bucket, as far as they still hold, to the event heap."""
+    """Push the contacts of the current bucket, as far as they still hold, to the event heap."""
     slot = s.counter[BUCKET] & (s.counter[WINDOW_BUCKETS] - 1)
     block = s.buckets[slot]
     s.buckets[slot] = -1

@@ -1,6 +1,6 @@
-"""Drafts: a flight of the window method as a line, and the bounds of the box that holds it.
+"""Trajectory segments: a flight in one window, written as the filter reads it, and its quantised bounding box.
 
-The bounds are coarse and rounded outwards: they only spare most pairs a closer look.
+The boxes are coarse and rounded outwards: they spare most pairs the comparison of segments.
 """
 
 import math
@@ -42,27 +42,28 @@ from ..layout import (
 from ..simd.jit import jit
 from ..simd.vectors import gather_transposed, store_transposed
 
-MANY = 1000000  # pieces; more than anybody can need
-OUTWARDS = 1e-3  # units that bounds are further out than they must be, because of rounding
+MANY = 1000000  # segments of a flight; an upper bound
+OUTWARDS = 1e-3  # units by which bounding boxes are enlarged, for rounding
 TURN = 256.0
 # Places of the numbers of cells before along x, y, z, and of those after.
 RUNS = tuple(float(bit) for bit in (BEFORE_X, 1 << BEFORE_Y, BEFORE_Z, AFTER_X, 1 << AFTER_Y, AFTER_Z))
-NEGATED_HIGH = TURN**3  # place of the high ends among the bounds
+NEGATED_HIGH = TURN**3  # place of the high ends in a bounding box
 NEAR_A_WALL = 1e-9  # of a box, for rounding
 
-# The table of eight drafts, after their rows in columns: their lines in columns, and what else is known of them.
+# The table of eight segments, after the rows in columns: the segments in columns, and what else is known of
+# them.
 EIGHT = 8
 SEGMENTS_OF_EIGHT = EIGHT * ROW
-ENDS = SEGMENTS_OF_EIGHT + EIGHT * SEGMENT  # bounds
+ENDS = SEGMENTS_OF_EIGHT + EIGHT * SEGMENT  # of their bounding boxes
 CELL = ENDS + EIGHT
-FAR = CELL + EIGHT  # below 1 where one piece does
+FAR = CELL + EIGHT  # below 1 where one segment is enough
 NEAR = FAR + EIGHT  # how many cells are near, see `near_of`
 EDGE = NEAR + EIGHT  # 1 where the flight may reach a wall
 
 
 @jit
 def segments_of(s, i, duration):
-    """In how many pieces a flight of this duration is registered, so that none reaches further than HALF_LENGTH both ways."""
+    """How many segments a flight of this duration has, so that none reaches further than HALF_LENGTH both ways."""
     vv = 0.0
     for d in range(DIM):
         v = s.row[i * ROW + V + d]
@@ -75,7 +76,11 @@ def segments_of(s, i, duration):
 
 @jit
 def axis(s, d):
-    """Numbers of an axis, loaded once: edge of the box, its inverse (0 between walls), cells per length, last cell, units per length, and how far lines reach beyond their cells."""
+    """Return what a segment needs to know of an axis, loaded once.
+
+    Edge of the box, its inverse (0 between walls), cells per length, last cell, units per length, and
+    overhang.
+    """
     return (
         s.number[BOX + d],
         s.number[INVERSE + d],
@@ -107,13 +112,13 @@ def byte(x):
 
 @jit
 def ends_of(x, half, of_axis):
-    """Bounds along an axis of a box that reaches this far from x both ways; a whole number, in the place of the first axis."""
+    """Both ends, along an axis, of a bounding box that reaches this far from x, in the place of the first axis."""
     return byte((x - half) * of_axis[4]) + NEGATED_HIGH * byte((-x - half) * of_axis[4])
 
 
 @jit
 def cells_near(x, half, cell, of_axis):
-    """How many cells before and after this one may hold lines that come near a box that reaches this far from x both ways."""
+    """How many cells before and after this one may hold segments near a box that reaches this far from x both ways."""
     reach = half + of_axis[5]
     return cell - np.floor((x - reach) * of_axis[2]), np.floor((x + reach) * of_axis[2]) - cell
 
@@ -121,7 +126,7 @@ def cells_near(x, half, cell, of_axis):
 @jit
 def near_of(d, before, after):
     """Return these numbers, at most 1, along y at most 3, in the place that they have in a number for all axes."""
-    if WALLS:  # the middle of a line that passes through a wall lies outside, where nothing is near
+    if WALLS:  # a middle beyond a wall has nothing near
         most = 3.0 if d == 1 else 1.0
         before, after = min(before, most), min(after, most)
     return RUNS[d] * before + RUNS[d + 3] * after
@@ -129,7 +134,7 @@ def near_of(d, before, after):
 
 @jit
 def segment_along(p, k, d, dt, half_time, half_window, unit, radius, of_axis):
-    """Draft line k of the table along axis d; returns its bounds, cell, what is near, squared speed, and whether it may reach a wall, as numbers."""
+    """Write segment k of the table along axis d; returns box, cell, cells near it, squared speed, 1 if near a wall."""
     v = p[EIGHT * (V + d) + k]
     x = in_box(p[EIGHT * (X + d) + k] + v * dt, of_axis)
     half = half_time * abs(v) + radius
@@ -146,10 +151,11 @@ def segment_along(p, k, d, dt, half_time, half_window, unit, radius, of_axis):
 
 @jit
 def write_eight(s, m, duration):
-    """Draft the lines of eight particles, from m on in their order, for the whole window, and write in the table what else is known of them.
+    """Write the segments of eight particles, from m on in their order, for the whole window.
 
-    Those that are too fast for one piece have their line drafted anew later. All numbers are loaded first, so that the
-    compiler knows that nothing changes them, and uses vector instructions.
+    What else is known of them stays in the table; those too fast for one segment are written again later. All
+    numbers are loaded first, so that the compiler knows that nothing changes them, and uses vector
+    instructions.
     """
     p = s.scratch
     gather_transposed(p, 0, EIGHT, s.row, s.order, m)
@@ -188,7 +194,7 @@ def write_eight(s, m, duration):
 
 @jit
 def write_segment(s, segments, words, boxes, k, i, t, duration, parts):
-    """Write i's line, in the image that is in the box at time t, to slot k, and its bounds for one of the pieces of this duration, around t.
+    """Write i's segment around time t, one of several of this flight, and its box to slot k, in the image in the box then.
 
     Returns the cell (x, y, z) that holds i at time t.
     """
@@ -229,5 +235,5 @@ def write_segment(s, segments, words, boxes, k, i, t, duration, parts):
 
 @jit
 def write_unsorted(s, k, i, t, duration, parts):
-    """Write a draft before lines are sorted."""
+    """Write a segment before all are sorted."""
     return write_segment(s, s.unsorted, s.unsorted_words, s.unsorted_boxes, k, i, t, duration, parts)

@@ -1,14 +1,15 @@
-"""The window method, for dilute gases: who can meet whom within a short common window of time.
+"""The window method, for dilute gases: which particles can collide within a short common window of time.
 
-In a window every flight is a known straight line, and few lines come near another. Each line is registered once, in the
-cell that holds its middle (fast particles in several pieces, so that no piece reaches further than half a cell less a
-contact distance), and compared with the lines of the cells around (`line_cells`): first their bounds, in bytes, then whether
-the two come within contact during the window (`segments`). These filters run with a safe margin; whatever passes them is computed
-exactly from the rows, so the filters never enter the trajectory. True contacts become candidates (`contacts`). A particle that
-has collided gets a new line, which is compared with those around it and then takes the place of the old one, or is chained to
-those of its cell (`chains`).
+In a window every free flight is a known straight segment, and few segments come near another. Each flight is
+registered in the cell that holds the middle of its segment. A fast flight has several segments, so that none
+reaches further than half a cell less a contact distance. Segments are compared with those around them
+(`cells`): first their bounding boxes, in bytes, then whether the two come within contact during the window
+(`filter`). These filters have safe margins. Whatever passes them is computed exactly from the rows, so the
+filters never enter the trajectory. Contacts within the window are kept until they happen or become stale
+(`predicted_contacts`). A particle that has collided gets a new segment, which is compared with those around
+it and then takes the place of the old one, or goes to an overflow list (`overflow`).
 
-There are no events but collisions: nothing is done for particles that nobody meets, except to register them.
+There are no events but collisions: particles that cannot collide are registered, and nothing else.
 """
 
 import numpy as np
@@ -47,8 +48,8 @@ from .segments import segments_of, write_segment
 
 # Of each of the particles that an event has changed, int64.
 WHO = 0
-PARTS = 1  # in which its new flight is registered
-CELL = 2  # that holds the middle of the present piece, 3 slots
+PARTS = 1  # segments of its new flight
+CELL = 2  # that holds the middle of the present segment, 3 slots
 FIRST = 5  # first and last cell along y near it
 PLACES = 7  # how many columns are near it
 CHANGED = 8
@@ -57,7 +58,7 @@ MOST_PLACES = 16  # in the table of columns
 
 @jit
 def open_window(s, cells, blocks):
-    """Register all lines and find all candidates of the window that begins in the current bucket."""
+    """Register all segments and predict all contacts of the window that begins in the current bucket."""
     s.counter[CONTACTS] = 0
     s.counter[OVERFLOWED] = 0
     s.counter[SHORT_LISTS] = 0
@@ -79,7 +80,7 @@ def open_window(s, cells, blocks):
 
 @called
 def register_large(s, begin):
-    """Hang the lines of all large particles in the coarse grid, compared with all small ones and with each other."""
+    """Compare the segments of all large particles with all others, and register them in the coarse grid."""
     clear_large(s)
     duration = 2.0 * s.number[HALF_WINDOW]
     new = new_segment(s)
@@ -96,15 +97,16 @@ def register_large(s, begin):
             filter_table(s, m, ALWAYS)
             overflow_large(s, i, new, time, p == 0)
     if s.counter[SHORT_LISTS]:
-        s.counter[OVERFLOWED] = 0  # more lines than there is room for, and none that was replaced
+        s.counter[OVERFLOWED] = 0  # more segments than there is room for, and none of them was replaced
 
 
 @jit
 def follow(s, i, j, now):
-    """Find what happens to i and j (or -1), whose rows have just changed, in the rest of the window, and register their new lines.
+    """Predict contacts of i and j (or -1), whose rows have just changed, in the rest of the window; register them.
 
-    Both at once, since each step of a search waits for the one before, but not for those of the other. Then they do not see
-    each other, but they fly apart; flights in pieces, which may lead round the box, come one after the other.
+    Both are searched at once: each step waits for the one before, but not for those of the other. Then they
+    do not see each other, but they fly apart. Flights of several segments, which may lead round the box, are
+    searched one after the other.
     """
     duration = s.number[MIDDLE] + s.number[HALF_WINDOW] - now
     changed = 2 if j >= 0 else 1
@@ -129,7 +131,7 @@ def follow(s, i, j, now):
 
 @jit
 def follow_part(s, begin, end, p, now, duration):
-    """Find what happens in one piece of the new flights from `begin` to `end`, and register these pieces."""
+    """Predict the contacts of segment p of the new flights from `begin` to `end`, and register these segments."""
     since = np.float32((now - s.number[MIDDLE]) / s.number[HALF_WINDOW] - 1e-5)
     for a in range(begin, end):
         write_part(s, a, p, now, duration)
@@ -144,13 +146,13 @@ def follow_part(s, begin, end, p, now, duration):
 
 @jit
 def middle_of_part(s, a, p, now, duration):
-    """Time at the middle of a piece of a new flight."""
+    """Time at the middle of segment p of a new flight."""
     return now + duration * (p + 0.5) / s.changed[a * CHANGED + PARTS]
 
 
 @jit
 def write_part(s, a, p, now, duration):
-    """Write the new line of a piece of a new flight."""
+    """Write segment p of a new flight."""
     i, parts = s.changed[a * CHANGED + WHO], s.changed[a * CHANGED + PARTS]
     x, y, z = write_new(s, new_segment(s) + a, i, middle_of_part(s, a, p, now, duration), duration, parts)
     cell = a * CHANGED + CELL
@@ -159,13 +161,13 @@ def write_part(s, a, p, now, duration):
 
 @jit
 def cell_of_part(s, a):
-    """Cell that holds the middle of a piece."""
+    """Cell that holds the middle of the present segment."""
     return s.changed[a * CHANGED + CELL], s.changed[a * CHANGED + CELL + 1], s.changed[a * CHANGED + CELL + 2]
 
 
 @jit
 def pairs_of_part(s, m, a, p, now, duration):
-    """Enter the pairs of a new line and those near it in the table, which has m; returns how many it has."""
+    """Enter the pairs of a new segment and those near it in the table, which has m; returns how many it has."""
     if SIZES:
         i, new = s.changed[a * CHANGED + WHO], new_segment(s) + a
         time = middle_of_part(s, a, p, now, duration)
@@ -176,7 +178,7 @@ def pairs_of_part(s, m, a, p, now, duration):
 
 @jit
 def register_part(s, a, p, now, duration):
-    """Register a new line: in the place of the old one, or in a chain."""
+    """Register a new segment: in the place of the old one, or in an overflow list."""
     i, new = s.changed[a * CHANGED + WHO], new_segment(s) + a
     if SIZES and is_large(s, i):
         overflow_large(s, i, new, middle_of_part(s, a, p, now, duration), p == 0)
@@ -188,13 +190,13 @@ def register_part(s, a, p, now, duration):
 
 @jit
 def write_new(s, new, i, t, duration, parts):
-    """Write i's new line."""
+    """Write a new segment of i."""
     return write_segment(s, s.segments, s.segment_words, s.boxes, new, i, t, duration, parts)
 
 
 @jit
 def find_runs(s, a):
-    """Find the columns with lines that may overlap a new line, and prefetch the first segments of each."""
+    """Find the columns with segments that may overlap a new one, and prefetch the first boxes of each."""
     x, y, z = cell_of_part(s, a)
     near = s.boxes[new_segment(s) + a] >> NEAR_SHIFT
     first, last = cells_along_y(s, near, y)
@@ -212,7 +214,7 @@ def find_runs(s, a):
 
 @jit
 def pairs_around(s, m, a):
-    """Enter the pairs of a new line and all whose bounds overlap near it; returns how many there are."""
+    """Enter the pairs of a new segment and those whose boxes overlap its own; returns how many there are."""
     new, begin = new_segment(s) + a, a * MOST_PLACES
     first, last = s.changed[a * CHANGED + FIRST], s.changed[a * CHANGED + FIRST + 1]
     for k in range(begin, begin + s.changed[a * CHANGED + PLACES]):
@@ -228,7 +230,7 @@ def pairs_around(s, m, a):
 
 @jit
 def overflow_pairs_around(s, m, new, column, first, last, code):
-    """Enter the pairs with lines chained to these cells of a column, which may lie beyond the box; returns how many there are."""
+    """Enter the pairs with the overflow lists of cells, which may lie beyond the box; returns how many there are."""
     ny = s.counter[CELLS + 1]
     m = pairs_in_lists(s, m, new, column, max(first, 0), min(last, ny - 1), code)
     if s.number[INVERSE + 1] > 0.0:

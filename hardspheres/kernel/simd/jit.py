@@ -1,8 +1,9 @@
 """How kernels are compiled: strict arithmetic and raw pointers; `hardspheres.kernel_cache` says where they are kept on disk.
 
-Two variables of the environment, Numba's own, give kernels for examination. ``NUMBA_DISABLE_JIT=1`` runs the same source as plain
-Python, on arrays in place of pointers. ``NUMBA_BOUNDSCHECK=1`` also has arrays in place of pointers, and every access checked: in
-plain Python negative indices are refused too; compiled (which then takes minutes and is never cached) only those beyond an end.
+Two variables of the environment, Numba's own, give kernels for examination. ``NUMBA_DISABLE_JIT=1`` runs the
+same source as plain Python, on arrays in place of pointers. ``NUMBA_BOUNDSCHECK=1`` also has arrays in place
+of pointers, and every access checked: in plain Python negative indices are refused too; compiled (which then
+takes minutes and is never cached) only those beyond an end.
 """
 
 from typing import Any

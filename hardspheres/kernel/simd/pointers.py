@@ -33,7 +33,8 @@ class BoundsChecked:
         self.array[self._inside(k)] = value
 
 
-# `int` leaves numbers of 32 bits as they are, and a 0 a constant: a function is then compiled once more for each mix of them.
+# `int` leaves numbers of 32 bits as they are, and a 0 a constant: a function is then compiled once more for
+# each mix of them.
 int64: Any = int if PURE_PYTHON else np.int64
 
 if PURE_PYTHON:
@@ -59,9 +60,9 @@ else:
     def pointer(typingctx, array):
         """Return a raw pointer to the data of a contiguous array.
 
-        Passing arrays between jitted functions counts references atomically, which costs a hard-sphere loop most of its
-        speed. `p[i]` and `p[i] = x` work on the pointer as on the array, with no reference count, stride or wrap-around.
-        The caller keeps the array alive.
+        Passing arrays between jitted functions counts references atomically, which costs a hard-sphere loop
+        most of its speed. `p[i]` and `p[i] = x` work on the pointer as on the array, with no reference count,
+        stride or wrap-around. The caller keeps the array alive.
         """
 
         def codegen(context, builder, signature, args):

@@ -8,7 +8,7 @@ from numba.extending import intrinsic
 
 from .jit import CHECKED, PURE_PYTHON
 
-AT_ONCE = 16  # bounds that `keep_overlapping` compares
+AT_ONCE = 16  # bounding boxes that `keep_overlapping` compares
 MOST = 2**31 - 1  # the largest int32
 
 
@@ -45,7 +45,7 @@ if PURE_PYTHON or CHECKED:
 
     @numba.njit
     def keep_overlapping(kept, to, m, word, own, those, first, last, shift):
-        """Append to `kept` which of those from `first` to `last`, at most 16, have bounds that overlap `word`, and `own` to `to`; returns how many there are."""
+        """Append to `kept` which from `first` to `last`, at most 16, have boxes that overlap `word`, and `own` to `to`."""
         for j in range(first, min(first + AT_ONCE, last)):
             overlap = True
             for lane in range(6):
@@ -57,7 +57,7 @@ if PURE_PYTHON or CHECKED:
 
     @numba.njit
     def keep_marked(kept, m, first, last, marks):
-        """Append to `kept` the numbers from `first` to `last`, at most 8, that have a bit in `marks`; returns how many there are."""
+        """Append to `kept` the numbers from `first` to `last`, at most 8, that have a bit in `marks`."""
         for lane in range(min(8, last - first)):
             kept[m] = first + lane
             m += (marks >> lane) & 1
@@ -185,9 +185,10 @@ else:
 
     @intrinsic
     def keep_overlapping(typingctx, kept, to, m, word, own, those, first, last, shift):
-        """Append to `kept` which of those from `first` to `last`, at most 16, have bounds that overlap `word`, and `own` to `to`; returns how many there are.
+        """Append to `kept` which from `first` to `last`, at most 16, have boxes that overlap `word`, and `own` to `to`.
 
-        Bounds are 6 bytes, see `lines`; `shift` is that of the image in which `word` is seen. No branch depends on it.
+        Returns how many `kept` has. Boxes are 6 bytes, see `layout`; `shift` is that of the image in which
+        `word` is seen. No branch depends on it.
         """
 
         def codegen(context, builder, signature, args):
@@ -214,7 +215,7 @@ else:
 
     @intrinsic
     def keep_marked(typingctx, kept, m, first, last, marks):
-        """Append to `kept` the numbers from `first` to `last`, at most 8, that have a bit in `marks`; returns how many there are."""
+        """Append to `kept` the numbers from `first` to `last`, at most 8, that have a bit in `marks`."""
 
         def codegen(context, builder, signature, args):
             kept, m, first, last, marks = args
