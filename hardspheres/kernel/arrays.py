@@ -25,10 +25,10 @@ class Arrays(NamedTuple):
         object  # int32 (n): slot in the cells; windows: slot of the segment, negative where there are several
     )
     cell_count: object  # int32 (cells + 1): particles in each cell; windows: the first segment of each cell
-    cell_places: object  # float32 (cells * CELL_COLUMNS * CELL_ROOM): reference positions seen from the cell's corner, radii
+    cell_places: object  # float32 (cells * CELL_COLUMNS * CELL_ROOM): seen from the corner
     cell_ids: object  # the same memory as int32, for their ids
-    near: object  # int32 (AROUND * CELL_ROOM + LIST_ROOM + CELL_LANES): ids of those within the cutoff of one particle
-    around: object  # float32 (CELL_COLUMNS * (AROUND * CELL_ROOM + CELL_LANES)): the same of a cell and those around it
+    near: object  # int32 (AROUND * CELL_ROOM + LIST_ROOM + CELL_LANES): those within a cutoff
+    around: object  # float32 (CELL_COLUMNS * (AROUND * CELL_ROOM + CELL_LANES)): a cell and those around it
     around_ids: object  # the same memory as int32
     buckets: object  # int64 (BUCKETS + 1): first block of each bucket; the last is for later cycles
     blocks: object  # int64 (blocks * BLOCK)
@@ -46,14 +46,14 @@ class Arrays(NamedTuple):
     unsorted: object  # float32 (n * SEGMENT): segments before they are sorted
     unsorted_words: object  # the same memory as int32
     unsorted_boxes: object  # int64 (n)
-    segments: object  # float32 ((SEGMENT_ROOM + OVERFLOW_ROOM + 2) * SEGMENT): sorted by cells; overflow lists; latest new ones
+    segments: object  # float32 ((SEGMENT_ROOM + OVERFLOW_ROOM + 2) * SEGMENT): sorted; overflow; new
     segment_words: object  # the same memory as int32
     boxes: (
         object  # int64 (SEGMENT_ROOM + OVERFLOW_ROOM + AT_ONCE): their quantised bounding boxes, see `layout`
     )
     cell_of_segment: object  # int32 (SEGMENT_ROOM)
     image_shifts: object  # int64 (64): how far bounding boxes are shifted in each image
-    column: object  # int32 ((nx + 2) (nz + 2)): index of each column of cells, and of those one cell beyond the box
+    column: object  # int32 ((nx + 2) (nz + 2)): index of each column, and of those beyond the box
     column_code: object  # int32, the same: the image in which the box is seen from there
     places: object  # int64 (32): columns near a segment, as places in their table
     pair_slot: (

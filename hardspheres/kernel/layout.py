@@ -62,7 +62,7 @@ FLIGHT_UNITS = NUMBERS  # where FLIGHTS, of each species: 1 / the units of its p
 
 # Sums since the tallies were reset, float64.
 VIRIAL = 0  # sum of r_a dp_b over pair collisions: xx, yy, zz, xy, xz, yz
-STRESS = 6  # sum of d(m v_a v_b) over events, same order; with its moment it gives the time integral of the kinetic part
+STRESS = 6  # sum of d(m v_a v_b) over events, same order; with its moment: the integral of the kinetic part
 STRESS_MOMENT = 12  # sum of (time within the epoch) d(m v_a v_b)
 STRESS_EPOCHS = 18  # sum of (epoch) d(m v_a v_b) of earlier epochs
 WALL_IMPULSE = 24  # momentum given to the wall, per axis: lower, upper

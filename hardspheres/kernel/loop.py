@@ -166,7 +166,7 @@ def search_lists(s, cells, blocks):
 
 @called
 def rebuild_all(s, now, cells):
-    """Rebuild all lists. Events stay as they are, but a threshold that is crossed earlier now is the next event."""
+    """Rebuild all lists. Events stay, but a threshold that is now crossed earlier is the next event."""
     make_all_lists(s, now, cells)
     if s.counter[SHORT_CELLS] == 0 and s.counter[SHORT_LISTS] == 0:
         for i in range(s.counter[N]):
@@ -194,7 +194,7 @@ def execute_contact(s, c, time):
 
 @jit
 def execute_and_predict(s, first, time):
-    """Let the event of an entry of the event heap happen, if the entry still counts, and predict its particles again."""
+    """Execute the event of a heap entry, if it still counts, and predict its particles again."""
     i = first >> 32
     if s.event[i * EVENT + STAMP] == first & STAMP_BITS:
         other = execute(s, i, time)
@@ -206,7 +206,7 @@ def execute_and_predict(s, first, time):
 
 @jit
 def execute(s, i, time):
-    """Let i's event happen. Returns the other particle that has changed, or -1."""
+    """Execute i's event; returns the other particle that has changed, or -1."""
     partner = s.event[i * EVENT + PARTNER]
     version = s.event[i * EVENT + PARTNER_VERSION]
     if partner == REBUILD and version == s.counter[REBUILDS_OF_ALL]:
@@ -226,7 +226,7 @@ def execute(s, i, time):
 
 @jit
 def advance_clock(s, time):
-    """Keep the clock, and count late events and events without progress."""
+    """Advance the clock; count events out of order and events at one instant."""
     now = s.number[NOW]
     if time < now - s.number[ORDER_TOLERANCE]:
         s.counter[OUT_OF_ORDER] += 1

@@ -1,4 +1,4 @@
-"""The event heap: a binary heap of the events of the calendar's current bucket, ordered by time, lower id, higher id."""
+"""The event heap: the events of the current bucket, ordered by time, lower id, higher id."""
 
 from ..layout import HEAP_LENGTH, HEAP_ROOM, SHORT_QUEUE
 from ..simd.jit import jit

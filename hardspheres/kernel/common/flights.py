@@ -1,5 +1,6 @@
-"""What each free flight adds to the sums when it ends. A flight lasts from one collision of two particles to the next.
+"""What each free flight adds to the sums when it ends.
 
+A flight lasts from one collision of two particles to the next.
 Walls turn a flight round and do not end it: the speed, and so path = speed x time, goes on. Nothing here is
 read by the dynamics.
 """
@@ -73,13 +74,13 @@ def began_here(s, i):
 
 @jit
 def octave_bin(x):
-    """Bin of a path or time in its unit: the leading bits of a double number are a piecewise linear logarithm."""
+    """Bin of a path or time in its unit: the leading bits of a double are a piecewise linear logarithm."""
     return max(0, min((bits(x) >> (52 - OCTAVE_BITS)) - BELOW, FLIGHT_BINS - 1))
 
 
 @jit
 def end_flight(s, i, t):
-    """Tally the flight of i that ends at time t, before the collision, and begin the next; returns its path or NaN."""
+    """Tally the flight of i that a collision at time t ends, and begin the next; returns its path or NaN."""
     time, speed = flown_for(s, i, t), speed_of(s, i)
     path = speed * time
     known = began_here(s, i)

@@ -130,7 +130,7 @@ def collide_pair(s, i, j, t):
 
 @jit
 def nearest(s, d, separation):
-    """Separation along axis d of the nearest images; spheres in contact are nearest, as no box is under two diameters."""
+    """Separation along axis d of the nearest images; no box is under two diameters."""
     return separation - s.number[BOX + d] * rint(separation * s.number[INVERSE + d])
 
 
@@ -199,7 +199,7 @@ def mean_square(s):
 
 @jit
 def epoch_length_due(s):
-    """Whether another length of epochs is due (`hardspheres.tuning`); longer ones begin with every 16th only."""
+    """Whether another length of epochs is due (`hardspheres.tuning`), a longer one at every 16th only."""
     v2 = s.number[MEAN_SQUARE]
     return v2 >= s.number[UPPER_MEAN_SQUARE] or (
         v2 < s.number[LOWER_MEAN_SQUARE] and (s.counter[EPOCH] & 15) == 0

@@ -1,4 +1,4 @@
-"""Prefetching: what the coming events need is fetched ahead where a gas is larger than the caches. It changes no bit.
+"""Prefetching: what the coming events need, where a gas is larger than the caches. It changes no bit.
 
 In windows a search reads where a particle's segment is, in which cell, where the segments near it begin, and
 these: each from a place that the one before tells, and each would be waited for. So `prefetch_surroundings`

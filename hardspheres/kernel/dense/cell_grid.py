@@ -37,7 +37,7 @@ def wrapped(s, i, d):
 
 @jit
 def cell_and_place(s, i, d):
-    """Index along axis d of the cell of i's reference position (rounding stays inside), and the place in it."""
+    """Cell along axis d of i's reference position (rounding stays inside), and the place in it."""
     x = wrapped(s, i, d)
     cell = min(max(int(x * s.number[CELL_DENSITY + d]), 0), s.counter[CELLS + d] - 1)
     return cell, np.float32(x - cell * s.number[CELL_EDGE + d])

@@ -21,7 +21,7 @@ if PURE_PYTHON or CHECKED:
 
     @numba.njit
     def cutoff_test(target, kept, ids, table, k, stride, count, me, x, y, z, cutoff):
-        """Append to the target the ids of those of eight particles that are within the cutoff; returns how many."""
+        """Append to the target the ids of those of eight particles within the cutoff; returns how many."""
         found = 0
         limit = cutoff
         for line in range(k, k + min(count, CELL_LANES)):
@@ -40,7 +40,7 @@ if PURE_PYTHON or CHECKED:
 
     @numba.njit
     def copy_columns(target_ids, target, m, wide, ids, table, k, stride, x, y, z):
-        """Copy eight particles to a table with columns `wide` apart, seen from a corner that is (x, y, z) away."""
+        """Copy eight particles to columns `wide` apart, seen from a corner that is (x, y, z) away."""
         for lane in range(CELL_LANES):
             target_ids[m + lane] = ids[k + lane]
             target[m + lane + wide] = table[k + lane + stride] + x
@@ -70,7 +70,7 @@ else:
 
     @intrinsic
     def cutoff_test(typingctx, target, kept, ids, table, k, stride, count, me, x, y, z, cutoff):
-        """Append to the target the ids of those of eight particles that are within the cutoff; returns how many.
+        """Append to the target the ids of those of eight particles within the cutoff; returns how many.
 
         Particles from `count` on, and `me`, are passed over. Eight elements of the target are overwritten.
         """
@@ -106,7 +106,7 @@ else:
 
     @intrinsic
     def copy_columns(typingctx, target_ids, target, m, wide, ids, table, k, stride, x, y, z):
-        """Copy eight particles to a table with columns `wide` apart, seen from a corner that is (x, y, z) away."""
+        """Copy eight particles to columns `wide` apart, seen from a corner that is (x, y, z) away."""
 
         def codegen(context, builder, signature, args):
             target_ids, target, m, wide, ids, table, k, stride, *corner = args

@@ -54,7 +54,7 @@ MOST_AHEAD = 0.5
 
 @jit
 def set_reference(s, i, now):
-    """Put i's reference position a little ahead of i, about where it will collide: i stays around there longer."""
+    """Put i's reference position ahead of i, about where it will collide: i stays near it for longer."""
     dt = now - s.row[i * ROW + T]
     most = MOST_AHEAD * s.number[DISPLACEMENT_THRESHOLD]
     for d in range(DIM):
@@ -126,7 +126,7 @@ def add_pair(s, i, j, sx, sy, sz):
 
 @jit
 def find_in_cell(s, cell, i, x, y, z, cutoff, kept):
-    """Append the ids in a cell within the cutoff of (x, y, z), without i, to those kept; returns how many there are."""
+    """Append the ids of a cell within the cutoff of (x, y, z), without i; returns how many are kept."""
     count = s.cell_count[cell]
     line = place_of_slot(cell * s.counter[CELL_ROOM])
     for k in range(0, max(count, 1), CELL_LANES):
@@ -138,7 +138,7 @@ def find_in_cell(s, cell, i, x, y, z, cutoff, kept):
 
 @called
 def find_neighbours(s, i):
-    """Find all particles within the cutoff of i, and return how many; where lists store images, enter them at once."""
+    """Find all within the cutoff of i, and return how many; where lists store images, enter them at once."""
     cx, cy, cz, x, y, z = locate(s, i)
     named = s.counter[IMAGES] == 1
     cutoff = np.float32(s.number[CUTOFF])
@@ -180,7 +180,7 @@ def is_found(s, kept, j):
 
 @jit
 def update_list(s, i):
-    """Replace i's list by what `find_neighbours` finds, and update the lists of removed and added neighbours."""
+    """Replace i's list, and update the lists of removed and added neighbours."""
     room = s.counter[LIST_ROOM]
     n = s.counter[N]
     kept = find_neighbours(s, i)

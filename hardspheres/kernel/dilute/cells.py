@@ -112,7 +112,7 @@ def sort_segments(s, cells, begin, duration):
 
 @called
 def place_parts(s, m, i, begin, duration, insert):
-    """Insert the segments of a fast flight in their cells, or only count them there; returns how many there are."""
+    """Insert the segments of a fast flight in their cells, or only count them; returns how many."""
     parts = segments_of(s, i, duration)
     for p in range(parts):
         x, y, z = write_unsorted(s, m, i, begin + duration * (p + 0.5) / parts, duration, parts)
@@ -142,7 +142,7 @@ def register_all(s, cells, begin):
 
 @called
 def keep_order(s):
-    """From now on go through the particles in the order of their cells: faster for memory, and the same bits."""
+    """From now on go through the particles in the order of their cells: faster, and the same bits."""
     m = int64(0)
     for slot in range(s.counter[REGISTERED]):
         i = int64(s.segment_words[slot * SEGMENT + OWNER])
@@ -155,7 +155,7 @@ def keep_order(s):
 
 @jit
 def pairs_in_run(s, m, own, first, last, code):
-    """Enter the pairs of a segment, seen in this image, and those from `first` to `last` whose boxes overlap its own.
+    """Enter the pairs of a segment, in this image, and those from `first` to `last` with overlapping boxes.
 
     The table has m pairs; returns how many it has then.
     """
@@ -168,7 +168,7 @@ def pairs_in_run(s, m, own, first, last, code):
 
 @jit
 def pairs_in_column(s, m, own, column, first, last, after, code):
-    """Enter the pairs with the cells from `first` to `last` of a column, even beyond the box, from slot `after` on."""
+    """Enter the pairs with cells `first` to `last` of a column, even beyond the box, from slot `after` on."""
     ny = s.counter[CELLS + 1]
     cells = column * ny
     start = int64(s.cell_count[cells + max(first, 0)])
@@ -223,7 +223,7 @@ def withdraw(s, i):
 
 @jit
 def replace_segment(s, i, new, x, y, z):
-    """Put i's new segment, whose middle is in cell (x, y, z), in the place of the old one; returns whether it fits."""
+    """Put i's new segment, of cell (x, y, z), in the place of the old one; returns whether it fits."""
     slot = s.where[i]
     if slot < 0 or not fits(s, s.boxes[new], int64(s.cell_of_segment[slot]), x, y, z):
         return False

@@ -42,13 +42,13 @@ EIGHT = 8  # segments that the filter compares at once
 
 @jit
 def new_segment(s):
-    """Slot of the first of the latest two new segments; the sorted ones and the overflow lists come before."""
+    """Slot of the first of the latest two new segments, after the sorted ones and overflow lists."""
     return s.counter[SEGMENT_ROOM] + s.counter[OVERFLOW_ROOM]
 
 
 @fast_arithmetic
 def compare(p, stride, k, q, own, code, ex, ey, ez):
-    """B = r.v, v.v, and r.r less the squared contact distance of two segments, one seen in the image of this code."""
+    """B = r.v, v.v, and r.r less the squared contact distance of two segments, one in this image."""
     dx = (p[MIDPOINT * stride + k] - q[MIDPOINT * stride + own]) - np.float32((code & 3) - 1) * ex
     dy = (p[(MIDPOINT + 1) * stride + k] - q[(MIDPOINT + 1) * stride + own]) - np.float32(
         ((code >> 2) & 3) - 1

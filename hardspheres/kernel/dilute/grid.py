@@ -52,7 +52,7 @@ def note_place(s, k, place, noted):
 
 @jit
 def columns_around(s, begin, near, x, z):
-    """Note, from `begin` on, this column and all with segments that may overlap one of its own; returns the end."""
+    """Note, from `begin` on, the columns with segments that may overlap one of this; returns the end."""
     layer = s.counter[CELLS + 2] + 2
     k = begin
     for ox in range(-1, 2):
@@ -67,7 +67,7 @@ def columns_around(s, begin, near, x, z):
 
 @jit
 def columns_after(s, near, x, z):
-    """Note this column and those behind it with segments that may overlap one of its own; returns how many."""
+    """Note this column and those behind it with segments that may overlap its own; returns how many."""
     layer = s.counter[CELLS + 2] + 2
     own = place_of_column(s, x, z)
     right = (near & AFTER_X) // AFTER_X
@@ -83,7 +83,7 @@ def columns_after(s, near, x, z):
 
 @jit
 def fits(s, word, cell, cx, cy, cz):
-    """Whether a segment with this box, whose middle is in (cx, cy, cz), overhangs another cell by no more than OVERHANG.
+    """Whether a segment with this box and its middle in (cx, cy, cz) overhangs a cell by at most OVERHANG.
 
     What lies further away than one cell, along y than two, does not, even if whole turns of 256 make it seem
     so.

@@ -45,7 +45,7 @@ def is_large(s, i):
 
 @jit
 def span(s, i, t, d, reach, cells, density):
-    """First and last cell along axis d within reach of i at time t; on periodic axes they may lie beyond the box."""
+    """First and last cell along axis d within reach of i at time t, on periodic axes even beyond the box."""
     x = s.row[i * ROW + X + d] + s.row[i * ROW + V + d] * (t - s.row[i * ROW + T])
     inside = s.number[BOX + d] * math.floor(x * s.number[INVERSE + d])  # INVERSE is 0 between walls
     first = math.floor((x - inside - reach) * s.number[density + d])
@@ -58,7 +58,7 @@ def span(s, i, t, d, reach, cells, density):
 
 @jit
 def around(s, cell, d, grid):
-    """Index of a cell of a grid that may lie beyond the box's edge, -1 where there is none, and the image seen there."""
+    """Index of a cell that may lie beyond the box, -1 where there is none, and the image seen there."""
     cells = s.counter[grid + d]
     if 0 <= cell < cells:
         return cell, 0
@@ -71,7 +71,7 @@ def around(s, cell, d, grid):
 
 @jit
 def pairs_with_small(s, m, i, new, t):
-    """Enter the pairs of a large particle's new segment and all small ones within reach; returns how many there are."""
+    """Enter the pairs of a large particle's new segment and small ones within reach; returns how many."""
     reach = (s.row[i * ROW + RADIUS] + s.number[SMALL_RADIUS] + 2.0 * s.number[HALF_LENGTH]) * ROUNDED_UP
     first_x, last_x = span(s, i, t, 0, reach, CELLS, CELL_DENSITY)
     first_y, last_y = span(s, i, t, 1, reach, CELLS, CELL_DENSITY)
@@ -88,7 +88,7 @@ def pairs_with_small(s, m, i, new, t):
 
 @jit
 def pairs_along_y(s, m, new, column, first, last, code):
-    """Enter the pairs with the cells from `first` to `last` of a column, even beyond the box, and their overflow lists."""
+    """Enter the pairs with cells `first` to `last` of a column, even beyond the box, and their overflow."""
     ny = s.counter[CELLS + 1]
     cells = column * ny
     for turn in range(-1, 2):

@@ -60,7 +60,7 @@ def append_overflow(s, new, head):
 
 @jit
 def pairs_in_list(s, m, new, head, code):
-    """Enter the pairs of a new segment, in this image, and an overflow list; the table has m, returns how many then."""
+    """Enter the pairs of a new segment, in this image, and an overflow list in the table, which has m."""
     node = int64(s.overflow_first[head])
     while node >= 0:
         m = enter_pair(s, m, new, s.counter[SEGMENT_ROOM] + node, code)
@@ -70,7 +70,7 @@ def pairs_in_list(s, m, new, head, code):
 
 @jit
 def pairs_in_lists(s, m, new, column, first, last, code):
-    """Enter the pairs of a new segment and the overflow lists of the cells from `first` to `last` of a column."""
+    """Enter the pairs of a new segment and the overflow lists of cells `first` to `last` of a column."""
     before = lists_before(s, column)
     for head in range(before + first // CELLS_OF_OVERFLOW, before + last // CELLS_OF_OVERFLOW + 1):
         m = pairs_in_list(s, m, new, head, code)

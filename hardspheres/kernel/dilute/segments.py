@@ -1,4 +1,4 @@
-"""Trajectory segments: a flight in one window, written as the filter reads it, and its quantised bounding box.
+"""Trajectory segments: a flight in one window as the filter reads it, and its quantised bounding box.
 
 The boxes are coarse and rounded outwards: they spare most pairs the comparison of segments.
 """
@@ -63,7 +63,7 @@ EDGE = NEAR + EIGHT  # 1 where the flight may reach a wall
 
 @jit
 def segments_of(s, i, duration):
-    """How many segments a flight of this duration has, so that none reaches further than HALF_LENGTH both ways."""
+    """Count the segments of a flight of this duration: none reaches further than HALF_LENGTH both ways."""
     vv = 0.0
     for d in range(DIM):
         v = s.row[i * ROW + V + d]
@@ -99,7 +99,7 @@ def in_box(x, of_axis):
 
 @jit
 def cell_of(x, of_axis):
-    """Cell, as a float, that holds x, a place in the box; rounding at the edges stays inside, and so does a NaN."""
+    """Cell, as a float, that holds a place x in the box; rounding at edges stays inside, and so does NaN."""
     return min(np.floor(max(0.0, x * of_axis[2])), of_axis[3])
 
 
@@ -112,20 +112,20 @@ def byte(x):
 
 @jit
 def ends_of(x, half, of_axis):
-    """Both ends, along an axis, of a bounding box that reaches this far from x, in the place of the first axis."""
+    """Both ends along an axis of a bounding box around x, in the place of the first axis."""
     return byte((x - half) * of_axis[4]) + NEGATED_HIGH * byte((-x - half) * of_axis[4])
 
 
 @jit
 def cells_near(x, half, cell, of_axis):
-    """How many cells before and after this one may hold segments near a box that reaches this far from x both ways."""
+    """How many cells before and after this one may hold segments near a box of this half-width around x."""
     reach = half + of_axis[5]
     return cell - np.floor((x - reach) * of_axis[2]), np.floor((x + reach) * of_axis[2]) - cell
 
 
 @jit
 def near_of(d, before, after):
-    """Return these numbers, at most 1, along y at most 3, in the place that they have in a number for all axes."""
+    """Return these numbers, at most 1 (along y 3), in the place that they have in one for all axes."""
     if WALLS:  # a middle beyond a wall has nothing near
         most = 3.0 if d == 1 else 1.0
         before, after = min(before, most), min(after, most)
@@ -134,7 +134,7 @@ def near_of(d, before, after):
 
 @jit
 def segment_along(p, k, d, dt, half_time, half_window, unit, radius, of_axis):
-    """Write segment k of the table along axis d; returns box, cell, cells near it, squared speed, 1 if near a wall."""
+    """Write segment k along axis d; returns box, cell, cells near it, squared speed, 1 if near a wall."""
     v = p[EIGHT * (V + d) + k]
     x = in_box(p[EIGHT * (X + d) + k] + v * dt, of_axis)
     half = half_time * abs(v) + radius
@@ -194,7 +194,7 @@ def write_eight(s, m, duration):
 
 @jit
 def write_segment(s, segments, words, boxes, k, i, t, duration, parts):
-    """Write i's segment around time t, one of several of this flight, and its box to slot k, in the image in the box then.
+    """Write i's segment around time t, one of `parts` of its flight, in the image in the box then, to slot k.
 
     Returns the cell (x, y, z) that holds i at time t.
     """

@@ -102,7 +102,7 @@ def register_large(s, begin):
 
 @jit
 def follow(s, i, j, now):
-    """Predict contacts of i and j (or -1), whose rows have just changed, in the rest of the window; register them.
+    """Predict what i and j (or -1), whose rows have changed, do in the rest of the window; register both.
 
     Both are searched at once: each step waits for the one before, but not for those of the other. Then they
     do not see each other, but they fly apart. Flights of several segments, which may lead round the box, are
@@ -131,7 +131,7 @@ def follow(s, i, j, now):
 
 @jit
 def follow_part(s, begin, end, p, now, duration):
-    """Predict the contacts of segment p of the new flights from `begin` to `end`, and register these segments."""
+    """Predict the contacts of segment p of the new flights from `begin` to `end`, and register it."""
     since = np.float32((now - s.number[MIDDLE]) / s.number[HALF_WINDOW] - 1e-5)
     for a in range(begin, end):
         write_part(s, a, p, now, duration)
@@ -167,7 +167,7 @@ def cell_of_part(s, a):
 
 @jit
 def pairs_of_part(s, m, a, p, now, duration):
-    """Enter the pairs of a new segment and those near it in the table, which has m; returns how many it has."""
+    """Enter the pairs of a new segment and those near it in the table, which has m."""
     if SIZES:
         i, new = s.changed[a * CHANGED + WHO], new_segment(s) + a
         time = middle_of_part(s, a, p, now, duration)
@@ -230,7 +230,7 @@ def pairs_around(s, m, a):
 
 @jit
 def overflow_pairs_around(s, m, new, column, first, last, code):
-    """Enter the pairs with the overflow lists of cells, which may lie beyond the box; returns how many there are."""
+    """Enter the pairs with the overflow lists of cells, even beyond the box; returns how many there are."""
     ny = s.counter[CELLS + 1]
     m = pairs_in_lists(s, m, new, column, max(first, 0), min(last, ny - 1), code)
     if s.number[INVERSE + 1] > 0.0:

@@ -1,4 +1,4 @@
-"""How kernels are compiled: strict arithmetic and raw pointers; `hardspheres.kernel_cache` says where they are kept on disk.
+"""How kernels are compiled: strict arithmetic; `hardspheres.kernel_cache` says where they are cached.
 
 Two variables of the environment, Numba's own, give kernels for examination. ``NUMBA_DISABLE_JIT=1`` runs the
 same source as plain Python, on arrays in place of pointers. ``NUMBA_BOUNDSCHECK=1`` also has arrays in place
@@ -16,7 +16,7 @@ CHECKED = bool(config.BOUNDSCHECK)
 
 
 def jit(function):
-    """Compile a part of a kernel into its callers: handing the record of pointers over costs more than most functions.
+    """Compile a function into its callers: handing the record of pointers over costs more than most.
 
     Strict IEEE arithmetic, x/0 as in NumPy (checks would stop vectorisation).
     """
@@ -26,7 +26,10 @@ def jit(function):
 
 
 def fast_arithmetic(function):
-    """As `jit` for what never enters the trajectory: products and sums may be fused, so their rounding depends on the machine."""
+    """As `jit` for what never enters the trajectory: products and sums may be fused.
+
+    Their rounding depends on the machine.
+    """
     return numba.njit(
         error_model="numpy",
         fastmath={"contract"},

@@ -30,7 +30,7 @@ if PURE_PYTHON or CHECKED:
 
     @numba.njit
     def least_of_equal(keys, m, values, k, wanted):
-        """Return the least of 8 keys, of those whose value is the one wanted; the largest int32 where none is."""
+        """Return the least of those of 8 keys whose value is the one wanted; the largest int32 if none."""
         least = MOST
         for lane in range(8):
             if values[k + lane] == wanted:
@@ -45,7 +45,7 @@ if PURE_PYTHON or CHECKED:
 
     @numba.njit
     def keep_overlapping(kept, to, m, word, own, those, first, last, shift):
-        """Append to `kept` which from `first` to `last`, at most 16, have boxes that overlap `word`, and `own` to `to`."""
+        """Append which from `first` to `last`, at most 16, have boxes that overlap `word`, and `own`."""
         for j in range(first, min(first + AT_ONCE, last)):
             overlap = True
             for lane in range(6):
@@ -69,7 +69,7 @@ else:
         return ir.Constant(ir.VectorType(element, len(numbers)), numbers)
 
     def _turned(builder, lines):
-        """Turn a square of 8 vectors of 8: in three steps, each of which exchanges halves of pairs of vectors."""
+        """Transpose 8 vectors of 8: in three steps, each of which exchanges halves of pairs of vectors."""
         for step in (1, 2, 4):
             low = [j if j & step == 0 else j - step + 8 for j in range(8)]
             high = [j + step if j & step == 0 else j + 8 for j in range(8)]
@@ -101,7 +101,7 @@ else:
 
     @intrinsic
     def gather_transposed(typingctx, target, k, stride, source, ids, entry):
-        """Copy 8 rows of 8 numbers, those that `ids` names from `entry` on, to 8 columns that are `stride` apart.
+        """Copy 8 rows of 8 numbers, which `ids` names from `entry` on, to 8 columns `stride` apart.
 
         The square is turned in registers.
         """
@@ -128,7 +128,7 @@ else:
 
     @intrinsic
     def least_of_equal(typingctx, keys, m, values, k, wanted):
-        """Return the least of 8 keys, of those whose value is the one wanted; the largest int32 where none is."""
+        """Return the least of those of 8 keys whose value is the one wanted; the largest int32 if none."""
 
         def codegen(context, builder, signature, args):
             keys, m, values, k, wanted = args
@@ -170,7 +170,7 @@ else:
         return builder.call(cgutils.get_or_insert_function(builder.module, kind, name), values)
 
     def _append(builder, array, m, first, last, chosen):
-        """Store first, first + 1, ... as far as they are below last and chosen; returns how many there are."""
+        """Store those of first, first + 1, ... that are below last and chosen; returns how many."""
         lanes, word, long = chosen.type.count, ir.IntType(32), ir.IntType(64)
         numbers = builder.add(
             _spread(builder, builder.trunc(first, word), lanes), _constant(word, list(range(lanes)))
@@ -185,7 +185,7 @@ else:
 
     @intrinsic
     def keep_overlapping(typingctx, kept, to, m, word, own, those, first, last, shift):
-        """Append to `kept` which from `first` to `last`, at most 16, have boxes that overlap `word`, and `own` to `to`.
+        """Append which from `first` to `last`, at most 16, have boxes that overlap `word`, and `own`.
 
         Returns how many `kept` has. Boxes are 6 bytes, see `layout`; `shift` is that of the image in which
         `word` is seen. No branch depends on it.
