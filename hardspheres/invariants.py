@@ -60,7 +60,7 @@ def _require(holds: Any, sentence: str) -> None:
 
 def _counters_make_sense(engine: "Engine") -> None:
     at, count, rows = engine.layout, engine.arrays.counter, engine.rows
-    for name in ("EPOCH", "PAIRS", "WALL_HITS", "LATE", "STALE", "RENEWALS", "LONE"):
+    for name in ("EPOCH", "PAIRS", "WALL_HITS", "OUT_OF_ORDER", "STALE", "REBUILDS", "INSTANT_EVENTS"):
         value = int(count[getattr(at, name)])
         _require(0 <= value < 2**62, f"the counter {name} is {value}; it must lie between 0 and 2^62")
     _require(np.isfinite(rows).all(), "a row holds a value that is not finite")
@@ -178,7 +178,7 @@ class _Search:
     # Contacts.
 
     def times(self, i: Ints, j: Ints, image: Floats) -> Floats:
-        """Contact times of pairs in given images, as `kernel.prediction` computes them."""
+        """Contact times of pairs in given images, as `kernel.common.contact_times` computes them."""
         x, u, later = self._apart(i, j)
         x = x - self.scene.box * image
         sigma = 2.0 * self.scene.radii[i] if self.one_size else self.scene.radii[i] + self.scene.radii[j]
