@@ -167,8 +167,8 @@ STATE_ARRAYS = {"row": "row", "turns": "image_counts", "total": "total"} | (
 STATE_NUMBERS = (NOW, LAST_ADVANCE)
 STATE_COUNTERS = (EPOCH, PAIRS, WALL_HITS, OUT_OF_ORDER, STALE, REBUILDS, INSTANT_EVENTS, LAST_PAIR_EPOCH)
 
-# Calendar: blocks of 8 int64: the next block (-1: none) and how many entries, then 7 entries id << 32 |
-# stamp.
+# A block of a bucket, 8 int64: the next block (-1: none) and how many entries, then 7 entries.
+# In the calendar an entry is id << 32 | stamp.
 BLOCK = 8
 STAMP_BITS = 0xFFFFFFFF
 WAITING = 4  # entries that wait for their bucket to come into the cache
@@ -180,7 +180,7 @@ IMAGE = (1, 4, 16)
 SAME = 21
 
 LANES = 16  # neighbours that one pass of the prediction handles
-CELL_LANES = 8  # centres that one step in a cell handles
+CELL_LANES = 8  # reference positions that one step in a cell handles
 AROUND = 27 if DIM == 3 else 9  # cells where a particle's neighbours may be
 CELL_COLUMNS = DIM + 2 if SIZES else DIM + 1  # of a cell: id, place as seen from its corner, radius
 

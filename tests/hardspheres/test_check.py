@@ -163,9 +163,8 @@ def walls_forgotten(sim, at, a):
 
 
 def centre_astray(sim, at, a):
-    a.event_float[7 * at.EVENT + at.REFERENCE] += (
-        2.5 * a.number[at.DISPLACEMENT_THRESHOLD]
-    )  # now it is outside of its shell
+    far = 2.5 * a.number[at.DISPLACEMENT_THRESHOLD]  # now it is beyond its threshold
+    a.event_float[7 * at.EVENT + at.REFERENCE] += far
 
 
 def pending(sim, at, a):

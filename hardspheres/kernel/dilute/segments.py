@@ -50,8 +50,7 @@ RUNS = tuple(float(bit) for bit in (BEFORE_X, 1 << BEFORE_Y, BEFORE_Z, AFTER_X, 
 NEGATED_HIGH = TURN**3  # place of the high ends in a bounding box
 NEAR_A_WALL = 1e-9  # of a box, for rounding
 
-# The table of eight segments, after the rows in columns: the segments in columns, and what else is known of
-# them.
+# The table of eight segments: their rows in columns, the segments in columns, and what else is known of them.
 EIGHT = 8
 SEGMENTS_OF_EIGHT = EIGHT * ROW
 ENDS = SEGMENTS_OF_EIGHT + EIGHT * SEGMENT  # of their bounding boxes
