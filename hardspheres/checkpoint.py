@@ -214,7 +214,7 @@ def _with_epochs(engine: Engine, length: float) -> Engine:
     mantissa, _ = math.frexp(length)
     if length == usual:
         return engine
-    change = math.isfinite(float(engine.arrays.number[engine.layout.HASTE]))
+    change = math.isfinite(float(engine.arrays.number[engine.layout.UPPER_MEAN_SQUARE]))
     if not (change and mantissa == 0.5 and 2.0**-60 * usual <= length < usual):
         raise CheckpointError(f"its epochs are {length!r} long, but this scene's are {usual!r}")
     return engine.with_epochs(length)
@@ -247,7 +247,7 @@ def _require_state(engine: Engine, arrays: Arrays, about: dict[str, Any]) -> Non
     ):
         raise CheckpointError("a counter is out of range")
     now = max(numbers[at.NOW], 0.0)
-    if counters[at.EPOCH] != epoch or not now <= moment <= length or numbers[at.STANDSTILL] > now:
+    if counters[at.EPOCH] != epoch or not now <= moment <= length or numbers[at.LAST_ADVANCE] > now:
         raise CheckpointError("its clocks contradict each other")
     since = about["tallied_since"]
     if since[:2] > [epoch, moment] or since[2] > counters[at.PAIRS] or since[3] > counters[at.WALL_HITS]:
@@ -261,7 +261,7 @@ def _require_flights(arrays: Arrays, fresh: Arrays, at: Any, epoch: int, length:
     """Require flights of the species of the scene, begun before now or, where nobody knows when, as marked at the start."""
     flight, began_fresh = (a["flight"].reshape(-1, at.FLIGHT) for a in (arrays, fresh))
     began, began_epoch = flight[:, at.BEGAN], flight[:, at.BEGAN_EPOCH]
-    if not np.array_equal(flight[:, at.KIND], began_fresh[:, at.KIND]) or not np.all(
+    if not np.array_equal(flight[:, at.SPECIES], began_fresh[:, at.SPECIES]) or not np.all(
         (began >= 0.0)
         & (began <= length)
         & (began_epoch >= -1.0)

@@ -32,13 +32,15 @@ EVENTS_PER_BUCKET = {False: 8, True: 32}  # more of them, where what they need i
 CACHED = 16000  # particles that the caches of a core hold
 CACHED_AT_ALL = 48000  # particles that those hold which cores share
 MOST_ENTRIES = 2**31 - 1  # of a table: its places are kept in 32 bits
-MOST_LINES = 2**26 - 2  # of windows, in as many bits: see `kernel.lines`
-COLUMN = 3.3  # width of a column of cells along x and z, in the reach of lines beyond their cells
+MOST_SEGMENTS = 2**26 - 2  # of windows: their slots have as many bits, see `kernel.dilute.pair_table`
+COLUMN = 3.3  # width of a column of cells along x and z, in the overhang of segments
 ALONG = 1.0  # width of a cell along y
-REACH_OF_BOUNDS = 20  # units of the bounds of lines in that reach: see `kernel.lines`
+OVERHANG_UNITS = 20  # units of bounding boxes in that overhang: see `kernel.layout`
 WIDEST = 85  # units in a cell, at most
 TINY = 1e-300  # in place of a collision frequency of zero
-LINE_MARGIN = 1e-4  # in cells, of boxes that are not many cells long: single precision is off by a few 1e-6
+SEGMENT_MARGIN = (
+    1e-4  # in cells, of boxes that are not many cells long: single precision is off by a few 1e-6
+)
 
 
 def aligned(size: int, dtype: type) -> Any:
@@ -50,7 +52,7 @@ def aligned(size: int, dtype: type) -> Any:
 
 
 def image_shifts(cells: Any, widths: Any) -> Any:
-    """Return how far bounds are shifted in each image: minus, no, or plus a box along each axis (two bits of the image's code)."""
+    """Return how far bounding boxes are shifted in each image: -1, 0 or 1 box along each axis (two bits of its code)."""
     shifts = aligned(64, np.int64)
     ends = shifts.view(np.uint8).reshape(64, 8)
     for code in range(64):
@@ -140,16 +142,16 @@ class Engine:
         number[at.BOX : at.BOX + dim] = scene.box
         number[at.INVERSE : at.INVERSE + dim] = np.where(scene.periodic, 1.0 / scene.box, 0.0)
         number[at.SIGMA2] = sigma * sigma
-        number[at.CORE] = scene.radii[0]
+        number[at.COMMON_RADIUS] = scene.radii[0]
         number[at.MASS] = scene.masses[0]
         number[at.REDUCED] = 0.5 * scene.masses[0]
-        number[at.STANDSTILL] = -length
+        number[at.LAST_ADVANCE] = -length
         number[at.SCALE], number[at.GROWTH] = growth or (1.0, 0.0)
         count[at.N] = n
-        count[at.AGENDA_ROOM] = 1024 + n // 16
+        count[at.HEAP_ROOM] = 1024 + n // 16
         count[at.BEYOND_CACHE] = int(n > CACHED)
         count[at.BEYOND_ALL] = int(n > CACHED_AT_ALL)
-        count[at.KINDS] = len(units) // 3
+        count[at.SPECIES_COUNT] = len(units) // 3
         count[at.LOG_ROOM] = ROOM if logs else 0
         self._plan(plan, length, number, count)
 
@@ -161,7 +163,7 @@ class Engine:
             event_float=event.view(np.float64),
             version=np.zeros(n, dtype=np.int32),
             mass=np.array(scene.masses if masses else scene.masses[:1]),
-            turns=np.zeros(n * dim, dtype=np.int64),
+            image_counts=np.zeros(n * dim, dtype=np.int64),
             flight=flight,
             log=aligned(int(count[at.LOG_ROOM]) * at.LOG_ROW + 1, np.float64),
             where=np.zeros(n, dtype=np.int32),
@@ -170,7 +172,7 @@ class Engine:
             number=number,
             counter=count,
             total=np.zeros(at.FLIGHT_SUMS + sums),
-            **self._searching_arrays(count, self.chunks),
+            **self._searching_arrays(count, self.blocks),
         )
         self.now = (0, 0.0)
         self.reset_tallies()
@@ -181,8 +183,8 @@ class Engine:
         """Choose everything that depends on the length of an epoch."""
         at, scene = self.layout, self.scene
         number[at.EPOCH_LENGTH] = length
-        number[at.LATE_BY] = 4.0 * math.ulp(length)
-        number[at.LEISURE], number[at.HASTE] = pace(scene, length)
+        number[at.ORDER_TOLERANCE] = 4.0 * math.ulp(length)
+        number[at.LOWER_MEAN_SQUARE], number[at.UPPER_MEAN_SQUARE] = pace(scene, length)
         number[at.MEAN_SQUARE] = math.nan
         self.large = np.flatnonzero(scene.radii > plan.small_radius) if plan else np.zeros(0, dtype=np.int64)
         if plan is None:
@@ -198,10 +200,10 @@ class Engine:
         cells = cells_per_axis(scene, 2.0 * shell * (1.0 + SLACK) + 2.0 * float(scene.radii.max()), n)
         self._set_cells(scene, cells, number, count)
         one_size = bool(np.all(scene.radii == scene.radii[0]))
-        number[at.SHELL] = shell
+        number[at.DISPLACEMENT_THRESHOLD] = shell
         number[at.LEAD] = LEAD / max(collision_frequency(scene), TINY)
         rounding = SLACK * float(np.max(scene.box / cells))  # of the centres in their cells
-        number[at.REACH] = (
+        number[at.CUTOFF] = (
             2.0 * shell * (1.0 + SLACK) + rounding + (2.0 * scene.radii[0] if one_size else 0.0)
         )
         # Where more than one image of a pair can matter, lists say which one they mean.
@@ -210,9 +212,9 @@ class Engine:
         lanes = at.CELL_LANES
         count[at.CELL_ROOM] = lanes * math.ceil(min(n, 1.5 * n / self.cells + 3) / lanes)
         count[at.LIST_ROOM] = 32
-        count[at.PATIENCE] = MOST_ENTRIES if count[at.IMAGES] else math.ceil(PATIENCE * n)
+        count[at.REBUILD_THRESHOLD] = MOST_ENTRIES if count[at.IMAGES] else math.ceil(PATIENCE * n)
         count[at.BUCKETS] = max(16, int(power_of_two_below(max(8 * n / per_bucket, 1))))
-        self.chunks = int(count[at.BUCKETS]) // 2 + n // 3 + 64
+        self.blocks = int(count[at.BUCKETS]) // 2 + n // 3 + 64
         length = number[at.EPOCH_LENGTH]
         events = 2.0 * n * collision_frequency(scene) * length / per_bucket
         count[at.EPOCH_BUCKETS] = int(power_of_two_below(min(max(events, 16.0), 2.0**40)))
@@ -227,9 +229,9 @@ class Engine:
         self._set_cells(scene, grid.tolist(), number, count)
         edge = float(np.max(scene.box / plan.cells))
         number[at.HALF_WINDOW] = 0.5 * plan.length
-        number[at.STRETCH] = plan.stretch
-        number[at.LINE_UNIT] = 1.0 / edge
-        number[at.LINE_MARGIN] = LINE_MARGIN * (1.0 + max(plan.cells) / 256.0)
+        number[at.HALF_LENGTH] = plan.stretch
+        number[at.SEGMENT_UNIT] = 1.0 / edge
+        number[at.SEGMENT_MARGIN] = SEGMENT_MARGIN * (1.0 + max(plan.cells) / 256.0)
         windows = round(number[at.EPOCH_LENGTH] / plan.length)
         collisions = 0.5 * n * collision_frequency(scene) * plan.length
         per_bucket = EVENTS_PER_BUCKET[n > CACHED]
@@ -237,19 +239,19 @@ class Engine:
         number[at.INVERSE_WIDTH] = windows * buckets / number[at.EPOCH_LENGTH]
         count[at.WINDOW_BUCKETS] = count[at.BUCKETS] = buckets
         count[at.EPOCH_BUCKETS] = windows * buckets
-        count[at.LINE_ROOM] = n + n // 4 + 1024
-        count[at.NODE_ROOM] = n // 3 + 1024
+        count[at.SEGMENT_ROOM] = n + n // 4 + 1024
+        count[at.OVERFLOW_ROOM] = n // 3 + 1024
         count[at.NEAR_ROOM] = 1024
-        # Bounds have so many units that lines reach REACH_OF_BOUNDS units beyond their cells, or less where cells are wide.
-        widths = np.minimum(np.floor(REACH_OF_BOUNDS * scene.box / (grid * reach)), WIDEST)
+        # Segments reach OVERHANG_UNITS units beyond their cells, or fewer where cells are wide.
+        widths = np.minimum(np.floor(OVERHANG_UNITS * scene.box / (grid * reach)), WIDEST)
         beyond = np.ceil(reach * widths * grid / scene.box) + 1.0
         count[at.WIDTH : at.WIDTH + scene.dim] = widths
-        count[at.BEYOND : at.BEYOND + scene.dim] = beyond
+        count[at.OVERHANG : at.OVERHANG + scene.dim] = beyond
         density = widths * grid / scene.box
         number[at.UNIT_DENSITY : at.UNIT_DENSITY + scene.dim] = density
-        number[at.REACH_OF_LINES : at.REACH_OF_LINES + scene.dim] = beyond / density
-        count[at.CANDIDATE_ROOM] = n // 2 + 1024
-        self.chunks = buckets + n // 8 + 256
+        number[at.SEGMENT_OVERHANG : at.SEGMENT_OVERHANG + scene.dim] = beyond / density
+        count[at.CONTACT_ROOM] = n // 2 + 1024
+        self.blocks = buckets + n // 8 + 256
         number[at.SMALL_RADIUS] = plan.small_radius
         number[at.LARGEST] = scene.radii.max()
         number[at.LARGE_DENSITY : at.LARGE_DENSITY + 3] = 1.0
@@ -267,20 +269,23 @@ class Engine:
         count[at.CELLS : at.CELLS + dim] = cells
         self.cells = math.prod(cells)
 
-    def _searching_arrays(self, count: Any, chunks: int) -> dict[str, Any]:
+    def _searching_arrays(self, count: Any, blocks: int) -> dict[str, Any]:
         """Allocate everything that the search needs and that can be found again from the rows."""
         at = self.layout
         n, dim, sparse = int(count[at.N]), self.scene.dim, bool(count[at.WINDOW_BUCKETS])
         lists, windows = int(not sparse), int(sparse)
         room, cell_room = int(count[at.LIST_ROOM]), int(count[at.CELL_ROOM])
-        lines, candidates = int(count[at.LINE_ROOM]), int(count[at.CANDIDATE_ROOM])
-        agenda = int(count[at.AGENDA_ROOM])
+        sorted_room, contacts = int(count[at.SEGMENT_ROOM]), int(count[at.CONTACT_ROOM])
+        heap = int(count[at.HEAP_ROOM])
         columns = math.prod(count[[at.CELLS, at.CELLS + 2]].tolist())
-        chains = (columns + 1) * math.ceil(int(count[at.CELLS + 1]) / at.CELLS_OF_CHAIN) * windows
-        chains += math.prod(count[at.LARGE_CELLS : at.LARGE_CELLS + 3].tolist())
+        heads = (columns + 1) * math.ceil(int(count[at.CELLS + 1]) / at.CELLS_OF_OVERFLOW) * windows
+        heads += math.prod(count[at.LARGE_CELLS : at.LARGE_CELLS + 3].tolist())
         table = at.AROUND * cell_room + at.CELL_LANES
-        places, nodes = self.cells * cell_room, int(count[at.NODE_ROOM])
-        for entries, most in ((max(places, candidates, n + 6), MOST_ENTRIES), (lines + nodes, MOST_LINES)):
+        places, overflow = self.cells * cell_room, int(count[at.OVERFLOW_ROOM])
+        for entries, most in (
+            (max(places, contacts, n + 6), MOST_ENTRIES),
+            (sorted_room + overflow, MOST_SEGMENTS),
+        ):
             if entries >= most:
                 raise SimulationError(
                     f"{n} particles in {self.cells} cells need a table of {entries} entries, more "
@@ -289,24 +294,23 @@ class Engine:
         listed = n * room * (1 + dim * int(count[at.IMAGES])) + places * at.CELL_COLUMNS
         needed = (
             4 * listed
-            + 44 * (lines + n * windows)
-            + 36 * nodes
-            + 32 * candidates
-            + 64 * chunks
+            + 44 * (sorted_room + n * windows)
+            + 36 * overflow
+            + 32 * contacts
+            + 64 * blocks
             + n * (8 * (at.ROW + at.EVENT) + 32)
         )
         require_memory(needed, f"the tables to search among {n} particles", SimulationError)
         pairs = int(count[at.NEAR_ROOM]) + 32
-        of_lines = {
-            "drafts": aligned(8 * (n + 8) * windows + 8, np.float32),
-            "lines": aligned(8 * (lines + nodes + 2), np.float32),
-        }
-        words = {name[:-1] + "_words": array.view(np.int32) for name, array in of_lines.items()}
+        unsorted = aligned(at.SEGMENT * (n + 8) * windows + 8, np.float32)
+        segments = aligned(at.SEGMENT * (sorted_room + overflow + 2), np.float32)
         cell_places = aligned(self.cells * at.CELL_COLUMNS * cell_room + 1, np.float32)
         around = aligned(at.CELL_COLUMNS * table * lists + 1, np.float32)
         return {
-            **of_lines,
-            **words,
+            "unsorted": unsorted,
+            "unsorted_words": unsorted.view(np.int32),
+            "segments": segments,
+            "segment_words": segments.view(np.int32),
             "neighbours": aligned(n * room + 1, np.int32),
             "images": np.zeros(n * room * dim * int(count[at.IMAGES]) + 1, dtype=np.int32),
             "cell_count": np.zeros(self.cells + int(count[at.CELLS + 1]) + 1, dtype=np.int32),
@@ -316,31 +320,31 @@ class Engine:
             "around": around,
             "around_ids": around.view(np.int32),
             "buckets": np.zeros(int(count[at.BUCKETS]) + 1, dtype=np.int64),
-            "chunks": aligned(chunks * at.CHUNK + 1, np.int64),
+            "blocks": aligned(blocks * at.BLOCK + 1, np.int64),
             "waiting_slot": np.full(at.WAITING, -1, dtype=np.int64),
             "waiting_entry": np.zeros(at.WAITING, dtype=np.int64),
-            "agenda_time": np.zeros(agenda),
-            "agenda_key": np.zeros(agenda, dtype=np.int64),
-            "agenda_entry": np.zeros(agenda, dtype=np.int64),
+            "heap_time": np.zeros(heap),
+            "heap_key": np.zeros(heap, dtype=np.int64),
+            "heap_entry": np.zeros(heap, dtype=np.int64),
             "order": np.append(
                 np.setdiff1d(np.arange(n * windows, dtype=np.int32), self.large), np.zeros(8, dtype=np.int32)
             ),
             "large": np.append(self.large, 0).astype(np.int32),
-            "draft_bounds": aligned((n + 8) * windows + 1, np.int64),
-            "bounds": aligned(lines + nodes + 18, np.int64),
-            "cell_of_line": np.zeros(lines + 1, dtype=np.int32),
+            "unsorted_boxes": aligned((n + 8) * windows + 1, np.int64),
+            "boxes": aligned(sorted_room + overflow + 18, np.int64),
+            "cell_of_segment": np.zeros(sorted_room + 1, dtype=np.int32),
             **self._columns(count),
             "image_shifts": image_shifts(count[at.CELLS : at.CELLS + dim], count[at.WIDTH : at.WIDTH + dim]),
             "pair_slot": aligned(pairs, np.int32),
             "pair_own": aligned(pairs, np.uint32),
             "own_slots": aligned(8, np.int32),
-            "pair_lines": aligned(128, np.float32),
-            "meetings": aligned(pairs, np.int32),
+            "pair_segments": aligned(128, np.float32),
+            "passed": aligned(pairs, np.int32),
             "changed": np.zeros(16, dtype=np.int64),
             "places": np.zeros(32, dtype=np.int64),
-            "chain_first": np.zeros(chains + 1, dtype=np.int32),
-            "node_next": np.zeros(nodes + 1, dtype=np.int32),
-            "candidates": aligned(candidates * at.CANDIDATE + 1, np.int64),
+            "overflow_first": np.zeros(heads + 1, dtype=np.int32),
+            "overflow_next": np.zeros(overflow + 1, dtype=np.int32),
+            "contacts": aligned(contacts * at.CONTACT + 1, np.int64),
         }
 
     def _columns(self, count: Any) -> dict[str, Any]:
@@ -355,22 +359,22 @@ class Engine:
 
     def _make_room(self) -> None:
         """Double whatever ran out; the search then starts again from the rows. Complete, or not at all."""
-        at, count, chunks = self.layout, self.arrays.counter.copy(), self.chunks
+        at, count, blocks = self.layout, self.arrays.counter.copy(), self.blocks
         if count[at.SHORT_LISTS]:
             count[at.LIST_ROOM] *= 2
-            count[at.LINE_ROOM] *= 2
-            count[at.NODE_ROOM] *= 2
+            count[at.SEGMENT_ROOM] *= 2
+            count[at.OVERFLOW_ROOM] *= 2
         if count[at.SHORT_CELLS]:
             count[at.CELL_ROOM] *= 2
         if count[at.SHORT_QUEUE]:
-            count[at.AGENDA_ROOM] *= 2
-            count[at.CANDIDATE_ROOM] *= 2
+            count[at.HEAP_ROOM] *= 2
+            count[at.CONTACT_ROOM] *= 2
             count[at.NEAR_ROOM] *= 2
-            chunks *= 2
+            blocks *= 2
         count[[at.SHORT_LISTS, at.SHORT_CELLS, at.SHORT_QUEUE]] = 0
-        self.arrays = self.arrays._replace(**self._searching_arrays(count, chunks))
+        self.arrays = self.arrays._replace(**self._searching_arrays(count, blocks))
         self.arrays.counter[:] = count  # after the arrays: never room in the books that is not there
-        self.chunks = chunks
+        self.blocks = blocks
 
     @property
     def length(self) -> float:
@@ -400,9 +404,9 @@ class Engine:
         """Length that epochs ought to have from now on, by the mean square speed at the beginning of this one."""
         at, number, epoch = self.layout, self.arrays.number, int(self.arrays.counter[self.layout.EPOCH])
         length, v2 = self.length, float(number[at.MEAN_SQUARE])
-        if v2 >= number[at.HASTE]:
+        if v2 >= number[at.UPPER_MEAN_SQUARE]:
             return epoch_length_at(self.scene, v2)
-        if v2 < number[at.LEISURE] and epoch % 16 == 0:
+        if v2 < number[at.LOWER_MEAN_SQUARE] and epoch % 16 == 0:
             longest = min(epoch_length_at(self.scene, v2), epoch_length(self.scene))
             return min(longest, length * (epoch & -epoch))  # it begins where a longer one would
         return length
@@ -440,7 +444,7 @@ class Engine:
             counter=count,
             total=total,
             flight=flight,
-            **other._searching_arrays(count, other.chunks),
+            **other._searching_arrays(count, other.blocks),
         )
         other.now = recounted(*self.now, before, length)
         other.since = (*recounted(*self.since[:2], before, length), *self.since[2:])
@@ -452,13 +456,13 @@ class Engine:
         # An interrupt before the result is known costs a new search and no more.
         afresh, self._afresh = self._afresh, True
         status = self.kernels.run(
-            self.arrays, self.cells, self.chunks, afresh, stop_epoch, stop_time, stop_pairs, budget
+            self.arrays, self.cells, self.blocks, afresh, stop_epoch, stop_time, stop_pairs, budget
         )
         self.paused = status == self.kernels.PAUSED
         if status == self.kernels.NO_ROOM:
             self._make_room()
             return False
-        if status == self.kernels.OUT_OF_PACE:  # the epoch has begun, and nothing of it is known yet
+        if status == self.kernels.EPOCH_LENGTH_DUE:  # the epoch has begun, and nothing of it is known yet
             return False
         self._afresh = False
         if status == self.kernels.LOG_FULL:
@@ -489,7 +493,7 @@ class Engine:
     def state(self) -> dict[str, Any]:
         """Return the arrays from which everything else can be found again (views): see `kernel.layout`."""
         at = self.layout
-        arrays = {name: getattr(self.arrays, name) for name in at.STATE_ARRAYS}
+        arrays = {name: getattr(self.arrays, array) for name, array in at.STATE_ARRAYS.items()}
         numbers, counters = list(at.STATE_NUMBERS), list(at.STATE_COUNTERS)
         if self.flights:
             arrays["paths_before"] = self.flights.paths_before

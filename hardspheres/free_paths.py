@@ -158,7 +158,7 @@ class FlightTallies:
         at = self.at
         flight = np.zeros((len(self.kinds), at.FLIGHT))
         flight[:, at.BEGAN], flight[:, at.BEGAN_EPOCH] = length, -1.0
-        flight[:, at.KIND] = self.kinds
+        flight[:, at.SPECIES] = self.kinds
         return flight.ravel(), (1.0 / (self.units * [1.0, 1.0, SPEED_BIN])).ravel()
 
     def recount(self, flight: Floats, before: float, length: float) -> None:

@@ -60,7 +60,7 @@ def _require(holds: Any, sentence: str) -> None:
 
 def _counters_make_sense(engine: "Engine") -> None:
     at, count, rows = engine.layout, engine.arrays.counter, engine.rows
-    for name in ("EPOCH", "PAIRS", "WALL_HITS", "LATE", "STALE", "RENEWALS", "LONE"):
+    for name in ("EPOCH", "PAIRS", "WALL_HITS", "OUT_OF_ORDER", "STALE", "REBUILDS", "INSTANT_EVENTS"):
         value = int(count[getattr(at, name)])
         _require(0 <= value < 2**62, f"the counter {name} is {value}; it must lie between 0 and 2^62")
     _require(np.isfinite(rows).all(), "a row holds a value that is not finite")
@@ -154,12 +154,14 @@ class _Search:
         """Every pair of centres that two shells and the contact distance reach is in both lists."""
         at, scene = self.at, self.scene
         events = self.arrays.event_float[: self.n * at.EVENT].reshape(self.n, at.EVENT)
-        centres = returned_to_box(events[:, at.CENTRE : at.CENTRE + scene.dim], scene.box, scene.periodic)
+        centres = returned_to_box(
+            events[:, at.REFERENCE : at.REFERENCE + scene.dim], scene.box, scene.periodic
+        )
         lists = self.arrays.neighbours[: self.n * int(self.arrays.counter[at.LIST_ROOM])].reshape(self.n, -1)
         _require(
             lists.min() >= 0 and lists.max() <= self.n, "a neighbour list names a particle that there is not"
         )
-        shells = 2.0 * float(self.arrays.number[at.SHELL])
+        shells = 2.0 * float(self.arrays.number[at.DISPLACEMENT_THRESHOLD])
         grid = CellGrid(centres, scene.box, scene.periodic, shells + 2.0 * float(scene.radii.max()))
         for i, j in grid.pairs():
             gap = distances(centres, centres, i, j, scene.box, scene.periodic)
@@ -176,7 +178,7 @@ class _Search:
     # Contacts.
 
     def times(self, i: Ints, j: Ints, image: Floats) -> Floats:
-        """Contact times of pairs in given images, as `kernel.prediction` computes them."""
+        """Contact times of pairs in given images, as `kernel.common.contact_times` computes them."""
         x, u, later = self._apart(i, j)
         x = x - self.scene.box * image
         sigma = 2.0 * self.scene.radii[i] if self.one_size else self.scene.radii[i] + self.scene.radii[j]
@@ -273,11 +275,11 @@ class _Search:
 
     def chain(self, slot: int) -> list[int]:
         """Entries of a bucket."""
-        found, chunk = [], int(self.arrays.buckets[slot])
-        while chunk >= 0:
-            line = self.arrays.chunks[chunk * self.at.CHUNK : (chunk + 1) * self.at.CHUNK].tolist()
+        found, block = [], int(self.arrays.buckets[slot])
+        while block >= 0:
+            line = self.arrays.blocks[block * self.at.BLOCK : (block + 1) * self.at.BLOCK].tolist()
             found += line[1 : 1 + (line[0] & 7)]
-            chunk = line[0] >> 3
+            block = line[0] >> 3
         return found
 
     def _lists(self) -> None:
@@ -307,10 +309,10 @@ class _Search:
         """Nobody leaves the shell of its list before its next event."""
         at, dim = self.at, self.scene.dim
         centres = self.arrays.event_float[: self.n * at.EVENT].reshape(self.n, at.EVENT)
-        centres = centres[:, at.CENTRE : at.CENTRE + dim]
+        centres = centres[:, at.REFERENCE : at.REFERENCE + dim]
         there = self.x + self.v * (np.minimum(time, until) - self.t)[:, None]
         gone = np.sqrt(np.sum((there - centres) ** 2, axis=1))
-        shell = float(self.arrays.number[at.SHELL])
+        shell = float(self.arrays.number[at.DISPLACEMENT_THRESHOLD])
         slack = 1e-7 * shell + contact_tolerance(self.scene.box)
         far = int(np.argmax(gone))
         _require(
@@ -321,11 +323,11 @@ class _Search:
         """Each particle's event stands in its bucket."""
         at, arrays = self.at, self.arrays
         count = arrays.counter
-        year, bucket = int(count[at.BUCKETS]), int(count[at.BUCKET])
+        cycle, bucket = int(count[at.BUCKETS]), int(count[at.BUCKET])
         places: dict[int, set[int]] = {}
-        for entry in arrays.agenda_entry[: int(count[at.AGENDA_LENGTH])].tolist():
+        for entry in arrays.heap_entry[: int(count[at.HEAP_LENGTH])].tolist():
             places.setdefault(entry, set()).add(-1)
-        for slot in range(year + 1):
+        for slot in range(cycle + 1):
             for entry in self.chain(slot):
                 places.setdefault(entry, set()).add(slot)
         for entry, slot in zip(arrays.waiting_entry.tolist(), arrays.waiting_slot.tolist(), strict=True):
@@ -333,9 +335,9 @@ class _Search:
                 places.setdefault(entry, set()).add(slot)
         for i in np.flatnonzero(time < until).tolist():
             due = int(max(time[i], 0.0) * float(arrays.number[at.INVERSE_WIDTH]))
-            allowed = {-1} if due <= bucket else {due & (year - 1)}
-            if due >= (bucket // year + 1) * year:
-                allowed.add(year)
+            allowed = {-1} if due <= bucket else {due & (cycle - 1)}
+            if due >= (bucket // cycle + 1) * cycle:
+                allowed.add(cycle)
             _require(
                 places.get(i << 32 | int(stamp[i]), set()) & allowed,
                 f"the next event of particle {i}, at {time[i]}, is not in the calendar where it should be",
@@ -346,13 +348,11 @@ class _Search:
         count, number = arrays.counter, arrays.number
         size, bucket = int(count[at.WINDOW_BUCKETS]), int(count[at.BUCKET])
         last = bucket | (size - 1)
-        pending = [(c, -1) for c in arrays.agenda_entry[: int(count[at.AGENDA_LENGTH])].tolist()]
+        pending = [(c, -1) for c in arrays.heap_entry[: int(count[at.HEAP_LENGTH])].tolist()]
         for slot in range((bucket & (size - 1)) + 1, size):
             pending += [(c, slot) for c in self.chain(slot)]
         numbers = np.array([c for c, _ in pending], dtype=np.int64)
-        entries = arrays.candidates[: int(count[at.CANDIDATES]) * at.CANDIDATE].reshape(-1, at.CANDIDATE)[
-            numbers
-        ]
+        entries = arrays.contacts[: int(count[at.CONTACTS]) * at.CONTACT].reshape(-1, at.CONTACT)[numbers]
         when, pair, versions = entries[:, 0].view(np.float64), entries[:, 1], entries[:, 2]
         i, j = pair >> 32, pair & STAMP_BITS
         now = arrays.version[i].astype(np.int64) << 32

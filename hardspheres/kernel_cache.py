@@ -104,8 +104,8 @@ def _pinned(home: Path) -> Path:
 def _digest() -> str:
     here = Path(__file__).parent
     digest = hashlib.sha256(numba.__version__.encode())
-    for source in [here / "collision.py", here / "growth.py", *sorted((here / "kernel").glob("*.py"))]:
-        digest.update(source.name.encode() + source.read_bytes())
+    for source in [here / "collision.py", here / "growth.py", *sorted((here / "kernel").rglob("*.py"))]:
+        digest.update(source.relative_to(here).as_posix().encode() + source.read_bytes())
     return digest.hexdigest()[:16]
 
 

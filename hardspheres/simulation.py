@@ -601,8 +601,8 @@ class Simulation:
 
     @property
     def _turns(self) -> NDArray[np.integer[Any]]:
-        turns: NDArray[np.integer[Any]] = self._engine.arrays.turns.reshape(self.scene.n, self.scene.dim)
-        return turns
+        counts: NDArray[np.integer[Any]] = self._engine.arrays.image_counts
+        return counts.reshape(self.scene.n, self.scene.dim)
 
     @property
     @at_rest
@@ -923,13 +923,13 @@ class Simulation:
             "temperature": self.temperature,
             "energy_drift": self.energy_drift,
             "momentum_drift": float(np.max(np.abs(self.momentum_drift))),
-            "late_events": int(count[at.LATE]),
+            "late_events": int(count[at.OUT_OF_ORDER]),
             "stale_events": int(count[at.STALE]),
             "method": self._engine.method,
             "cell_size": (1.0 / number[at.CELL_DENSITY : at.CELL_DENSITY + dim]).tolist(),
-            "shell": float(number[at.SHELL]),
+            "shell": float(number[at.DISPLACEMENT_THRESHOLD]),
             "window": 2.0 * float(number[at.HALF_WINDOW]),
-            "list_renewals": int(count[at.RENEWALS]),
+            "list_renewals": int(count[at.REBUILDS]),
             "epoch_length": self._engine.length,
             "bytes_per_particle": self._engine.bytes / self.scene.n,
             "collisions_per_second": self._timed[0] / self._timed[1] if self._timed[0] else math.nan,

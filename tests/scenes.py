@@ -36,7 +36,7 @@ def state(sim):
     return (
         a.row.tobytes(),
         a.total.tobytes(),
-        a.turns.tobytes(),
+        a.image_counts.tobytes(),
         sim.collisions,
         sim.wall_collisions,
         int(a.counter[at.EPOCH]),
@@ -52,7 +52,7 @@ def state_without_flights(sim):
     """Every bit that the tallies of flights must not change."""
     at, a = sim._at, sim._engine.arrays
     sums = a.total[: at.LEDGER + 3].tobytes()
-    return a.row.tobytes(), sums, a.turns.tobytes(), sim.collisions, sim.wall_collisions, sim.time
+    return a.row.tobytes(), sums, a.image_counts.tobytes(), sim.collisions, sim.wall_collisions, sim.time
 
 
 def flight_bits(tallies):

@@ -155,12 +155,12 @@ def test_too_little_memory(monkeypatch):
     sim = hs.Simulation(gas("3d", 50, 0.4 / 4, seed=1))
     engine, at = sim._engine, sim._at
     count = engine.arrays.counter.copy()
-    count[at.CANDIDATE_ROOM] = 10**8
+    count[at.CONTACT_ROOM] = 10**8
     with pytest.raises(hs.SimulationError, match=r"search among 50 particles need about 3.2 GB"):
-        engine._searching_arrays(count, engine.chunks)
-    count[at.CANDIDATE_ROOM] = 2**31
+        engine._searching_arrays(count, engine.blocks)
+    count[at.CONTACT_ROOM] = 2**31
     with pytest.raises(hs.SimulationError, match="a table of 2147483648 entries, .* take fewer particles"):
-        engine._searching_arrays(count, engine.chunks)
+        engine._searching_arrays(count, engine.blocks)
 
 
 # Checkpoints that lie.

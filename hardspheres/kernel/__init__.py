@@ -1,133 +1,78 @@
 """The engine's kernels: how a gas of hard spheres is followed from collision to collision.
 
-Between collisions a sphere moves in a straight line, so nothing has to be integrated: the engine looks for the earliest
-collision, lets it happen, and looks again (Alder and Wainwright 1959, doi:10.1063/1.1730376). The work is to know the earliest
-collision at a cost that does not grow with the number of particles. What follows is the whole method, file by file.
+Between collisions a sphere moves in a straight line, so nothing has to be integrated: the engine finds the
+earliest collision, executes it, and predicts again (Alder and Wainwright 1959, doi:10.1063/1.1730376). The
+work is to find the earliest collision at a cost that does not grow with the number of particles. What follows
+is the whole method, in reading order, room by room.
 
-**The rows** (`layout`, `events`). A particle's row is its position, velocity, and the time when the two were written. Between
-events nobody touches it: the position at a later time is x + v (t - t_row). A row changes at its own collision and at the end
-of an epoch, when all rows fly to the same time, return into the periodic box, and their clocks go back to zero; so times stay
-small and their rounding too. An epoch's length is a power of two times the scene's time unit and follows from the scene alone;
-where masses differ and collisions have made the mean square speed so large at an epoch's end that this length is 16 times too
-long or longer, the following epochs are shorter by a power of two, and longer again once they can be. That, too, depends on the
-rows and on nothing else.
-The rows are the canonical state: everything else here can be thrown away and found again from them, to the last bit.
+**The top.** `loop` is the algorithm: take the next event, execute it, predict the next events of its one or
+two particles. `layout` names the slots of all arrays, `arrays` lists the arrays. What a scene lacks is not
+compiled in: `specialise` loads the files of this package once for each kind of scene (dimension, walls, many
+radii, many masses, search, growth, tallies of flights), each with its own constants in place of `flags`.
 
-**The prediction** (`prediction`). The time of contact of two particles is a pure function of their two rows and the periodic
-image, with the formulas of `hardspheres.collision`. All neighbours of a particle are predicted at once: one pass gathers
-the separations, a second one solves all quadratics without a branch, so that the compiler uses vector instructions.
+**`common`: what both searches use.** `particles`: a particle's row is its position, its velocity, and the
+time when the two were written. Between events the row stays as it is: the position at a later time is x + v
+(t - t_row). A row changes at its own collision and at the end of an epoch, when all rows fly to the same
+time, return into the periodic box, and their clocks go back to zero; so times stay small and their rounding
+too. An epoch's length is a power of two times the scene's time unit and follows from the scene alone. Where
+masses differ and collisions have made the mean square speed so large at an epoch's end that this length is 16
+times too long or longer, the following epochs are shorter by a power of two, and longer again once they can
+be; that follows from the rows alone. The rows are the canonical state: everything else here can be thrown
+away and found again from them, to the last bit.
 
-Two methods find out who can meet whom. Which one serves is decided by the density (`hardspheres.tuning`), and by nothing that
-enters the trajectory: both find the same events, to the last bit.
+`contact_times`: the time of contact of two particles is a pure function of their two rows and the periodic
+image, with the formulas of `hardspheres.collision`. Many pairs are solved at once, without a branch, so that
+the compiler uses vector instructions. `bucket_queue` and `event_heap`: coming events are in buckets by their
+time. A bucket is a list of blocks, each a whole cache line, and the events of the current bucket are in a
+small heap, so the next event is found in a time that does not depend on their number. Equal times are ordered
+by the lower, then the higher id; a wall counts as the id n + 2 axis + side. `prefetch`: where a gas is larger
+than the processor's caches, what the coming events need is prefetched; the method reads without it.
+`tallies`, `flights`, `log`: what events add to the sums of the pressure; on request every free flight is
+tallied when a collision of two particles ends it, and events are logged. That reads the rows and writes none
+of them.
 
-*Dense: lists.* **The neighbours** (`neighbours`). Each particle has a list of those that it can meet while both stay in their
-shells, as in Smallenburg's engine (2022, doi:10.1140/epje/s10189-022-00180-8; before him Donev, Torquato and Stillinger 2005,
-doi:10.1016/j.jcp.2004.08.014). The shell's centre is about a mean free time ahead of the particle. Leaving the shell is an
-event of the particle, which makes a new list from the 27 cells around it (`within`), and changes no row. That costs five times
-as much as a list costs where all are made at once, cell by cell. So once a few in a hundred have been renewed all are. Events stay
-as they are: a contact was to come before the end of the old shell, and that is all it needs. Who waits for the end of an old shell
-is predicted again at that moment, and who comes out of the new one before its event renews its list then. **The events.** Each particle has one next event: the earliest of its contacts with neighbours,
-its wall (`prediction`), and the end of its shell. A contact is written down with one of the two partners or with both. When a
-partner has since changed, which its version tells, the event is stale: its particle is predicted again at that moment. This is
-safe, because a pair's earliest contact was seen by whichever of the two was predicted last, and what that particle has written
-down is never later. **The calendar** (`calendar`; Brown 1988, doi:10.1145/63039.63045) keeps the coming events in buckets by
-their time. An event that no longer counts stays where it is until its bucket is opened.
+Two searches find which particles can collide. The density decides which one serves (`hardspheres.tuning`),
+and nothing that enters the trajectory does: both find the same events, to the last bit.
 
-*Dilute: windows* (`windows`). In a short window of time every flight is a known line and few lines come near another. All lines
-are drafted, eight at a time (`drafts`), and sorted into columns of cells (`line_cells`), so that those near one stand in a few
-contiguous runs. Two lines are compared by the boxes that hold them, first: a box is six bytes, and sixteen are compared at once.
-What overlaps goes through a vectorised filter in single precision (`lines`), and what passes that is computed exactly. Contacts
-within the window are kept in buckets by their time (`candidates`); a particle that has collided gets a new line, which is compared
-again and takes the place of the old one, or hangs in a chain (`chains`). Between collisions nothing happens at all, where lists
-would have to be renewed many times for each collision of a dilute gas.
-A few large particles among small ones have a coarser grid of their own (`large`).
+**`dense`: neighbour lists.** `neighbour_lists`: each particle has a list of those with which it can collide
+while both stay within their displacement thresholds, as in Smallenburg's engine (2022,
+doi:10.1140/epje/s10189-022-00180-8; before him Donev, Torquato and Stillinger 2005,
+doi:10.1016/j.jcp.2004.08.014). The displacement is measured from a reference position, about a mean free time
+ahead of the particle. Crossing the threshold is an event of the particle: its list is rebuilt from the 27
+cells around it (`cell_grid`, `cutoff`), and no row changes. That costs five times as much as a list costs
+where all are rebuilt at once, cell by cell. So once a few in a hundred have been rebuilt, all are. Predicted
+events stay as they are: a contact was predicted before the crossing of the old threshold, and that is all it
+needs. A particle whose next event is its old threshold crossing is predicted again then; one that crosses its
+new threshold before its next event has its list rebuilt then.
 
-Either way buckets are chains of whole cache lines (`chunks`), and the events of the current one lie in a small heap
-(`agenda`), so that the next event is found in a time that does not depend on their number. Equal times are ordered by the
-lower, then the higher id; a wall counts as the id n + 2 axis + side.
+`prediction`: each particle has one next event, the earliest of its contacts with neighbours, its wall, and
+its threshold crossing. A contact is stored with one of the two partners or with both. When a partner has
+changed since, which its version tells, the event is stale, and its particle is predicted again at that
+moment. This is safe: a pair's earliest contact was seen by whichever of the two was predicted last, and what
+that particle has stored is never later. `calendar` (Brown 1988, doi:10.1145/63039.63045) keeps the coming
+events in a ring of buckets. An event that no longer counts stays where it is until its bucket is opened.
 
-Where a gas is larger than the processor's caches, what the coming events need is fetched ahead (`fetch`); that too changes no bit.
+**`dilute`: windows of time.** `windows`: in a short window every flight is a known trajectory segment, and
+few segments come near another. All `segments` are written, eight at a time, and sorted into columns of
+`cells`, so that those near one stand in a few contiguous runs; `grid` has the geometry. Two segments are
+compared by their quantised bounding boxes first: a box is six bytes, and sixteen are compared at once. Pairs
+whose boxes overlap (`pair_table`) go through a vectorised `filter` in single precision, and what passes that
+is computed exactly. `predicted_contacts` keeps the contacts of the window in buckets by their time. A
+particle that has collided gets a new segment, which is compared again and takes the place of the old one, or
+goes to an overflow list (`overflow`). Between collisions nothing happens at all, where lists would have to be
+rebuilt many times for each collision of a dilute gas. A few large particles among small ones have a coarser
+grid of their own (`large`).
 
-**Flights** (`flights`, `log`). On request every free flight is tallied when a collision of two particles ends it, and events
-are written down. That reads the rows and writes none of them; a full buffer makes the run return, and it goes on as if it had
-not. Other kernels have nothing of it.
+**`simd`: how it is compiled.** `jit`, `pointers`, `vectors`. Arithmetic is strict wherever it enters the
+trajectory: only + - x / sqrt and integers, no fused or reordered operations, so one scene gives the same bits
+on every IEEE-754 machine. Only the filters of windows, whose margins cover their rounding, are coarser, and
+may be fused.
 
-**Growth.** To make dense random starts (`hardspheres.compression`) all radii may grow linearly in time: at time t of an epoch they
-are the rows' radii times SCALE + GROWTH t. Contacts are then those of `hardspheres.growth`, lists reach as far as the largest size
-needs, and everything else is as before.
-
-**The loop** (`loop`) takes the next event, executes it, and searches for what its one or two particles do next.
-
-Arithmetic is strict wherever it enters the trajectory: only + - x / sqrt and integers, no fused or reordered operations, so one
-scene gives the same bits on every IEEE-754 machine. Only the filters of `lines` and `line_cells`, whose margins cover
-their rounding, are coarser, and may be fused.
-
-**Specialisation.** What a scene lacks is not compiled in: `specialise` loads this package's files once for each kind of scene (its
-dimension, whether it has walls, many radii, many masses, whether it is dilute, and whether its radii grow), each with its own constants in place of `flags`.
+**Growth.** To make dense random starts (`hardspheres.compression`) all radii may grow linearly in time: at
+time t of an epoch they are the rows' radii times SCALE + GROWTH t. Contacts are then those of
+`hardspheres.growth`, cutoffs allow for the largest size, and everything else is as before.
 """
 
-import importlib
-import sys
-import threading
-import types
-from pathlib import Path
+from hardspheres.kernel.specialise import specialise
 
 __all__ = ["specialise"]
-
-# Threads that load different kernels at once would mix up their constants and caches.
-_ONE_AT_A_TIME = threading.Lock()
-
-
-def specialise(
-    dim: int,
-    walls: bool,
-    sizes: bool,
-    masses: bool,
-    sparse: bool,
-    grows: bool = False,
-    flights: bool = False,
-) -> types.ModuleType:
-    """Load the kernels for one kind of scene.
-
-    Parameters
-    ----------
-    dim : int
-        2 or 3.
-    walls, sizes, masses : bool
-        Whether some axis lies between walls, radii differ, masses differ.
-    sparse : bool
-        Windows in place of lists: the same trajectory, faster where the gas is dilute.
-    grows : bool
-        Radii grow linearly in time; with lists only.
-    flights : bool
-        Free flights are tallied and events can be logged; not with `grows`.
-
-    Returns
-    -------
-    module
-        The module `loop` compiled, on first use, for these constants; the same module for the same constants.
-    """
-    tag = (
-        f"{dim}d"
-        + "_walls" * walls
-        + "_sizes" * sizes
-        + "_masses" * masses
-        + "_sparse" * sparse
-        + "_grows" * grows
-        + "_flights" * flights
-    )
-    name = f"{__name__}.{tag}"
-    with _ONE_AT_A_TIME:
-        if f"{name}.loop" not in sys.modules:
-            from hardspheres.kernel_cache import cache_folder, cached_in
-
-            package = types.ModuleType(name)
-            package.__path__ = [str(Path(__file__).parent)]
-            flags = types.ModuleType(f"{name}.flags")
-            vars(flags).update(DIM=dim, WALLS=walls, SIZES=sizes, MASSES=masses, SPARSE=sparse)
-            vars(flags).update(GROWS=grows, FLIGHTS=flights)
-            sys.modules[name] = package
-            sys.modules[flags.__name__] = flags
-            with cached_in(cache_folder(tag)):
-                importlib.import_module(f"{name}.loop")
-    return sys.modules[f"{name}.loop"]

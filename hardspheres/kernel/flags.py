@@ -1,4 +1,4 @@
-"""What the scene has: constants of one compiled specialisation, replaced by `kernel.specialise` (these are defaults)."""
+"""What the scene has: constants of one kind of scene, set by `kernel.specialise`; these are defaults."""
 
 DIM = 3  # dimension of space, 2 or 3
 WALLS = False  # some axis lies between walls

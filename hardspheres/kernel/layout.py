@@ -2,46 +2,48 @@
 
 from hardspheres.kernel.arrays import Arrays
 
-from .compiler import jit, pointer
 from .flags import DIM, FLIGHTS, SIZES, SPARSE
+from .simd.jit import jit
+from .simd.pointers import pointer
 
-# A particle's row, 8 float64 (one cache line): the canonical state. One more row, of NaN, stands for nobody.
+# A particle's row, 8 float64 (one cache line): the canonical state. One more row, of NaN, is the null
+# particle, which collides with nothing.
 ROW = 8
 X = 0  # position when the row was last written, DIM numbers
 V = DIM  # velocity, DIM numbers
 T = 2 * DIM  # when that was, relative to the epoch
 RADIUS = 7
 
-# A particle's next event, 8 int64 (one cache line); TIME and CENTRE hold float64 bits. Windows need none.
+# A particle's next event, 8 int64 (one cache line); TIME and REFERENCE hold float64 bits. Windows need none.
 EVENT = 0 if SPARSE else 8
 TIME = 0
 PARTNER = 1  # a particle, n + 2 axis + side for a wall, or one of the codes below
 PARTNER_VERSION = 2  # the partner's version when the event was predicted
 STAMP = 3  # of the one queue entry that counts
-CENTRE = 4  # of the particle's shell (unwrapped as the row), DIM numbers
+REFERENCE = 4  # reference position of the particle's list (unwrapped as the row), DIM numbers
 
-RENEW = -1  # the particle leaves its shell: a new neighbour list is due
+REBUILD = -1  # the particle is at its displacement threshold: a new neighbour list is due
 NOTHING = -2  # no event before the epoch ends
 
 # Numbers, float64.
 BOX = 0  # edge lengths, 3 slots
 INVERSE = 3  # 1/edge on periodic axes, 0 on wall axes
 EPOCH_LENGTH = 6  # length of an epoch in time
-SHELL = 7  # how far a particle may go from CENTRE before its list is renewed
-REACH = 8  # neighbours' centres are closer than this (plus both radii, where radii differ)
+DISPLACEMENT_THRESHOLD = 7  # how far a particle may go from REFERENCE before its list is rebuilt
+CUTOFF = 8  # neighbours' reference positions are closer (plus both radii, where radii differ)
 SIGMA2 = 9  # squared contact distance, where all radii are equal
-CORE = 10  # radius, where all radii are equal
+COMMON_RADIUS = 10  # radius, where all radii are equal
 REDUCED = 11  # reduced mass of a pair, where all masses are equal
 MASS = 12  # mass, where all are equal
 INVERSE_WIDTH = 13  # 1/width of a calendar bucket
 CELL_DENSITY = 14  # cells per length, 3 slots
 NOW = 17  # time of the last event, relative to the epoch
-LATE_BY = 18  # an event is late if predicted more than this before NOW
-STANDSTILL = 19  # NOW when time was last seen to move
+ORDER_TOLERANCE = 18  # an event is out of order if predicted more than this before NOW
+LAST_ADVANCE = 19  # NOW when time last advanced
 HALF_WINDOW = 20  # windows: half their length in time
-STRETCH = 21  # how far a registered piece of a flight reaches from its middle
-LINE_UNIT = 22  # 1 / the longest edge of a cell
-LINE_MARGIN = 23  # added to the radius of a line
+HALF_LENGTH = 21  # how far a segment reaches from its middle, at most
+SEGMENT_UNIT = 22  # 1 / the longest edge of a cell
+SEGMENT_MARGIN = 23  # added to the radius, for rounding
 CELL_EDGE = 24  # edges of a cell, 3 slots
 MIDDLE = 27  # time at the middle of the window
 SCALE = 28  # growth: at the epoch's start all radii are this many times those given
@@ -50,17 +52,17 @@ SMALL_RADIUS = 30  # windows: particles with a larger radius are in the coarse g
 LARGEST = 31  # largest radius
 LARGE_DENSITY = 32  # coarse cells per length, 3 slots
 MEAN_SQUARE = 35  # mean square speed when this epoch began, where masses differ
-HASTE = 36  # from this mean square speed on epochs are too long
-LEISURE = 37  # below this one they are too short
-UNIT_DENSITY = 38  # windows: units of the bounds of lines per length, 3 slots
-REACH_OF_LINES = 41  # how far a line may reach beyond its cell, 3 slots
-LEAD = 44  # lists: so much time ahead of a particle is its centre
+UPPER_MEAN_SQUARE = 36  # from this mean square speed on epochs are too long
+LOWER_MEAN_SQUARE = 37  # below this one they are too short
+UNIT_DENSITY = 38  # windows: units of bounding boxes per length, 3 slots
+SEGMENT_OVERHANG = 41  # how far a segment may reach beyond its cell, 3 slots
+LEAD = 44  # lists: how far in time a reference position is ahead of its particle
 NUMBERS = 45
 FLIGHT_UNITS = NUMBERS  # where FLIGHTS, of each species: 1 / the units of its paths, times, and bins of speed
 
 # Sums since the tallies were reset, float64.
 VIRIAL = 0  # sum of r_a dp_b over pair collisions: xx, yy, zz, xy, xz, yz
-STRESS = 6  # sum of d(m v_a v_b) over events, same order; with its moment it gives the time integral of the kinetic part
+STRESS = 6  # sum of d(m v_a v_b) over events, same order; with its moment: the integral of the kinetic part
 STRESS_MOMENT = 12  # sum of (time within the epoch) d(m v_a v_b)
 STRESS_EPOCHS = 18  # sum of (epoch) d(m v_a v_b) of earlier epochs
 WALL_IMPULSE = 24  # momentum given to the wall, per axis: lower, upper
@@ -75,55 +77,56 @@ N = 0
 CELLS = 1  # cells per axis, 3 slots
 CELL_ROOM = 4  # particles that a cell can hold
 LIST_ROOM = 5  # slots in a neighbour list, a multiple of LANES
-IMAGES = 6  # 1: lists name the periodic image (boxes too small for the nearest image to be meant)
-BUCKETS = 7  # buckets in a year of the calendar, a power of two
+IMAGES = 6  # 1: lists store the image index, as the nearest image may not be the one meant
+BUCKETS = 7  # buckets in a cycle of the calendar, a power of two
 BUCKET = 8  # the calendar's current bucket, counted from the epoch's start
 EPOCH = 9
 PAIRS = 10  # pair collisions
 WALL_HITS = 11
-LATE = 12
+OUT_OF_ORDER = 12
 STALE = 13
-RENEWALS = 14
-LONE = 15  # events since time was last seen to move
-FREE_CHUNK = 16  # head of the list of free chunks
-AGENDA_LENGTH = 18
-AGENDA_ROOM = 19
+REBUILDS = 14
+INSTANT_EVENTS = 15  # events at one instant: since time last advanced
+FREE_BLOCK = 16  # head of the list of free blocks
+HEAP_LENGTH = 18
+HEAP_ROOM = 19
 SHORT_LISTS = 20  # set where room ran out: the run stops, makes room, and searches again from the rows
 SHORT_CELLS = 21
 SHORT_QUEUE = 22
 LAST_PAIR_EPOCH = 23  # epoch of the last pair collision
 WINDOW_BUCKETS = 24  # buckets in a window; 0 for lists
-LINE_ROOM = 25  # windows: lines that the cells can hold
-NODES = 26  # new lines of this window that are chained
-REGISTERED = 27  # lines at the beginning of this window
-CANDIDATE_ROOM = 28
-CANDIDATES = 29  # contacts noted in this window
-NODE_ROOM = 30
+SEGMENT_ROOM = 25  # windows: segments that the cells can hold
+OVERFLOWED = 26  # new segments of this window in overflow lists
+REGISTERED = 27  # segments at the beginning of this window
+CONTACT_ROOM = 28
+CONTACTS = 29  # contacts predicted in this window
+OVERFLOW_ROOM = 30
 EPOCH_BUCKETS = 33  # buckets in an epoch
 LARGE = 34  # windows: how many particles are in the coarse grid
 LARGE_CELLS = 35  # coarse cells per axis, 3 slots
 BEYOND_CACHE = 38  # 1: the gas is larger than a core's caches, so what is needed soon is fetched ahead
 LOGGED = 39  # events in the log's buffer
 LOG_ROOM = 40  # how many it can hold; 0: there is no log
-KINDS = 41  # species that flights are told apart by
-NEAR_ROOM = 31  # windows: pairs of lines whose bounds overlap that the table can hold
-WIDTH = 42  # of a cell in the units of bounds, 3 slots
-BEYOND = 45  # how far a line may reach beyond its cell in these units, 3 slots
-PATIENCE = 48  # lists: single renewals after which all are renewed at once
-SWEEP_DUE = 49  # how many single renewals there have been then
-SWEEPS = 50  # how often all lists were made at once
+SPECIES_COUNT = 41  # species that flights are told apart by
+NEAR_ROOM = 31  # windows: pairs with overlapping bounding boxes that the table can hold
+WIDTH = 42  # of a cell in the units of bounding boxes, 3 slots
+OVERHANG = 45  # how far a segment may reach beyond its cell in these units, 3 slots
+REBUILD_THRESHOLD = 48  # lists: single rebuilds after which all are rebuilt at once
+REBUILD_ALL_DUE = 49  # how many single rebuilds there have been then
+REBUILDS_OF_ALL = 50  # how often all lists were rebuilt at once
 WAITS = 51  # which of those that wait for their bucket is the next
 BEYOND_ALL = 52  # 1: it is larger than those that cores share, too
 COUNTERS = 53
 
 # Flights, where FLIGHTS. Of a particle, float64:
 FLIGHT = 4 if FLIGHTS else 0
-BEGAN = 0  # when it last met another particle, within the epoch
-BEGAN_EPOCH = 1  # that epoch; -1 and a time of a whole epoch at the start: then it has met nobody yet
-KIND = 2  # its species
+BEGAN = 0  # when its last collision with another particle was, within the epoch
+BEGAN_EPOCH = 1  # that epoch; -1 and a time of a whole epoch at the start: then it has not collided yet
+SPECIES = 2  # its species
 
-# Bins of paths and times: 2^OCTAVE_BITS of equal width in each octave of their unit, from 2^LEAST_OCTAVE on; the first bin
-# has all that is less, the last all that is more. Speeds: bins of equal width, the last has all that is more.
+# Bins of paths and times: 2^OCTAVE_BITS of equal width in each octave of their unit, from 2^LEAST_OCTAVE on;
+# the first bin has all that is less, the last all that is more. Speeds: bins of equal width, the last has all
+# that is more.
 OCTAVE_BITS = 4
 LEAST_OCTAVE, OCTAVES = -8, 16
 FLIGHT_BINS = (OCTAVES << OCTAVE_BITS) + 2
@@ -146,7 +149,7 @@ PATH_BINS = 2
 TIME_BINS = PATH_BINS + FLIGHT_BINS
 SPEED_COUNTS = TIME_BINS + FLIGHT_BINS
 FLIGHT_COUNT = SPEED_COUNTS + SPEED_BINS
-# After the last species: KINDS * KINDS numbers of collisions between species.
+# After the last species: SPECIES_COUNT * SPECIES_COUNT numbers of collisions between species.
 
 # An event in the log, float64.
 LOG_TIME = 0  # since the start of the simulation
@@ -157,25 +160,49 @@ LOG_NORMAL = 6  # DIM numbers
 LOG_ROW = LOG_NORMAL + DIM
 
 # What a checkpoint keeps of the arrays, numbers and counters. All else follows from these and the scene.
-STATE_ARRAYS = ("row", "turns", "total", *(("flight",) if FLIGHTS else ()))
-STATE_NUMBERS = (NOW, STANDSTILL)
-STATE_COUNTERS = (EPOCH, PAIRS, WALL_HITS, LATE, STALE, RENEWALS, LONE, LAST_PAIR_EPOCH)
+# Arrays by their names in a checkpoint.
+STATE_ARRAYS = {"row": "row", "turns": "image_counts", "total": "total"} | (
+    {"flight": "flight"} if FLIGHTS else {}
+)
+STATE_NUMBERS = (NOW, LAST_ADVANCE)
+STATE_COUNTERS = (EPOCH, PAIRS, WALL_HITS, OUT_OF_ORDER, STALE, REBUILDS, INSTANT_EVENTS, LAST_PAIR_EPOCH)
 
-# Calendar: chunks of 8 int64: the next chunk (-1: none) and how many entries, then 7 entries id << 32 | stamp.
-CHUNK = 8
+# A block of a bucket, 8 int64: the next block (-1: none) and how many entries, then 7 entries.
+# In the calendar an entry is id << 32 | stamp.
+BLOCK = 8
 STAMP_BITS = 0xFFFFFFFF
 WAITING = 4  # entries that wait for their bucket to come into the cache
 
-CANDIDATE = 4  # int64 in a candidate
-CELLS_OF_CHAIN = 16  # windows: cells along y that share a chain of new lines
-# The image of one line in which another is compared with it: 1, plus or minus a box, for each axis.
+CONTACT = 4  # int64 in a predicted contact
+CELLS_OF_OVERFLOW = 16  # windows: cells along y that share an overflow list
+# The image of one segment in which another is compared with it: 1, plus or minus a box, for each axis.
 IMAGE = (1, 4, 16)
 SAME = 21
 
 LANES = 16  # neighbours that one pass of the prediction handles
-CELL_LANES = 8  # centres that one step in a cell handles
+CELL_LANES = 8  # reference positions that one step in a cell handles
 AROUND = 27 if DIM == 3 else 9  # cells where a particle's neighbours may be
 CELL_COLUMNS = DIM + 2 if SIZES else DIM + 1  # of a cell: id, place as seen from its corner, radius
+
+# A predicted contact.
+CONTACT_TIME = 0  # bits of its time
+CONTACT_PAIR = 1  # lower id << 32 | higher id
+CONTACT_VERSIONS = 2  # of both, when the contact was computed
+
+SEGMENT = 8  # float32 in a segment
+MIDPOINT = 0  # at the middle of the window
+HALF_DISPLACEMENT = 3  # in the window
+PADDED_RADIUS = 6  # radius and margin
+OWNER = 7  # the particle's id, in the same memory as int32
+
+# The quantised bounding box of a segment, 6 bytes of an int64: the low ends along x, y, z, and the high ends
+# negated. Whole turns of 256 are left out: units are such that boxes that overlap, and those that are
+# compared, differ by less than half a turn, so that the sign of their difference can be told. The byte after
+# them has the numbers of near cells with segments that may overlap this one.
+BYTE = 255
+NEAR_SHIFT = 48
+BEFORE_X, BEFORE_Z, AFTER_X, AFTER_Z = 1, 2, 16, 32  # bits of that byte: one cell
+BEFORE_Y, AFTER_Y = 2, 6  # of two bits each: up to three, the first of them
 
 
 @jit
@@ -187,7 +214,7 @@ def pointers(a):
         pointer(a.event_float),
         pointer(a.version),
         pointer(a.mass),
-        pointer(a.turns),
+        pointer(a.image_counts),
         pointer(a.flight),
         pointer(a.log),
         pointer(a.neighbours),
@@ -200,23 +227,23 @@ def pointers(a):
         pointer(a.around),
         pointer(a.around_ids),
         pointer(a.buckets),
-        pointer(a.chunks),
+        pointer(a.blocks),
         pointer(a.waiting_slot),
         pointer(a.waiting_entry),
-        pointer(a.agenda_time),
-        pointer(a.agenda_key),
-        pointer(a.agenda_entry),
+        pointer(a.heap_time),
+        pointer(a.heap_key),
+        pointer(a.heap_entry),
         pointer(a.scratch),
         pointer(a.scratch_int),
         pointer(a.order),
         pointer(a.large),
-        pointer(a.drafts),
-        pointer(a.draft_words),
-        pointer(a.draft_bounds),
-        pointer(a.lines),
-        pointer(a.line_words),
-        pointer(a.bounds),
-        pointer(a.cell_of_line),
+        pointer(a.unsorted),
+        pointer(a.unsorted_words),
+        pointer(a.unsorted_boxes),
+        pointer(a.segments),
+        pointer(a.segment_words),
+        pointer(a.boxes),
+        pointer(a.cell_of_segment),
         pointer(a.image_shifts),
         pointer(a.column),
         pointer(a.column_code),
@@ -224,12 +251,12 @@ def pointers(a):
         pointer(a.pair_slot),
         pointer(a.pair_own),
         pointer(a.own_slots),
-        pointer(a.pair_lines),
-        pointer(a.meetings),
+        pointer(a.pair_segments),
+        pointer(a.passed),
         pointer(a.changed),
-        pointer(a.chain_first),
-        pointer(a.node_next),
-        pointer(a.candidates),
+        pointer(a.overflow_first),
+        pointer(a.overflow_next),
+        pointer(a.contacts),
         pointer(a.number),
         pointer(a.counter),
         pointer(a.total),

@@ -1,54 +1,54 @@
 """The event loop, and the preparation of everything that follows from the rows."""
 
 from . import layout
-from .agenda import pop_agenda
-from .calendar import clear_calendar, fetch_neighbours, schedule, turn_page
-from .candidates import candidate_holds, open_candidates, partners
-from .compiler import entry, jit, part
-from .events import begin_epoch, collide_pair, hit_wall, out_of_pace
-from .fetch import fetch_surroundings
+from .common.event_heap import pop_event
+from .common.particles import begin_epoch, collide_pair, epoch_length_due, hit_wall
+from .common.prefetch import prefetch_neighbours, prefetch_surroundings
+from .dense.calendar import clear_calendar, next_bucket, schedule
+from .dense.neighbour_lists import make_all_lists, rebuild_list
+from .dense.prediction import next_event, threshold_crossing
+from .dilute.predicted_contacts import contact_holds, open_contacts, partners
+from .dilute.windows import follow, open_window
 from .flags import FLIGHTS, GROWS, MASSES, SPARSE, WALLS
 from .layout import (
-    AGENDA_LENGTH,
     BEYOND_ALL,
     BEYOND_CACHE,
     BUCKET,
     EPOCH,
     EPOCH_BUCKETS,
     EVENT,
+    HEAP_LENGTH,
+    INSTANT_EVENTS,
     INVERSE_WIDTH,
-    LATE,
-    LATE_BY,
+    LAST_ADVANCE,
     LOG_ROOM,
     LOGGED,
-    LONE,
-    NODE_ROOM,
-    NODES,
     NOW,
+    ORDER_TOLERANCE,
+    OUT_OF_ORDER,
+    OVERFLOW_ROOM,
+    OVERFLOWED,
     PAIRS,
     PARTNER,
     PARTNER_VERSION,
-    RENEW,
-    RENEWALS,
+    REBUILD,
+    REBUILD_ALL_DUE,
+    REBUILDS,
+    REBUILDS_OF_ALL,
     SHORT_CELLS,
     SHORT_LISTS,
     SHORT_QUEUE,
     STALE,
     STAMP,
     STAMP_BITS,
-    STANDSTILL,
-    SWEEP_DUE,
-    SWEEPS,
     TIME,
     WINDOW_BUCKETS,
     N,
     pointers,
 )
-from .neighbours import make_all_lists, renew_list
-from .prediction import next_event, shell_exit
-from .windows import follow, open_window
+from .simd.jit import called, entry_point, jit
 
-__all__ = ["DONE", "LOG_FULL", "NO_ROOM", "OUT_OF_PACE", "PAUSED", "STANDS_STILL", "layout", "run"]
+__all__ = ["DONE", "EPOCH_LENGTH_DUE", "LOG_FULL", "NO_ROOM", "PAUSED", "STANDS_STILL", "layout", "run"]
 
 BEFORE = (
     1.0 - 2.0**-50
@@ -60,7 +60,7 @@ PAUSED = 1  # used up its budget; call it again
 NO_ROOM = 2  # a list, a cell or the calendar is full: make room, prepare, call it again
 STANDS_STILL = 3  # 1000 events per particle without time moving
 LOG_FULL = 4  # empty the log, and call it again
-OUT_OF_PACE = (
+EPOCH_LENGTH_DUE = (
     5  # an epoch is over, and the next ones ought to be shorter or longer: see to it, and call it again
 )
 
@@ -70,24 +70,25 @@ def predict(s, i, now):
     """Find i's next event and enter it in the calendar."""
     time, partner = next_event(s, i, now)
     met = 0 <= partner < s.counter[N]
-    s.event[i * EVENT + PARTNER_VERSION] = s.version[partner] if met else s.counter[SWEEPS]
+    s.event[i * EVENT + PARTNER_VERSION] = s.version[partner] if met else s.counter[REBUILDS_OF_ALL]
     schedule(s, i, time, partner)
 
 
 @jit
-def predict_all(s, now, chunks):
+def predict_all(s, now, blocks):
     """Predict every particle's next event into an empty calendar."""
-    clear_calendar(s, chunks)
+    clear_calendar(s, blocks)
     for i in range(s.counter[N]):
         predict(s, i, now)
 
 
-@entry
-def run(arrays, cells, chunks, afresh, stop_epoch, stop_time, stop_pairs, budget):
+@entry_point
+def run(arrays, cells, blocks, afresh, stop_epoch, stop_time, stop_pairs, budget):
     """Execute events in their order.
 
-    Stops after the pair collision that makes PAIRS equal `stop_pairs`, or before the first event later than `stop_time` in
-    epoch `stop_epoch`. `budget` bounds the work of one call. `afresh`: first find lists, events and calendar from the rows.
+    Stops after the pair collision that makes PAIRS equal `stop_pairs`, or before the first event later than
+    `stop_time` in epoch `stop_epoch`. `budget` bounds the work of one call. `afresh`: first find lists,
+    events and calendar from the rows.
     """
     s = pointers(arrays)
     n = s.counter[N]
@@ -95,58 +96,58 @@ def run(arrays, cells, chunks, afresh, stop_epoch, stop_time, stop_pairs, budget
     while budget > 0 or search:  # a search that is due is never put off
         if search:
             if SPARSE:
-                open_window(s, cells, chunks)
+                open_window(s, cells, blocks)
             else:
-                search_lists(s, cells, chunks)
+                search_lists(s, cells, blocks)
             search = False
             budget -= n
         elif s.counter[PAIRS] >= stop_pairs:
             return DONE
-        elif s.counter[AGENDA_LENGTH] == 0:
+        elif s.counter[HEAP_LENGTH] == 0:
             budget -= 1
             bucket = s.counter[BUCKET] + 1
-            page_ends = bucket / s.number[INVERSE_WIDTH] * BEFORE
+            bucket_end = bucket / s.number[INVERSE_WIDTH] * BEFORE
             if s.counter[EPOCH] == stop_epoch and (
-                page_ends > stop_time or bucket == s.counter[EPOCH_BUCKETS]
+                bucket_end > stop_time or bucket == s.counter[EPOCH_BUCKETS]
             ):
                 return DONE
             if bucket == s.counter[EPOCH_BUCKETS]:
                 begin_epoch(s)
                 s.counter[BUCKET] = 0
                 search = True
-                if MASSES and not GROWS and out_of_pace(s):
-                    return OUT_OF_PACE
+                if MASSES and not GROWS and epoch_length_due(s):
+                    return EPOCH_LENGTH_DUE
             elif SPARSE:
                 s.counter[BUCKET] = bucket
                 search = (bucket & (s.counter[WINDOW_BUCKETS] - 1)) == 0
                 if not search:
-                    open_candidates(s)
+                    open_contacts(s)
                     if s.counter[BEYOND_ALL]:
-                        fetch_surroundings(s)
-            elif s.counter[RENEWALS] >= s.counter[SWEEP_DUE]:
-                renew_all(s, page_ends, cells)
+                        prefetch_surroundings(s)
+            elif s.counter[REBUILDS] >= s.counter[REBUILD_ALL_DUE]:
+                rebuild_all(s, bucket_end, cells)
                 budget -= n
             else:
-                turn_page(s)
+                next_bucket(s)
         else:
-            time = s.agenda_time[0]
+            time = s.heap_time[0]
             if s.counter[EPOCH] == stop_epoch and time > stop_time:
                 return DONE
             if FLIGHTS and s.counter[LOG_ROOM] > 0 and s.counter[LOGGED] == s.counter[LOG_ROOM]:
                 return LOG_FULL
             budget -= 1
-            first = s.agenda_entry[0]
-            pop_agenda(s)
+            first = s.heap_entry[0]
+            pop_event(s)
             if SPARSE:
-                execute_candidate(s, first, time)
+                execute_contact(s, first, time)
             else:
-                if s.counter[BEYOND_CACHE] and s.counter[AGENDA_LENGTH] > 0:
-                    fetch_neighbours(s)
+                if s.counter[BEYOND_CACHE] and s.counter[HEAP_LENGTH] > 0:
+                    prefetch_neighbours(s)
                 execute_and_predict(s, first, time)
-            if s.counter[LONE] > 1000 * n:
+            if s.counter[INSTANT_EVENTS] > 1000 * n:
                 return STANDS_STILL
-        if SPARSE and s.counter[SHORT_LISTS] and s.counter[NODES] == s.counter[NODE_ROOM]:
-            # There is no room for more new lines: a new search clears those away that were replaced.
+        if SPARSE and s.counter[SHORT_LISTS] and s.counter[OVERFLOWED] == s.counter[OVERFLOW_ROOM]:
+            # There is no room for more new segments: a new search clears those away that were replaced.
             s.counter[SHORT_LISTS] = 0
             search = True
         if s.counter[SHORT_QUEUE] or s.counter[SHORT_LISTS] or s.counter[SHORT_CELLS]:
@@ -154,35 +155,35 @@ def run(arrays, cells, chunks, afresh, stop_epoch, stop_time, stop_pairs, budget
     return PAUSED
 
 
-@part
-def search_lists(s, cells, chunks):
+@called
+def search_lists(s, cells, blocks):
     """Find all lists and events from the rows."""
     now = max(s.number[NOW], 0.0)
     make_all_lists(s, now, cells)
     if s.counter[SHORT_CELLS] == 0 and s.counter[SHORT_LISTS] == 0:
-        predict_all(s, now, chunks)
+        predict_all(s, now, blocks)
 
 
-@part
-def renew_all(s, now, cells):
-    """Make all lists anew. Events stay as they are, but who comes out of its new shell earlier does so."""
+@called
+def rebuild_all(s, now, cells):
+    """Rebuild all lists. Events stay, but a threshold that is now crossed earlier is the next event."""
     make_all_lists(s, now, cells)
     if s.counter[SHORT_CELLS] == 0 and s.counter[SHORT_LISTS] == 0:
         for i in range(s.counter[N]):
-            time = shell_exit(s, i)
+            time = threshold_crossing(s, i)
             if time < s.event_float[i * EVENT + TIME]:
-                s.event[i * EVENT + PARTNER_VERSION] = s.counter[SWEEPS]
-                schedule(s, i, max(time, now), RENEW)
+                s.event[i * EVENT + PARTNER_VERSION] = s.counter[REBUILDS_OF_ALL]
+                schedule(s, i, max(time, now), REBUILD)
 
 
 @jit
-def execute_candidate(s, c, time):
-    """Let a candidate of the window happen, if it still holds, and search for what follows."""
-    if not candidate_holds(s, c):
+def execute_contact(s, c, time):
+    """Execute a predicted contact of the window, if it still holds, and predict again."""
+    if not contact_holds(s, c):
         s.counter[STALE] += 1
         return
     i, partner = partners(s, c)
-    keep_clock(s, time)
+    advance_clock(s, time)
     if partner < s.counter[N]:
         collide_pair(s, i, partner, time)
     elif WALLS:
@@ -193,7 +194,7 @@ def execute_candidate(s, c, time):
 
 @jit
 def execute_and_predict(s, first, time):
-    """Let the event of an agenda entry happen, if the entry still counts, and predict its particles again."""
+    """Execute the event of a heap entry, if it still counts, and predict its particles again."""
     i = first >> 32
     if s.event[i * EVENT + STAMP] == first & STAMP_BITS:
         other = execute(s, i, time)
@@ -205,17 +206,17 @@ def execute_and_predict(s, first, time):
 
 @jit
 def execute(s, i, time):
-    """Let i's event happen. Returns the other particle that has changed, or -1."""
+    """Execute i's event; returns the other particle that has changed, or -1."""
     partner = s.event[i * EVENT + PARTNER]
     version = s.event[i * EVENT + PARTNER_VERSION]
-    if partner == RENEW and version == s.counter[SWEEPS]:
-        renew_list(s, i, time)
+    if partner == REBUILD and version == s.counter[REBUILDS_OF_ALL]:
+        rebuild_list(s, i, time)
     elif partner >= s.counter[N]:
         if WALLS:
-            keep_clock(s, time)
+            advance_clock(s, time)
             hit_wall(s, i, partner, time)
     elif partner >= 0 and s.version[partner] == version:
-        keep_clock(s, time)
+        advance_clock(s, time)
         collide_pair(s, i, partner, time)
         return partner
     else:
@@ -224,14 +225,14 @@ def execute(s, i, time):
 
 
 @jit
-def keep_clock(s, time):
-    """Keep the clock, and count late events and events without progress."""
+def advance_clock(s, time):
+    """Advance the clock; count events out of order and events at one instant."""
     now = s.number[NOW]
-    if time < now - s.number[LATE_BY]:
-        s.counter[LATE] += 1
+    if time < now - s.number[ORDER_TOLERANCE]:
+        s.counter[OUT_OF_ORDER] += 1
     s.number[NOW] = max(now, time)
-    if time > s.number[STANDSTILL] + s.number[LATE_BY]:
-        s.number[STANDSTILL] = time
-        s.counter[LONE] = 0
+    if time > s.number[LAST_ADVANCE] + s.number[ORDER_TOLERANCE]:
+        s.number[LAST_ADVANCE] = time
+        s.counter[INSTANT_EVENTS] = 0
     else:
-        s.counter[LONE] += 1
+        s.counter[INSTANT_EVENTS] += 1

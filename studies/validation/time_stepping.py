@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 import hardspheres as hs
 from hardspheres.cells import worst_overlap
-from hardspheres.kernel import compiler
+from hardspheres.kernel.simd import jit, pointers
 from hardspheres.kernel_cache import cache_folder, cached_in
 from hardspheres.scene import kinetic_energy
 
@@ -29,9 +29,9 @@ FloatArray = NDArray[np.float64]
 
 BOUNCE, BACK_UP = "bounce", "back-up"
 
-part: Any = compiler.part
-pointer: Any = compiler.pointer
-entry: Any = compiler.entry
+part: Any = jit.called
+pointer: Any = pointers.pointer
+entry: Any = jit.entry_point
 
 # What `_advance` adds up.
 COLLISIONS, VIRIAL, MISSED, TESTS = range(4)

@@ -35,13 +35,13 @@ grown = []
 for search in ("lists", "windows"):
     sim = hs.Simulation(gas("3d_mixture", 20, 0.1, seed=3), search=search)
     at, e = sim._at, sim._engine
-    small = {at.AGENDA_ROOM: 2, at.LIST_ROOM: at.LANES, at.CELL_ROOM: at.CELL_LANES}
+    small = {at.HEAP_ROOM: 2, at.LIST_ROOM: at.LANES, at.CELL_ROOM: at.CELL_LANES}
     if search == "windows":
-        small = {at.AGENDA_ROOM: 2, at.LINE_ROOM: 10, at.CANDIDATE_ROOM: 2, at.NODE_ROOM: 7, at.NEAR_ROOM: 1}
+        small = {at.HEAP_ROOM: 2, at.SEGMENT_ROOM: 10, at.CONTACT_ROOM: 2, at.OVERFLOW_ROOM: 7, at.NEAR_ROOM: 1}
     for slot, room in small.items():
         e.arrays.counter[slot] = room
-    e.chunks = min(e.chunks, 4)
-    e.arrays = e.arrays._replace(**e._searching_arrays(e.arrays.counter, e.chunks))
+    e.blocks = min(e.blocks, 4)
+    e.arrays = e.arrays._replace(**e._searching_arrays(e.arrays.counter, e.blocks))
     sim.run(collisions=20)
     grown.append(sum(int(e.arrays.counter[slot]) > room for slot, room in small.items()))
 print(json.dumps(grown))
@@ -60,8 +60,8 @@ print(json.dumps(pairs))
 ONE_TOO_SHORT = """
 short = []
 for search, names in (
-    ("lists", ("event", "neighbours", "images", "cell_ids", "cell_places", "near", "chunks", "scratch")),
-    ("windows", ("order", "drafts", "lines", "bounds", "cell_of_line", "column", "pair_slot", "pair_own", "meetings", "changed", "version")),
+    ("lists", ("event", "neighbours", "images", "cell_ids", "cell_places", "near", "blocks", "scratch")),
+    ("windows", ("order", "unsorted", "segments", "boxes", "cell_of_segment", "column", "pair_slot", "pair_own", "passed", "changed", "version")),
 ):
     for name in names:
         sim = hs.Simulation(gas("3d", 10, 0.02, seed=3), search=search)
@@ -80,13 +80,13 @@ FITS = """
 from types import SimpleNamespace
 from hardspheres.kernel import specialise
 at = specialise(2, False, False, False, True).layout
-fits = sys.modules["hardspheres.kernel.2d_sparse.line_cells"].fits
+fits = sys.modules["hardspheres.kernel.2d_sparse.dilute.grid"].fits
 wrong = 0
 for cells in range(1, 7):
     for width in (42, 66, 85):
         counter = np.zeros(at.COUNTERS, dtype=np.int64)
         counter[at.CELLS : at.CELLS + 3], counter[at.WIDTH : at.WIDTH + 2] = (cells, 9, 1), (width, 20)
-        counter[at.BEYOND : at.BEYOND + 2] = 21
+        counter[at.OVERHANG : at.OVERHANG + 2] = 21
         for middle in range(0, cells * width, 3):
             for half in (2, 20):
                 ends = (middle - half, 85, 0, -(middle + half), -95, 0)
@@ -148,17 +148,17 @@ def test_a_new_line_takes_the_place_of_an_old_one_only_where_it_fits():
 def test_an_array_too_short_is_seen():
     """Sibling: where only its first element is left of an array the checks speak up, whichever array it is."""
     seen = checked(with_prelude(ONE_TOO_SHORT))
-    lists = "event neighbours images cell_ids cell_places near chunks scratch"
-    windows = "order drafts lines bounds cell_of_line column pair_slot pair_own meetings changed version"
+    lists = "event neighbours images cell_ids cell_places near blocks scratch"
+    windows = "order unsorted segments boxes cell_of_segment column pair_slot pair_own passed changed version"
     assert seen == lists.split() + windows.split()
 
 
 @pytest.mark.parametrize("k", [-1, 3, np.int32(-3), np.int64(3)])
 def test_negative_indices_are_refused_too(k):
     """Sibling: NumPy itself takes an index of -1 for the last."""
-    from hardspheres.kernel.compiler import Guarded
+    from hardspheres.kernel.simd.pointers import BoundsChecked
 
-    guarded = Guarded(np.zeros(3))
+    guarded = BoundsChecked(np.zeros(3))
     guarded[2] += 1.0
     assert guarded[2] == 1.0
     with pytest.raises(IndexError, match="outside"):

@@ -95,7 +95,7 @@ def test_renewing_all_lists_at_once_changes_nothing(scene, expected, patience, o
         sim.check()
     assert state(sim) == expected
     count = sim._engine.arrays.counter
-    assert (count[sim._at.SWEEPS] > 2 * count[sim._at.EPOCH] + 2) is np.bool_(often)
+    assert (count[sim._at.REBUILDS_OF_ALL] > 2 * count[sim._at.EPOCH] + 2) is np.bool_(often)
 
 
 @pytest.mark.parametrize("speeds", [0.7, 5.0])
@@ -113,7 +113,7 @@ def test_naming_the_image_changes_nothing(scene, expected):
     at, e = sim._at, sim._engine
     assert e.arrays.counter[at.IMAGES] == 0
     e.arrays.counter[at.IMAGES] = 1
-    e.arrays = e.arrays._replace(**e._searching_arrays(e.arrays.counter, e.chunks))
+    e.arrays = e.arrays._replace(**e._searching_arrays(e.arrays.counter, e.blocks))
     sim.run(collisions=COLLISIONS)
     assert state(sim) == expected
 
@@ -125,17 +125,17 @@ def test_running_out_of_room_changes_nothing(scene, expected, search):
     small = (
         {at.LIST_ROOM: at.LANES}
         if search == "lists"
-        else {at.LINE_ROOM: 10, at.CANDIDATE_ROOM: 2, at.NODE_ROOM: 7, at.NEAR_ROOM: 1}
+        else {at.SEGMENT_ROOM: 10, at.CONTACT_ROOM: 2, at.OVERFLOW_ROOM: 7, at.NEAR_ROOM: 1}
     )
-    small |= {at.AGENDA_ROOM: 2}
+    small |= {at.HEAP_ROOM: 2}
     for slot, room in small.items():
         e.arrays.counter[slot] = room
-    e.chunks = min(e.chunks, 4)
-    e.arrays = e.arrays._replace(**e._searching_arrays(e.arrays.counter, e.chunks))
+    e.blocks = min(e.blocks, 4)
+    e.arrays = e.arrays._replace(**e._searching_arrays(e.arrays.counter, e.blocks))
     sim.run(collisions=COLLISIONS)
     assert state(sim) == expected
     grown = {slot for slot, room in small.items() if e.arrays.counter[slot] > room}
-    assert grown >= ({at.LIST_ROOM} if search == "lists" else {at.LINE_ROOM, at.CANDIDATE_ROOM})
+    assert grown >= ({at.LIST_ROOM} if search == "lists" else {at.SEGMENT_ROOM, at.CONTACT_ROOM})
 
 
 def test_fetching_ahead_changes_nothing(scene, expected, search, monkeypatch):

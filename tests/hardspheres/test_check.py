@@ -163,7 +163,8 @@ def walls_forgotten(sim, at, a):
 
 
 def centre_astray(sim, at, a):
-    a.event_float[7 * at.EVENT + at.CENTRE] += 2.5 * a.number[at.SHELL]  # now it is outside of its shell
+    far = 2.5 * a.number[at.DISPLACEMENT_THRESHOLD]  # now it is beyond its threshold
+    a.event_float[7 * at.EVENT + at.REFERENCE] += far
 
 
 def pending(sim, at, a):
@@ -174,11 +175,11 @@ def pending(sim, at, a):
 
 def contacts_forgotten(sim, at, a):
     a.buckets[:] = -1
-    a.counter[at.AGENDA_LENGTH] = 0
+    a.counter[at.HEAP_LENGTH] = 0
 
 
 def contact_one_rounding_late(sim, at, a):
-    when = a.candidates[: int(a.counter[at.CANDIDATES]) * at.CANDIDATE : at.CANDIDATE].view(np.float64)
+    when = a.contacts[: int(a.counter[at.CONTACTS]) * at.CONTACT : at.CONTACT].view(np.float64)
     when[:] = np.nextafter(when, np.inf)
 
 
@@ -256,14 +257,14 @@ def test_a_box_of_a_hundred_million_diameters():
     [
         ("lists", "LIST_ROOM", 16),
         ("lists", "CELL_ROOM", 16),
-        ("lists", "AGENDA_ROOM", 1),
-        ("lists", "chunks", 1),
-        ("windows", "LINE_ROOM", 1),
-        ("windows", "NODE_ROOM", 1),
-        ("windows", "CANDIDATE_ROOM", 1),
+        ("lists", "HEAP_ROOM", 1),
+        ("lists", "blocks", 1),
+        ("windows", "SEGMENT_ROOM", 1),
+        ("windows", "OVERFLOW_ROOM", 1),
+        ("windows", "CONTACT_ROOM", 1),
         ("windows", "NEAR_ROOM", 1),
-        ("windows", "AGENDA_ROOM", 1),
-        ("windows", "chunks", 1),
+        ("windows", "HEAP_ROOM", 1),
+        ("windows", "blocks", 1),
     ],
 )
 def test_any_room_may_run_out(search, room, least, monkeypatch):
@@ -273,17 +274,17 @@ def test_any_room_may_run_out(search, room, least, monkeypatch):
     scene = gas("3d", 500, 0.2, seed=5)
     usual, sim = (hs.Simulation(scene, search=search) for _ in range(2))
     at, engine = sim._at, sim._engine
-    if room == "chunks":
-        engine.chunks = least
+    if room == "blocks":
+        engine.blocks = least
     else:
         engine.arrays.counter[getattr(at, room)] = least
-    engine.arrays = engine.arrays._replace(**engine._searching_arrays(engine.arrays.counter, engine.chunks))
+    engine.arrays = engine.arrays._replace(**engine._searching_arrays(engine.arrays.counter, engine.blocks))
     for each in (usual, sim):
         each.run(collisions=1500)
         each.check()
     assert state(sim) == state(usual)
-    if room != "NODE_ROOM":  # where this runs out a new search clears it
-        assert (engine.chunks if room == "chunks" else engine.arrays.counter[getattr(at, room)]) > least
+    if room != "OVERFLOW_ROOM":  # where this runs out a new search clears it
+        assert (engine.blocks if room == "blocks" else engine.arrays.counter[getattr(at, room)]) > least
 
 
 # Counters past 2^32, by presetting them.
@@ -295,9 +296,9 @@ def test_clock_and_counters_past_2_to_the_32(search, tmp_path):
     fresh, old = (hs.Simulation(scene, search=search) for _ in range(2))
     at, count, total = old._at, old._engine.arrays.counter, 2**40 + 7
     old._engine.now = total, 0.0
-    for name in ("EPOCH", "PAIRS", "WALL_HITS", "STALE", "RENEWALS", "LATE", "LAST_PAIR_EPOCH"):
+    for name in ("EPOCH", "PAIRS", "WALL_HITS", "STALE", "REBUILDS", "OUT_OF_ORDER", "LAST_PAIR_EPOCH"):
         count[getattr(at, name)] = total
-    old._engine.arrays.turns[:] = total
+    old._engine.arrays.image_counts[:] = total
     old.reset_tallies()
     for sim in (fresh, old):
         sim.run(collisions=800)
@@ -310,7 +311,7 @@ def test_clock_and_counters_past_2_to_the_32(search, tmp_path):
     assert old.tallies.collisions == fresh.tallies.collisions
     assert np.array_equal(old.tallies.virial, fresh.tallies.virial)
     assert old.tallies.time == fresh.tallies.time
-    turns = [sim._engine.arrays.turns for sim in (old, fresh)]
+    turns = [sim._engine.arrays.image_counts for sim in (old, fresh)]
     assert np.array_equal(turns[0] - total, turns[1])
     old.save(tmp_path / "old")
     loaded = hs.Simulation.load(tmp_path / "old", search=search)
@@ -335,9 +336,9 @@ def test_buckets_past_2_to_the_32():
     engine._afresh = True
     engine.run(int(count[at.EPOCH]), -1.0, 0, 0)  # the search alone, from bucket 0
     engine._afresh = False
-    year = int(count[at.BUCKETS])
-    # As if it had turned every page up to the last event.
-    count[at.BUCKET] = int(number[at.NOW] * number[at.INVERSE_WIDTH]) // year * year - 1
+    cycle = int(count[at.BUCKETS])
+    # As if it had opened every bucket up to the last event.
+    count[at.BUCKET] = int(number[at.NOW] * number[at.INVERSE_WIDTH]) // cycle * cycle - 1
     for each in (sim, usual):
         each.run(collisions=3)
     assert count[at.BUCKET] > 2**32

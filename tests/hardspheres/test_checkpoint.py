@@ -106,7 +106,7 @@ def test_whatever_is_lost_is_missed(path, lost, monkeypatch):
     sim = hs.Simulation.load(path)
     at = sim._at
     if lost == "numbers":
-        assert sim._engine.arrays.number[at.STANDSTILL] == -sim._engine.length
+        assert sim._engine.arrays.number[at.LAST_ADVANCE] == -sim._engine.length
     else:
         assert everything(sim) != expected
 
@@ -339,7 +339,7 @@ def test_flights_and_the_log_go_on(tmp_path):
 
 @pytest.mark.parametrize(
     ("slot", "value"),
-    [("KIND", 1.0), ("KIND", -5.0), ("BEGAN", -1.0), ("BEGAN_EPOCH", 1e9), ("BEGAN_EPOCH", 0.5)],
+    [("SPECIES", 1.0), ("SPECIES", -5.0), ("BEGAN", -1.0), ("BEGAN_EPOCH", 1e9), ("BEGAN_EPOCH", 0.5)],
 )
 def test_impossible_flights_are_refused(tmp_path, slot, value):
     sim = hs.Simulation(gas("3d", 300, 0.1, seed=5), free_paths=True)
@@ -353,7 +353,7 @@ def test_a_refused_checkpoint_leaves_an_older_log_alone(tmp_path):
     """Control: a sound one begins the log anew."""
     sim = hs.Simulation(gas("3d", 300, 0.1, seed=5), free_paths=True)
     sim.save(tmp_path / "sound")
-    sim._engine.arrays.flight[sim._at.KIND] = 1.0
+    sim._engine.arrays.flight[sim._at.SPECIES] = 1.0
     sim.save(tmp_path / "crafted")
     log = tmp_path / "log.npy"
     log.write_bytes(b"mine")

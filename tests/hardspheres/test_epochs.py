@@ -194,7 +194,7 @@ def test_a_time_stays_the_same_time(epoch, share, power):
 def test_time_that_cannot_be_counted_any_more_is_refused():
     sim = hs.Simulation(cold("3d_mixture"))
     at, arrays = sim._at, sim._engine.arrays
-    arrays.number[at.MEAN_SQUARE] = 2.0**20 * arrays.number[at.HASTE]
+    arrays.number[at.MEAN_SQUARE] = 2.0**20 * arrays.number[at.UPPER_MEAN_SQUARE]
     arrays.counter[at.EPOCH] = 2**60
     with pytest.raises(hs.SimulationError, match="no longer be counted"):
         sim.run(collisions=1)

@@ -128,7 +128,7 @@ def test_an_edit_anywhere_in_the_kernels_makes_a_new_cache(tmp_path):
     shutil.copytree(Path(hs.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__"))
     program = "import json, hardspheres.kernel_cache as c; print(json.dumps([c.__file__, str(c.cache_folder('3d'))]))"
     folders = set()
-    for edited in (None, "kernel/events.py", "kernel/flags.py", "collision.py", "growth.py"):
+    for edited in (None, "kernel/common/particles.py", "kernel/flags.py", "collision.py", "growth.py"):
         if edited:
             with open(copy / edited, "a", encoding="utf-8") as file:
                 file.write("# an edit\n")

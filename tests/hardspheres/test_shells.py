@@ -18,31 +18,31 @@ SHELL = 0.125
 
 @pytest.fixture(params=["3d", "2d"])
 def kernel(request, monkeypatch):
-    """`shell_exit` as plain Python, and the names of its slots."""
+    """`threshold_crossing` as plain Python, and the names of its slots."""
     loop = hs.Simulation(gas(request.param, 20, {"3d": 0.4, "2d": 0.5}[request.param]))._engine.kernels
-    module = sys.modules[loop.__name__.rpartition(".")[0] + ".prediction"]
+    module = sys.modules[loop.__name__.rpartition(".")[0] + ".dense.prediction"]
     for name in ("discriminant_2d", "discriminant_3d"):
         monkeypatch.setattr(module, name, getattr(collision, name))
-    return getattr(module.shell_exit, "py_func", module.shell_exit), loop.layout
+    return getattr(module.threshold_crossing, "py_func", module.threshold_crossing), loop.layout
 
 
 def off(kernel, distance, offset, rng, cancelling=False):
     """By how many shells the place at the predicted end misses the shell; it flies there from `distance` shells away."""
-    shell_exit, at = kernel
+    threshold_crossing, at = kernel
     along, across = np.linalg.qr(rng.normal(size=(at.DIM, at.DIM)))[0][:2]
     v = 1.37 * along
     centre = rng.normal(size=at.DIM)
     row, event, number = np.zeros(at.ROW), np.zeros(at.EVENT), np.zeros(at.NUMBERS)
     row[at.X : at.X + at.DIM] = centre + SHELL * (offset * across - distance * along)
     row[at.V : at.V + at.DIM] = v
-    event[at.CENTRE : at.CENTRE + at.DIM] = centre
-    number[at.SHELL] = SHELL
+    event[at.REFERENCE : at.REFERENCE + at.DIM] = centre
+    number[at.DISPLACEMENT_THRESHOLD] = SHELL
     u = row[at.X : at.X + at.DIM] - centre
     if cancelling:
         b, vv = u @ v, v @ v
         time = (math.sqrt(max(b * b - vv * (u @ u - SHELL * SHELL), 0.0)) - b) / vv
     else:
-        time = shell_exit(SimpleNamespace(row=row, event_float=event, number=number), 0)
+        time = threshold_crossing(SimpleNamespace(row=row, event_float=event, number=number), 0)
     with mpmath.workdps(50):
         end = [
             mpmath.mpf(x) + mpmath.mpf(w) * mpmath.mpf(time)

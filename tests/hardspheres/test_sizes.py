@@ -80,10 +80,10 @@ def test_too_little_room_changes_nothing(scene, expected):
     """Room for fewer new lines than there are large particles, and for few pairs of lines."""
     sim = hs.Simulation(scene)
     e, at = sim._engine, sim._at
-    e.arrays.counter[at.NODE_ROOM], e.arrays.counter[at.NEAR_ROOM] = 3, 1
-    e.arrays = e.arrays._replace(**e._searching_arrays(e.arrays.counter, e.chunks))
+    e.arrays.counter[at.OVERFLOW_ROOM], e.arrays.counter[at.NEAR_ROOM] = 3, 1
+    e.arrays = e.arrays._replace(**e._searching_arrays(e.arrays.counter, e.blocks))
     sim.run(collisions=COLLISIONS)
-    assert e.arrays.counter[at.NODE_ROOM] >= 15
+    assert e.arrays.counter[at.OVERFLOW_ROOM] >= 15
     assert state(sim) == expected
 
 

@@ -1,10 +1,10 @@
-"""Which centres are within reach, eight in one step.
+"""The cutoff test: which particles of a table are within the cutoff, eight in one step.
 
-LLVM turns a loop over eight lanes into eight scalar steps before it could make vectors of them, so here the vectors are
-written down. What is found goes into lists only, never into the trajectory.
+LLVM turns a loop over eight lanes into eight scalar steps before it could make vectors of them, so the
+vectors are written down here. What is found goes into lists only, never into the trajectory.
 
-Both functions work on columns that are `stride` apart: ids, places, and radii where they differ. Ids are integers in the same
-memory as the floats.
+Both functions work on columns that are `stride` apart: ids, positions, and radii where they differ. Ids are
+integers in the same memory as the floats.
 """
 
 import numba
@@ -13,17 +13,17 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from .compiler import CHECKED, PURE_PYTHON
-from .flags import DIM, SIZES
-from .layout import CELL_COLUMNS, CELL_LANES
+from ..flags import DIM, SIZES
+from ..layout import CELL_COLUMNS, CELL_LANES
+from ..simd.jit import CHECKED, PURE_PYTHON
 
 if PURE_PYTHON or CHECKED:
 
     @numba.njit
-    def keep_within(target, kept, ids, table, k, stride, count, me, x, y, z, reach):
-        """Append to the target the ids of those of eight lines that are within reach; returns how many."""
+    def cutoff_test(target, kept, ids, table, k, stride, count, me, x, y, z, cutoff):
+        """Append to the target the ids of those of eight particles within the cutoff; returns how many."""
         found = 0
-        limit = reach
+        limit = cutoff
         for line in range(k, k + min(count, CELL_LANES)):
             dx = x - table[line + stride]
             dy = y - table[line + 2 * stride]
@@ -32,15 +32,15 @@ if PURE_PYTHON or CHECKED:
                 dz = z - table[line + 3 * stride]
                 rr += dz * dz
             if SIZES:
-                limit = reach + table[line + (1 + DIM) * stride]
+                limit = cutoff + table[line + (1 + DIM) * stride]
             if rr < limit * limit and ids[line] != me:
                 target[kept + found] = ids[line]
                 found += 1
         return found
 
     @numba.njit
-    def copy_lines(target_ids, target, m, wide, ids, table, k, stride, x, y, z):
-        """Copy eight lines to a table with columns `wide` apart, as seen from a corner that is (x, y, z) away."""
+    def copy_columns(target_ids, target, m, wide, ids, table, k, stride, x, y, z):
+        """Copy eight particles to columns `wide` apart, seen from a corner that is (x, y, z) away."""
         for lane in range(CELL_LANES):
             target_ids[m + lane] = ids[k + lane]
             target[m + lane + wide] = table[k + lane + stride] + x
@@ -69,21 +69,21 @@ else:
         return builder.shuffle_vector(one, one, ir.Constant(SHORTS, [0] * CELL_LANES))
 
     @intrinsic
-    def keep_within(typingctx, target, kept, ids, table, k, stride, count, me, x, y, z, reach):
-        """Append to the target the ids of those of eight lines that are within reach; returns how many.
+    def cutoff_test(typingctx, target, kept, ids, table, k, stride, count, me, x, y, z, cutoff):
+        """Append to the target the ids of those of eight particles within the cutoff; returns how many.
 
-        Lines from `count` on, and `me`, are passed over. Whatever stands in the eight elements of the target is lost.
+        Particles from `count` on, and `me`, are passed over. Eight elements of the target are overwritten.
         """
 
         def codegen(context, builder, signature, args):
-            target, kept, ids, table, k, stride, count, me, x, y, z, reach = args
+            target, kept, ids, table, k, stride, count, me, x, y, z, cutoff = args
             rr = None
             for c, place in enumerate((x, y, z)[:DIM], 1):
                 there = builder.load(column(builder, table, k, stride, c), align=4)
                 off = builder.fsub(everywhere(builder, place, FLOATS), there)
                 square = builder.fmul(off, off)
                 rr = builder.fadd(rr, square) if rr else square
-            limit = everywhere(builder, reach, FLOATS)
+            limit = everywhere(builder, cutoff, FLOATS)
             if SIZES:
                 radii = builder.load(column(builder, table, k, stride, 1 + DIM), align=4)
                 limit = builder.fadd(limit, radii)
@@ -105,8 +105,8 @@ else:
         return types.int64(IDS, types.int64, IDS, TABLE, *integers, *floats), codegen
 
     @intrinsic
-    def copy_lines(typingctx, target_ids, target, m, wide, ids, table, k, stride, x, y, z):
-        """Copy eight lines to a table with columns `wide` apart, as seen from a corner that is (x, y, z) away."""
+    def copy_columns(typingctx, target_ids, target, m, wide, ids, table, k, stride, x, y, z):
+        """Copy eight particles to columns `wide` apart, seen from a corner that is (x, y, z) away."""
 
         def codegen(context, builder, signature, args):
             target_ids, target, m, wide, ids, table, k, stride, *corner = args

@@ -1,8 +1,7 @@
 """What each event adds to the sums: virial, kinetic stress, wall impulses."""
 
-from .compiler import jit
-from .flags import DIM
-from .layout import (
+from ..flags import DIM
+from ..layout import (
     EPOCH,
     LEDGER,
     STRESS,
@@ -12,11 +11,12 @@ from .layout import (
     WALL_IMPULSE,
     WALL_RADIUS_IMPULSE,
 )
+from ..simd.jit import jit
 
 
 @jit
 def tally_stress(s, k, change, t):
-    """Add a change of component k of sum m v_a v_b at time t; its time integral is the kinetic part of the pressure."""
+    """Add a change, at time t, of component k of sum m v_a v_b, the kinetic part of the pressure."""
     s.total[STRESS + k] += change
     s.total[STRESS_MOMENT + k] += change * t
     s.total[STRESS_EPOCHS + k] += change * s.counter[EPOCH]
@@ -24,7 +24,7 @@ def tally_stress(s, k, change, t):
 
 @jit
 def tally_pair(s, push, t, x, y, z, u, v, w, scale):
-    """Add a pair collision that gave the first push (x, y, z), scale (x, y, z) apart; (u, v, w): old and new v_ij added."""
+    """Add a collision with impulse push (x, y, z), scale (x, y, z) apart; (u, v, w): old plus new v_ij."""
     s.total[VIRIAL] += scale * push * x * x
     s.total[VIRIAL + 1] += scale * push * y * y
     s.total[VIRIAL + 3] += scale * push * x * y

@@ -1,139 +1,28 @@
-"""How kernels are compiled: strict arithmetic and raw pointers; `hardspheres.kernel_cache` says where they are kept on disk.
-
-Two variables of the environment, Numba's own, give kernels for examination. ``NUMBA_DISABLE_JIT=1`` runs the same source as plain
-Python, on arrays in place of pointers. ``NUMBA_BOUNDSCHECK=1`` also has arrays in place of pointers, and every access checked: in
-plain Python negative indices are refused too; compiled (which then takes minutes and is never cached) only those beyond an end.
-"""
-
-import struct
-from typing import Any
+"""Vector instructions that LLVM does not find by itself, each with its equivalent in plain Python."""
 
 import numba
-import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-AT_ONCE = 16  # bounds that `keep_overlapping` compares
+from .jit import CHECKED, PURE_PYTHON
+
+AT_ONCE = 16  # bounding boxes that `keep_overlapping` compares
 MOST = 2**31 - 1  # the largest int32
-
-config: Any = numba.config
-PURE_PYTHON = bool(config.DISABLE_JIT)
-CHECKED = bool(config.BOUNDSCHECK)
-
-
-class Guarded:
-    """An array that refuses every index outside of it, where NumPy would count negative ones from its end."""
-
-    __slots__ = ("array",)
-
-    def __init__(self, array):
-        self.array = array
-
-    def _inside(self, k):
-        if not 0 <= k < len(self.array):
-            raise IndexError(f"index {k} is outside of an array of {len(self.array)}")
-        return k
-
-    def __getitem__(self, k):
-        return self.array[self._inside(k)]
-
-    def __setitem__(self, k, value):
-        self.array[self._inside(k)] = value
-
-
-# `int` leaves numbers of 32 bits as they are, and a 0 a constant: a function is then compiled once more for each mix of them.
-whole: Any = int if PURE_PYTHON else np.int64
-
-if PURE_PYTHON:
-
-    def pointer(array):
-        """In plain Python an array is its own pointer."""
-        return Guarded(array) if CHECKED else array
-
-    def prefetch(array, k):
-        """In plain Python: nothing."""
-
-    def bits(x):
-        """Return the bits of a float64 as int64."""
-        return struct.unpack("q", struct.pack("d", x))[0]
-
-    def from_bits(k):
-        """Return the float64 that has these bits."""
-        return struct.unpack("d", struct.pack("q", k))[0]
-
-else:
-
-    @intrinsic
-    def pointer(typingctx, array):
-        """Return a raw pointer to the data of a contiguous array.
-
-        Passing arrays between jitted functions counts references atomically, which costs a hard-sphere loop most of its
-        speed. `p[i]` and `p[i] = x` work on the pointer as on the array, with no reference count, stride or wrap-around.
-        The caller keeps the array alive.
-        """
-
-        def codegen(context, builder, signature, args):
-            return context.make_array(signature.args[0])(context, builder, args[0]).data
-
-        return types.CPointer(array.dtype)(array), codegen
-
-    @intrinsic
-    def prefetch(typingctx, pointer, k):
-        """Bring the cache line of pointer[k] nearer; any k will do, it is never read."""
-
-        def codegen(context, builder, signature, args):
-            byte, word = ir.IntType(8).as_pointer(), ir.IntType(32)
-            where = builder.bitcast(builder.gep(args[0], [args[1]]), byte)
-            kind = ir.FunctionType(ir.VoidType(), [byte, word, word, word])
-            hint = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
-            builder.call(hint, [where, word(0), word(3), word(1)])
-            return context.get_dummy_value()
-
-        return types.none(pointer, types.int64), codegen
-
-    if CHECKED:
-
-        @numba.njit
-        def pointer(array):
-            """With checks an array is its own pointer."""
-            return array
-
-        @numba.njit
-        def prefetch(array, k):
-            """With checks: nothing."""
-
-    @intrinsic
-    def bits(typingctx, x):
-        """Return the bits of a float64 as int64."""
-
-        def codegen(context, builder, signature, args):
-            return builder.bitcast(args[0], context.get_value_type(types.int64))
-
-        return types.int64(types.float64), codegen
-
-    @intrinsic
-    def from_bits(typingctx, k):
-        """Return the float64 that has these bits."""
-
-        def codegen(context, builder, signature, args):
-            return builder.bitcast(args[0], context.get_value_type(types.float64))
-
-        return types.float64(types.int64), codegen
 
 
 if PURE_PYTHON or CHECKED:
 
     @numba.njit
-    def turn_rows(target, k, stride, source, ids, entry):
+    def gather_transposed(target, k, stride, source, ids, entry):
         """Copy 8 rows of 8 numbers to 8 columns, one by one."""
         for line in range(8):
             for column in range(8):
                 target[column * stride + k + line] = source[8 * ids[entry + line] + column]
 
     @numba.njit
-    def turn_columns(target, k, source, m):
+    def store_transposed(target, k, source, m):
         """Copy 8 columns of 8 numbers to 8 rows in single precision, one by one."""
         for line in range(8):
             for column in range(8):
@@ -141,7 +30,7 @@ if PURE_PYTHON or CHECKED:
 
     @numba.njit
     def least_of_equal(keys, m, values, k, wanted):
-        """Return the least of 8 keys, of those whose value is the one wanted; the largest int32 where none is."""
+        """Return the least of those of 8 keys whose value is the one wanted; the largest int32 if none."""
         least = MOST
         for lane in range(8):
             if values[k + lane] == wanted:
@@ -156,7 +45,7 @@ if PURE_PYTHON or CHECKED:
 
     @numba.njit
     def keep_overlapping(kept, to, m, word, own, those, first, last, shift):
-        """Append to `kept` which of those from `first` to `last`, at most 16, have bounds that overlap `word`, and `own` to `to`; returns how many there are."""
+        """Append which from `first` to `last`, at most 16, have boxes that overlap `word`, and `own`."""
         for j in range(first, min(first + AT_ONCE, last)):
             overlap = True
             for lane in range(6):
@@ -168,7 +57,7 @@ if PURE_PYTHON or CHECKED:
 
     @numba.njit
     def keep_marked(kept, m, first, last, marks):
-        """Append to `kept` the numbers from `first` to `last`, at most 8, that have a bit in `marks`; returns how many there are."""
+        """Append to `kept` the numbers from `first` to `last`, at most 8, that have a bit in `marks`."""
         for lane in range(min(8, last - first)):
             kept[m] = first + lane
             m += (marks >> lane) & 1
@@ -180,7 +69,7 @@ else:
         return ir.Constant(ir.VectorType(element, len(numbers)), numbers)
 
     def _turned(builder, lines):
-        """Turn a square of 8 vectors of 8: in three steps, each of which exchanges halves of pairs of vectors."""
+        """Transpose 8 vectors of 8: in three steps, each of which exchanges halves of pairs of vectors."""
         for step in (1, 2, 4):
             low = [j if j & step == 0 else j - step + 8 for j in range(8)]
             high = [j + step if j & step == 0 else j + 8 for j in range(8)]
@@ -192,7 +81,7 @@ else:
         return lines
 
     @intrinsic
-    def turn_columns(typingctx, target, k, source, m):
+    def store_transposed(typingctx, target, k, source, m):
         """Copy 8 columns of 8 float64, one behind the other, to 8 rows of 8 float32, turned in registers."""
 
         def codegen(context, builder, signature, args):
@@ -211,8 +100,8 @@ else:
         return types.none(target, types.int64, source, types.int64), codegen
 
     @intrinsic
-    def turn_rows(typingctx, target, k, stride, source, ids, entry):
-        """Copy 8 rows of 8 numbers, those that `ids` names from `entry` on, to 8 columns that are `stride` apart.
+    def gather_transposed(typingctx, target, k, stride, source, ids, entry):
+        """Copy 8 rows of 8 numbers, which `ids` names from `entry` on, to 8 columns `stride` apart.
 
         The square is turned in registers.
         """
@@ -239,7 +128,7 @@ else:
 
     @intrinsic
     def least_of_equal(typingctx, keys, m, values, k, wanted):
-        """Return the least of 8 keys, of those whose value is the one wanted; the largest int32 where none is."""
+        """Return the least of those of 8 keys whose value is the one wanted; the largest int32 if none."""
 
         def codegen(context, builder, signature, args):
             keys, m, values, k, wanted = args
@@ -281,7 +170,7 @@ else:
         return builder.call(cgutils.get_or_insert_function(builder.module, kind, name), values)
 
     def _append(builder, array, m, first, last, chosen):
-        """Store first, first + 1, ... as far as they are below last and chosen; returns how many there are."""
+        """Store those of first, first + 1, ... that are below last and chosen; returns how many."""
         lanes, word, long = chosen.type.count, ir.IntType(32), ir.IntType(64)
         numbers = builder.add(
             _spread(builder, builder.trunc(first, word), lanes), _constant(word, list(range(lanes)))
@@ -296,9 +185,10 @@ else:
 
     @intrinsic
     def keep_overlapping(typingctx, kept, to, m, word, own, those, first, last, shift):
-        """Append to `kept` which of those from `first` to `last`, at most 16, have bounds that overlap `word`, and `own` to `to`; returns how many there are.
+        """Append which from `first` to `last`, at most 16, have boxes that overlap `word`, and `own`.
 
-        Bounds are 6 bytes, see `lines`; `shift` is that of the image in which `word` is seen. No branch depends on it.
+        Returns how many `kept` has. Boxes are 6 bytes, see `layout`; `shift` is that of the image in which
+        `word` is seen. No branch depends on it.
         """
 
         def codegen(context, builder, signature, args):
@@ -325,7 +215,7 @@ else:
 
     @intrinsic
     def keep_marked(typingctx, kept, m, first, last, marks):
-        """Append to `kept` the numbers from `first` to `last`, at most 8, that have a bit in `marks`; returns how many there are."""
+        """Append to `kept` the numbers from `first` to `last`, at most 8, that have a bit in `marks`."""
 
         def codegen(context, builder, signature, args):
             kept, m, first, last, marks = args
@@ -334,36 +224,3 @@ else:
 
         integer = types.int64
         return integer(kept, integer, integer, integer, integer), codegen
-
-
-def jit(function):
-    """Compile a part of a kernel into its callers: handing the record of pointers over costs more than most functions.
-
-    Strict IEEE arithmetic, x/0 as in NumPy (checks would stop vectorisation).
-    """
-    return numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, forceinline=True)(
-        function
-    )
-
-
-def rough(function):
-    """As `jit` for what never enters the trajectory: products and sums may be fused, so their rounding depends on the machine."""
-    return numba.njit(
-        error_model="numpy",
-        fastmath={"contract"},
-        no_cpython_wrapper=True,
-        no_cfunc_wrapper=True,
-        forceinline=True,
-    )(function)
-
-
-def part(function):
-    """Compile a large part that is called rarely as a function of its own: it saves compilation time."""
-    return numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
-
-
-def entry(function):
-    """Compile a function that Python calls: cached on disk, and without the interpreter's lock."""
-    return numba.njit(error_model="numpy", cache=not PURE_PYTHON and bool(config.CACHE_DIR), nogil=True)(
-        function
-    )

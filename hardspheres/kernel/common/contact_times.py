@@ -1,33 +1,29 @@
-"""When does a particle meet its next partner? All neighbours at once, without branches."""
+"""Contact times: a pure function of two rows and the periodic image; many pairs at once, without branches."""
 
 import math
 
 from hardspheres import collision, growth
 
-from .compiler import bits, from_bits, jit, least_of_equal, turn_rows
-from .flags import DIM, GROWS, SIZES, WALLS
-from .layout import (
+from ..flags import DIM, GROWS, SIZES
+from ..layout import (
     BOX,
-    CENTRE,
-    CORE,
-    EVENT,
+    COMMON_RADIUS,
     GROWTH,
     IMAGES,
     INVERSE,
     LANES,
-    LIST_ROOM,
     NOTHING,
     RADIUS,
-    RENEW,
     ROW,
     SCALE,
-    SHELL,
     SIGMA2,
     N,
     T,
     V,
     X,
 )
+from ..simd.jit import jit
+from ..simd.pointers import bits, from_bits
 
 contact_time = jit(collision.contact_time)
 discriminant_2d = jit(collision.discriminant_2d)
@@ -39,7 +35,7 @@ NEVER = math.inf
 NO_TIME = 0x7FF0000000000000  # the bits of infinity: non-negative times order as their bits do
 NO_PARTICLE = 0x7FFFFFFF
 
-# Columns of the table that the prediction works on: a partner's row as it is, the contact time found.
+# Columns of the table of partners: their rows as they are, and the contact times found.
 PLACE = X * LANES
 VEL = V * LANES
 SINCE = T * LANES
@@ -49,7 +45,7 @@ SHIFT = 9 * LANES
 
 
 @jit
-def lay_out(s, k, j):
+def copy_row(s, k, j):
     """Copy the row of j to line k of the table."""
     rj = j * ROW
     for d in range(DIM):
@@ -61,23 +57,12 @@ def lay_out(s, k, j):
 
 
 @jit
-def gather(s, i, first):
-    """Lay out some of i's neighbours, and the images that the list names, if it does."""
-    entry = i * s.counter[LIST_ROOM] + first
-    for k in range(0, LANES, ROW):
-        turn_rows(s.scratch, k, LANES, s.row, s.neighbours, entry + k)
-    if s.counter[IMAGES]:
-        for k in range(LANES):
-            for d in range(DIM):
-                s.scratch[SHIFT + d * LANES + k] = s.images[(entry + k) * DIM + d]
-
-
-@jit
 def solve(s, i, now, m):
     """Contact time of i with each line of the table, and the soonest; the loop is vectorised.
 
-    The periodic image is the nearest one at `now`; separation and velocity are then taken at the later local time, so that the
-    result depends on nothing but the two rows and the image. Where lists name the image, and on wall axes, INVERSE is 0 here.
+    The periodic image is the nearest one at `now`; separation and velocity are then taken at the later local
+    time, so that the result depends on nothing but the two rows and the image. Where lists store the image,
+    and on wall axes, INVERSE is 0 here.
     """
     scratch, row = s.scratch, s.row
     ri = i * ROW
@@ -89,7 +74,7 @@ def solve(s, i, now, m):
     named = s.counter[IMAGES] == 1
     sigma2 = s.number[SIGMA2]
     radius = row[ri + RADIUS]
-    full = 2.0 * s.number[CORE]
+    full = 2.0 * s.number[COMMON_RADIUS]
     scale, rate = s.number[SCALE], s.number[GROWTH]
     soonest = NO_TIME
     for k in range(m):
@@ -144,7 +129,7 @@ def full_contact(s, i, j):
     """Contact distance of i and j where the scale is 1."""
     if SIZES:
         return s.row[i * ROW + RADIUS] + s.row[j * ROW + RADIUS]
-    return 2.0 * s.number[CORE]
+    return 2.0 * s.number[COMMON_RADIUS]
 
 
 @jit
@@ -154,37 +139,13 @@ def rint(x):
 
 
 @jit
-def earliest_contact(s, i, now):
-    """Time and partner of i's earliest contact with a neighbour; equal times: the lower partner."""
-    room = s.counter[LIST_ROOM]
-    best = NO_TIME
-    partner = NO_PARTICLE
-    first = 0
-    while True:
-        gather(s, i, first)
-        soonest = solve(s, i, now, LANES)
-        if soonest < best or (soonest == best and soonest < NO_TIME):
-            if soonest < best:
-                partner = NO_PARTICLE
-            best = soonest
-            for k in range(0, LANES, ROW):
-                entry = i * room + first + k
-                least = least_of_equal(s.neighbours, entry, s.scratch_int, WHEN + k, soonest)
-                partner = min(partner, least)
-        first += LANES
-        if first == room or s.neighbours[i * room + first - 1] == s.counter[N]:
-            break
-    return from_bits(best), partner
-
-
-@jit
 def wall_contact(s, i):
     """Time and wall (n + 2 axis + side) of i's next wall; never, where no wall lies ahead."""
     row = s.row
     ri = i * ROW
     time = NEVER
     wall = NOTHING
-    radius = row[ri + RADIUS] if SIZES else s.number[CORE]
+    radius = row[ri + RADIUS] if SIZES else s.number[COMMON_RADIUS]
     for d in range(DIM):
         v = row[ri + V + d]
         lower, upper = row[ri + X + d] - radius, (s.number[BOX + d] - radius) - row[ri + X + d]
@@ -197,11 +158,11 @@ def wall_contact(s, i):
 
 @jit
 def growing_wall_contact(s, i):
-    """As `wall_contact` for a sphere that grows: it may meet the wall that it flies away from."""
+    """As `wall_contact` for a sphere that grows: it may touch the wall that it flies away from."""
     ri = i * ROW
     time = NEVER
     wall = NOTHING
-    full = s.row[ri + RADIUS] if SIZES else s.number[CORE]
+    full = s.row[ri + RADIUS] if SIZES else s.number[COMMON_RADIUS]
     radius = full * (s.number[SCALE] + s.number[GROWTH] * s.row[ri + T])
     for d in range(DIM):
         if s.number[INVERSE + d] == 0.0:
@@ -218,48 +179,7 @@ def growing_wall_contact(s, i):
 
 
 @jit
-def shell_exit(s, i):
-    """Time at which i comes out of the shell around the centre of its neighbour list.
-
-    The row may have been written many shells before i came into this one. So, as for contacts, the discriminant is the one in which
-    nothing of the size of that distance cancels.
-    """
-    row = s.row
-    ri, centre = i * ROW, i * EVENT + CENTRE
-    x, y = row[ri + X] - s.event_float[centre], row[ri + X + 1] - s.event_float[centre + 1]
-    u, v = row[ri + V], row[ri + V + 1]
-    shell2 = s.number[SHELL] * s.number[SHELL]
-    if DIM == 3:
-        z, w = row[ri + X + 2] - s.event_float[centre + 2], row[ri + V + 2]
-        b, vv, rr = x * u + y * v + z * w, u * u + v * v + w * w, x * x + y * y + z * z
-        d = discriminant_3d(x, y, z, u, v, w, shell2)
-    else:
-        b, vv, rr = x * u + y * v, u * u + v * v, x * x + y * y
-        d = discriminant_2d(x, y, u, v, shell2)
-    root = math.sqrt(max(d, 0.0))
-    outwards = b > 0.0
-    time = (shell2 - rr if outwards else root - b) / (b + root if outwards else vv)
-    return row[ri + T] + time if vv > 0.0 else NEVER
-
-
-@jit
 def pair_contact(s, i, j, about):
     """Time of contact of one pair, in the image that is the nearest at about that time."""
-    lay_out(s, 0, j)
+    copy_row(s, 0, j)
     return from_bits(solve(s, i, about, 1))
-
-
-@jit
-def next_event(s, i, now):
-    """Time and partner of the next thing that happens to i: a contact, a wall, or a new neighbour list."""
-    time, partner = earliest_contact(s, i, now)
-    if WALLS:
-        t, wall = growing_wall_contact(s, i) if GROWS else wall_contact(s, i)
-        if t < time:
-            time, partner = t, wall
-    t = shell_exit(s, i)
-    if t <= time:
-        if t == NEVER:
-            return NEVER, NOTHING
-        return max(t, now), RENEW
-    return time, partner

@@ -1,22 +1,20 @@
-"""Large particles among many small ones, in the window method: cells sized by the small, and a second grid for the large.
+"""Large particles among many small ones: cells sized by the small, and a second, coarse grid for the large.
 
-With cells as wide as the largest diameter each small particle would meet hundreds of others at every comparison. So the cells
-hold the lines of the small particles only. A large one (radius above SMALL_RADIUS) is compared with all cells within its reach,
-and its line hangs in the one cell of a coarse grid that holds its middle. A small one looks, beside the cells around it, at the
-coarse cells within its own reach; they are few and mostly empty. Lines, filter and chains are those of `lines` and `chains`: the
-coarse cells' chains follow those of the cells.
+With cells as wide as the largest diameter each small particle would be compared with hundreds of others. So
+the cells hold the segments of the small particles only. A large one (radius above SMALL_RADIUS) is compared
+with all cells within its reach, and its segment is in the one cell of a coarse grid that holds its middle. A
+small one is compared with the cells around it, and with the coarse cells within its own reach, which are few
+and mostly empty. The coarse cells' overflow lists follow those of the cells.
 """
 
 import math
 
-from .chains import all_chains, chain_line, meet_chain, meet_chains, unchain
-from .compiler import jit
-from .drafts import column_at
-from .flags import DIM, SIZES
-from .layout import (
+from ..flags import DIM, SIZES
+from ..layout import (
     BOX,
     CELL_DENSITY,
     CELLS,
+    HALF_LENGTH,
     IMAGE,
     INVERSE,
     LARGE,
@@ -27,12 +25,14 @@ from .layout import (
     ROW,
     SAME,
     SMALL_RADIUS,
-    STRETCH,
     T,
     V,
     X,
 )
-from .lines import enter_pair
+from ..simd.jit import jit
+from .grid import column_at
+from .overflow import append_overflow, number_of_lists, pairs_in_list, pairs_in_lists, remove_overflow
+from .pair_table import enter_pair
 
 ROUNDED_UP = 1.001  # spans are this much wider than they must be
 
@@ -45,7 +45,7 @@ def is_large(s, i):
 
 @jit
 def span(s, i, t, d, reach, cells, density):
-    """First and last cell of a grid along axis d within reach of i at time t; on periodic axes they may lie beyond the box."""
+    """First and last cell along axis d within reach of i at time t, on periodic axes even beyond the box."""
     x = s.row[i * ROW + X + d] + s.row[i * ROW + V + d] * (t - s.row[i * ROW + T])
     inside = s.number[BOX + d] * math.floor(x * s.number[INVERSE + d])  # INVERSE is 0 between walls
     first = math.floor((x - inside - reach) * s.number[density + d])
@@ -58,7 +58,7 @@ def span(s, i, t, d, reach, cells, density):
 
 @jit
 def around(s, cell, d, grid):
-    """Index of a cell of a grid that may lie beyond the box's edge, -1 where there is none, and the image seen there."""
+    """Index of a cell that may lie beyond the box, -1 where there is none, and the image seen there."""
     cells = s.counter[grid + d]
     if 0 <= cell < cells:
         return cell, 0
@@ -70,9 +70,9 @@ def around(s, cell, d, grid):
 
 
 @jit
-def meet_small(s, m, i, new, t):
-    """Enter the pairs of a new line, of a large particle as registered at time t, and all small ones within reach; returns how many pairs there are."""
-    reach = (s.row[i * ROW + RADIUS] + s.number[SMALL_RADIUS] + 2.0 * s.number[STRETCH]) * ROUNDED_UP
+def pairs_with_small(s, m, i, new, t):
+    """Enter the pairs of a large particle's new segment and small ones within reach; returns how many."""
+    reach = (s.row[i * ROW + RADIUS] + s.number[SMALL_RADIUS] + 2.0 * s.number[HALF_LENGTH]) * ROUNDED_UP
     first_x, last_x = span(s, i, t, 0, reach, CELLS, CELL_DENSITY)
     first_y, last_y = span(s, i, t, 1, reach, CELLS, CELL_DENSITY)
     first_z, last_z = 0, 0
@@ -82,32 +82,32 @@ def meet_small(s, m, i, new, t):
         x, image_x = around(s, kx, 0, CELLS)
         for kz in range(first_z, last_z + 1):
             z, image_z = around(s, kz, 2, CELLS)
-            m = meet_along_y(s, m, new, column_at(s, x, z), first_y, last_y, SAME + image_x + image_z)
+            m = pairs_along_y(s, m, new, column_at(s, x, z), first_y, last_y, SAME + image_x + image_z)
     return m
 
 
 @jit
-def meet_along_y(s, m, new, column, first, last, code):
-    """Do so with the cells from `first` to `last` of a column, which may lie beyond the box, and with their chains."""
+def pairs_along_y(s, m, new, column, first, last, code):
+    """Enter the pairs with cells `first` to `last` of a column, even beyond the box, and their overflow."""
     ny = s.counter[CELLS + 1]
     cells = column * ny
     for turn in range(-1, 2):
         begin, end = max(first - turn * ny, 0), min(last - turn * ny, ny - 1)
         if begin <= end:
             image = code - turn * IMAGE[1]
-            # Bounds tell nothing of boxes that are wider than a cell.
+            # Bounding boxes in bytes cannot hold a segment wider than a cell.
             for slot in range(s.cell_count[cells + begin], s.cell_count[cells + end + 1]):
                 m = enter_pair(s, m, new, slot, image)
-            m = meet_chains(s, m, new, column, begin, end, image)
+            m = pairs_in_lists(s, m, new, column, begin, end, image)
     return m
 
 
 @jit
-def meet_large(s, m, i, new, t):
-    """Enter the pairs of a new line, as registered at time t, and the large particles within reach; returns how many pairs there are."""
+def pairs_with_large(s, m, i, new, t):
+    """Enter the pairs of a new segment and the large particles within reach; returns how many there are."""
     if s.counter[LARGE] == 0:
         return m
-    reach = (s.row[i * ROW + RADIUS] + s.number[LARGEST] + 2.0 * s.number[STRETCH]) * ROUNDED_UP
+    reach = (s.row[i * ROW + RADIUS] + s.number[LARGEST] + 2.0 * s.number[HALF_LENGTH]) * ROUNDED_UP
     first_x, last_x = span(s, i, t, 0, reach, LARGE_CELLS, LARGE_DENSITY)
     first_y, last_y = span(s, i, t, 1, reach, LARGE_CELLS, LARGE_DENSITY)
     first_z, last_z = 0, 0
@@ -119,14 +119,14 @@ def meet_large(s, m, i, new, t):
             y, image_y = around(s, ky, 1, LARGE_CELLS)
             for kz in range(first_z, last_z + 1):
                 z, image_z = around(s, kz, 2, LARGE_CELLS)
-                m = meet_chain(s, m, new, chain_of_large(s, x, y, z), SAME + image_x + image_y + image_z)
+                m = pairs_in_list(s, m, new, list_of_large(s, x, y, z), SAME + image_x + image_y + image_z)
     return m
 
 
 @jit
-def chain_of_large(s, x, y, z):
-    """Which chain holds the large particles of a coarse cell: they follow those of the cells."""
-    return all_chains(s) + (x * s.counter[LARGE_CELLS + 1] + y) * s.counter[LARGE_CELLS + 2] + z
+def list_of_large(s, x, y, z):
+    """Which overflow list holds the large particles of a coarse cell."""
+    return number_of_lists(s) + (x * s.counter[LARGE_CELLS + 1] + y) * s.counter[LARGE_CELLS + 2] + z
 
 
 @jit
@@ -137,18 +137,18 @@ def coarse_cell(s, i, t, d):
 
 
 @jit
-def chain_large(s, i, new, t, replaces):
-    """Hang a new line of a large particle, as registered at time t, in its coarse cell, perhaps in place of older ones."""
+def overflow_large(s, i, new, t, replaces):
+    """Register a large particle's new segment in its coarse cell, perhaps in place of older ones."""
     z = coarse_cell(s, i, t, 2) if DIM == 3 else 0
-    head = chain_of_large(s, coarse_cell(s, i, t, 0), coarse_cell(s, i, t, 1), z)
+    head = list_of_large(s, coarse_cell(s, i, t, 0), coarse_cell(s, i, t, 1), z)
     if replaces:
-        unchain(s, head, i)
-    chain_line(s, new, head)
+        remove_overflow(s, head, i)
+    append_overflow(s, new, head)
 
 
 @jit
 def clear_large(s):
     """Empty the coarse grid."""
-    first = chain_of_large(s, 0, 0, 0)
-    for head in range(first, chain_of_large(s, s.counter[LARGE_CELLS], 0, 0)):
-        s.chain_first[head] = -1
+    first = list_of_large(s, 0, 0, 0)
+    for head in range(first, list_of_large(s, s.counter[LARGE_CELLS], 0, 0)):
+        s.overflow_first[head] = -1

@@ -2,10 +2,8 @@
 
 import math
 
-from .compiler import jit
-from .flags import DIM
-from .flights import began_here, flown_for, speed_of
-from .layout import (
+from ..flags import DIM
+from ..layout import (
     EPOCH,
     EPOCH_LENGTH,
     LOG_FIRST,
@@ -17,6 +15,8 @@ from .layout import (
     LOG_TIME,
     LOGGED,
 )
+from ..simd.jit import jit
+from .flights import began_here, flown_for, speed_of
 
 
 @jit

@@ -4,20 +4,18 @@ import math
 
 from hardspheres import collision, growth
 
-from .compiler import bits, from_bits, jit, part
-from .flags import DIM, FLIGHTS, GROWS, MASSES, SIZES
-from .flights import end_flight, tally_encounter
-from .layout import (
+from ..flags import DIM, FLIGHTS, GROWS, MASSES, SIZES
+from ..layout import (
     BOX,
-    CORE,
+    COMMON_RADIUS,
     EPOCH,
     EPOCH_LENGTH,
     GROWTH,
-    HASTE,
     INVERSE,
+    LAST_ADVANCE,
     LAST_PAIR_EPOCH,
-    LEISURE,
     LOG_ROOM,
+    LOWER_MEAN_SQUARE,
     MASS,
     MEAN_SQUARE,
     NOW,
@@ -26,24 +24,28 @@ from .layout import (
     REDUCED,
     ROW,
     SCALE,
-    STANDSTILL,
+    UPPER_MEAN_SQUARE,
     WALL_HITS,
     N,
     T,
     V,
     X,
 )
+from ..simd.jit import called, jit
+from ..simd.pointers import bits, from_bits
+from .contact_times import full_contact, rint
+from .flights import end_flight, tally_encounter
 from .log import log_pair, log_wall
-from .prediction import full_contact, rint
 from .tallies import tally_pair, tally_stress, tally_wall
 
 impulse = jit(collision.impulse)
 impulse_of_masses = jit(collision.impulse_of_masses)
 rebound_from_wall = jit(growth.rebound_from_wall)
 
-# dp = -2 mu (b / r.r) r holds for r of any length. With diameters of 1, 2 or 1/2, r.r itself would scatter round a power of
-# two, where the spacing of doubles changes and the quotient's rounding prefers one side: energy would grow by 1e-17 a
-# collision, always. Three quarters of r keeps away from there; where it does not, r as it is does.
+# dp = -2 mu (b / r.r) r holds for r of any length. With diameters of 1, 2 or 1/2, r.r itself would scatter
+# round a power of two, where the spacing of doubles changes and the quotient's rounding prefers one side:
+# energy would grow by 1e-17 a collision, always. Three quarters of r keeps away from there; where it does
+# not, r as it is does.
 THREE_QUARTERS = 0.75
 AVOIDED = (
     4.0 / 3.0,
@@ -128,7 +130,7 @@ def collide_pair(s, i, j, t):
 
 @jit
 def nearest(s, d, separation):
-    """Separation along axis d of the nearest images; spheres in contact are nearest, as no box is under two diameters."""
+    """Separation along axis d of the nearest images; no box is under two diameters."""
     return separation - s.number[BOX + d] * rint(separation * s.number[INVERSE + d])
 
 
@@ -140,7 +142,7 @@ def hit_wall(s, i, wall, t):
     side = (wall - s.counter[N]) & 1
     ri = i * ROW
     mass = s.mass[i] if MASSES else s.number[MASS]
-    radius = s.row[ri + RADIUS] if SIZES else s.number[CORE]
+    radius = s.row[ri + RADIUS] if SIZES else s.number[COMMON_RADIUS]
     v = s.row[ri + V + axis]
     s.row[ri + V + axis] = -v
     tally_wall(s, axis, side, 2.0 * mass * abs(v), radius)
@@ -156,12 +158,13 @@ def hit_wall(s, i, wall, t):
     s.counter[WALL_HITS] += 1
 
 
-@part
+@called
 def begin_epoch(s):
     """At the end of an epoch every row flies there and back into the box, and its clock goes back to zero.
 
-    This is the one change of rows that no event makes. It happens at multiples of the epoch's length, which the scene
-    and the rows decide, so the trajectory depends on neither the search for neighbours nor on who looks at it.
+    This is the one change of rows that no event makes. It happens at multiples of the epoch's length, which
+    the scene and the rows decide, so the trajectory depends on neither the search for neighbours nor on who
+    looks at it.
     """
     length = s.number[EPOCH_LENGTH]
     for i in range(s.counter[N]):
@@ -170,15 +173,15 @@ def begin_epoch(s):
         s.row[ri + T] = 0.0
         for d in range(DIM):
             if s.number[INVERSE + d] > 0.0:
-                turns = math.floor(s.row[ri + X + d] * s.number[INVERSE + d])
-                shift = s.number[BOX + d] * turns
+                wraps = math.floor(s.row[ri + X + d] * s.number[INVERSE + d])
+                shift = s.number[BOX + d] * wraps
                 s.row[ri + X + d] -= shift
-                s.turns[i * DIM + d] += int(turns)
+                s.image_counts[i * DIM + d] += int(wraps)
     if GROWS:
         s.number[SCALE] += s.number[GROWTH] * length
     s.counter[EPOCH] += 1
     s.number[NOW] -= length
-    s.number[STANDSTILL] -= length
+    s.number[LAST_ADVANCE] -= length
     if MASSES and not GROWS:
         s.number[MEAN_SQUARE] = mean_square(s)
 
@@ -195,7 +198,9 @@ def mean_square(s):
 
 
 @jit
-def out_of_pace(s):
-    """Whether epochs ought to be shorter now, or longer (`hardspheres.tuning`); longer ones begin with every 16th only."""
+def epoch_length_due(s):
+    """Whether another length of epochs is due (`hardspheres.tuning`), a longer one at every 16th only."""
     v2 = s.number[MEAN_SQUARE]
-    return v2 >= s.number[HASTE] or (v2 < s.number[LEISURE] and (s.counter[EPOCH] & 15) == 0)
+    return v2 >= s.number[UPPER_MEAN_SQUARE] or (
+        v2 < s.number[LOWER_MEAN_SQUARE] and (s.counter[EPOCH] & 15) == 0
+    )

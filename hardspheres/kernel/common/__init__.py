@@ -1,0 +1,1 @@
+"""What both searches use: particles, contact times, the bucket queue and its heap, prefetching, tallies."""

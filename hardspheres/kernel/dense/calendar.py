@@ -1,0 +1,142 @@
+"""The calendar of the list method (Brown 1988): a ring of buckets for the next events of the particles.
+
+An insertion touches one block of a bucket (`bucket_queue`), a removal touches none: an entry counts only
+while its stamp is its particle's latest. One turn of the ring is a cycle. Events after the present cycle are
+in one further bucket; events after the epoch are not entered at all, since the next epoch predicts them
+again.
+"""
+
+from ..common.bucket_queue import clear_buckets, push_bucket, release_block
+from ..common.event_heap import push_event
+from ..common.prefetch import prefetch_event, prefetch_events
+from ..layout import (
+    BEYOND_CACHE,
+    BLOCK,
+    BUCKET,
+    BUCKETS,
+    EPOCH_LENGTH,
+    EVENT,
+    HEAP_LENGTH,
+    INVERSE_WIDTH,
+    PARTNER,
+    SHORT_QUEUE,
+    STAMP,
+    STAMP_BITS,
+    TIME,
+    WAITING,
+    WAITS,
+)
+from ..simd.jit import called, jit
+from ..simd.pointers import prefetch
+
+
+@jit
+def tie_key(i, partner):
+    """Order of events at equal times: lower id, then higher id; a list to rebuild first."""
+    if partner < 0:
+        return 0
+    return (min(i, partner) << 32) | max(i, partner)
+
+
+@jit
+def insert_event(s, i):
+    """Insert i's event, just predicted, into the calendar."""
+    time = s.event_float[i * EVENT + TIME]
+    if time >= s.number[EPOCH_LENGTH]:
+        return
+    bucket = int(max(time, 0.0) * s.number[INVERSE_WIDTH])
+    now = s.counter[BUCKET]
+    entry = i << 32 | s.event[i * EVENT + STAMP]
+    if bucket <= now:
+        prefetch_event(s, i)
+        push_event(s, time, tie_key(i, s.event[i * EVENT + PARTNER]), entry)
+    else:
+        cycle = s.counter[BUCKETS]
+        slot = bucket & (cycle - 1) if bucket < now + cycle else cycle
+        if s.counter[BEYOND_CACHE]:
+            insert_later(s, slot, entry)
+        else:
+            push_bucket(s, slot, entry)
+
+
+@jit
+def insert_later(s, slot, entry):
+    """Delay the insertion of an entry by a few others, while its bucket is prefetched."""
+    k = s.counter[WAITS]
+    s.counter[WAITS] = (k + 1) % WAITING
+    insert_waiting(s, k)
+    s.waiting_slot[k] = slot
+    s.waiting_entry[k] = entry
+    prefetch(s.buckets, slot)
+    halfway = s.waiting_slot[(k + WAITING // 2) % WAITING]
+    if halfway >= 0:
+        prefetch(s.blocks, s.buckets[halfway] * BLOCK)
+
+
+@jit
+def insert_waiting(s, k):
+    """Insert one of the delayed entries."""
+    if s.waiting_slot[k] >= 0:
+        push_bucket(s, s.waiting_slot[k], s.waiting_entry[k])
+        s.waiting_slot[k] = -1
+
+
+@called
+def insert_all_waiting(s):
+    """Insert all delayed entries."""
+    for k in range(WAITING):
+        insert_waiting(s, k)
+
+
+@jit
+def schedule(s, i, time, partner):
+    """Make this i's next event; an entry of i made before no longer counts."""
+    event = i * EVENT
+    s.event_float[event + TIME] = time
+    s.event[event + PARTNER] = partner
+    s.event[event + STAMP] = (s.event[event + STAMP] + 1) & STAMP_BITS
+    insert_event(s, i)
+
+
+@jit
+def open_bucket(s, slot):
+    """Insert the live events of a bucket again: those of the current bucket go to the event heap."""
+    block = s.buckets[slot]
+    s.buckets[slot] = -1
+    while block >= 0:
+        header = s.blocks[block * BLOCK]
+        for k in range(1, (header & 7) + 1):
+            entry = s.blocks[block * BLOCK + k]
+            i = entry >> 32
+            if s.event[i * EVENT + STAMP] == entry & STAMP_BITS:
+                insert_event(s, i)
+        block = release_block(s, block)
+
+
+@jit
+def next_bucket(s):
+    """Go on to the next bucket; a new cycle first takes its share of the later events."""
+    bucket = s.counter[BUCKET] + 1
+    cycle = s.counter[BUCKETS]
+    s.counter[BUCKET] = bucket
+    if s.counter[BEYOND_CACHE]:
+        insert_all_waiting(s)
+    if (bucket & (cycle - 1)) == 0:
+        open_bucket(s, cycle)
+        if s.counter[BEYOND_CACHE]:
+            insert_all_waiting(s)
+    open_bucket(s, bucket & (cycle - 1))
+    if s.counter[BEYOND_CACHE]:
+        prefetch_events(s, s.buckets[(bucket + 1) & (cycle - 1)])
+        prefetch(s.blocks, s.buckets[(bucket + 2) & (cycle - 1)] * BLOCK)
+
+
+@jit
+def clear_calendar(s, blocks):
+    """Empty the calendar and go back to its first bucket."""
+    clear_buckets(s, s.counter[BUCKETS] + 1, blocks)
+    for k in range(WAITING):
+        s.waiting_slot[k] = -1
+    s.counter[HEAP_LENGTH] = 0
+    s.counter[SHORT_QUEUE] = 0
+    s.counter[BUCKET] = 0

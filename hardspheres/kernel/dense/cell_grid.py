@@ -1,0 +1,117 @@
+"""The cells of the list method: which reference positions are where.
+
+A cell keeps the reference positions of its particles as seen from its own corner, in single precision.
+"""
+
+import math
+
+import numpy as np
+
+from ..flags import DIM, SIZES
+from ..layout import (
+    BOX,
+    CELL_COLUMNS,
+    CELL_DENSITY,
+    CELL_EDGE,
+    CELL_LANES,
+    CELL_ROOM,
+    CELLS,
+    EVENT,
+    INVERSE,
+    RADIUS,
+    REFERENCE,
+    ROW,
+    SHORT_CELLS,
+)
+from ..simd.jit import jit
+
+
+@jit
+def wrapped(s, i, d):
+    """Coordinate d of i's reference position, wrapped into the box on a periodic axis."""
+    x = s.event_float[i * EVENT + REFERENCE + d]
+    if s.number[INVERSE + d] > 0.0:
+        x -= s.number[BOX + d] * math.floor(x * s.number[INVERSE + d])
+    return x
+
+
+@jit
+def cell_and_place(s, i, d):
+    """Cell along axis d of i's reference position (rounding stays inside), and the place in it."""
+    x = wrapped(s, i, d)
+    cell = min(max(int(x * s.number[CELL_DENSITY + d]), 0), s.counter[CELLS + d] - 1)
+    return cell, np.float32(x - cell * s.number[CELL_EDGE + d])
+
+
+@jit
+def locate(s, i):
+    """Return the cell of i's reference position, and the position as seen from the cell's corner."""
+    cx, x = cell_and_place(s, i, 0)
+    cy, y = cell_and_place(s, i, 1)
+    cz, z = 0, np.float32(0.0)
+    if DIM == 3:
+        cz, z = cell_and_place(s, i, 2)
+    return cx, cy, cz, x, y, z
+
+
+@jit
+def place_of_slot(slot):
+    """Where the id in a slot stands; each block of CELL_LANES slots has its columns together."""
+    return slot // CELL_LANES * (CELL_COLUMNS * CELL_LANES) + slot % CELL_LANES
+
+
+@jit
+def put_in_cell(s, i):
+    """Enter i's reference position in its cell."""
+    cx, cy, cz, x, y, z = locate(s, i)
+    cell = (cx * s.counter[CELLS + 1] + cy) * s.counter[CELLS + 2] + cz
+    slot = s.cell_count[cell]
+    if slot == s.counter[CELL_ROOM]:
+        s.counter[SHORT_CELLS] = 1
+        s.where[i] = -1
+        return
+    s.cell_count[cell] = slot + 1
+    slot += cell * s.counter[CELL_ROOM]
+    s.where[i] = slot
+    line = place_of_slot(slot)
+    s.cell_ids[line] = i
+    s.cell_places[line + CELL_LANES] = x
+    s.cell_places[line + 2 * CELL_LANES] = y
+    if DIM == 3:
+        s.cell_places[line + 3 * CELL_LANES] = z
+    if SIZES:
+        s.cell_places[line + (1 + DIM) * CELL_LANES] = s.row[i * ROW + RADIUS]
+
+
+@jit
+def take_from_cell(s, i):
+    """Remove i's reference position from its cell; the last of the cell takes its slot."""
+    slot = s.where[i]
+    cell = slot // s.counter[CELL_ROOM]
+    left = s.cell_count[cell] - 1
+    s.cell_count[cell] = left
+    line, last = place_of_slot(slot), place_of_slot(cell * s.counter[CELL_ROOM] + left)
+    s.where[s.cell_ids[last]] = slot
+    for c in range(CELL_COLUMNS):
+        s.cell_ids[line + c * CELL_LANES] = s.cell_ids[last + c * CELL_LANES]
+
+
+@jit
+def image_of(s, i, d):
+    """Image of i's reference position along axis d: how many boxes it is away from its wrapped place."""
+    if s.number[INVERSE + d] > 0.0:
+        return math.floor(s.event_float[i * EVENT + REFERENCE + d] * s.number[INVERSE + d])
+    return 0.0
+
+
+@jit
+def neighbour_cell(s, cell, d):
+    """Index of a cell that may lie beyond the box, -1 where there is none, and the image, in boxes."""
+    cells = s.counter[CELLS + d]
+    if 0 <= cell < cells:
+        return cell, 0.0
+    if s.number[INVERSE + d] == 0.0:
+        return -1, 0.0
+    if cell < 0:
+        return cell + cells, -1.0
+    return cell - cells, 1.0

@@ -1,0 +1,112 @@
+"""The next event of a particle of the list method: a contact, a wall, or its displacement threshold."""
+
+import math
+
+from ..common.contact_times import (
+    NEVER,
+    NO_PARTICLE,
+    NO_TIME,
+    SHIFT,
+    WHEN,
+    discriminant_2d,
+    discriminant_3d,
+    growing_wall_contact,
+    solve,
+    wall_contact,
+)
+from ..flags import DIM, GROWS, WALLS
+from ..layout import (
+    DISPLACEMENT_THRESHOLD,
+    EVENT,
+    IMAGES,
+    LANES,
+    LIST_ROOM,
+    NOTHING,
+    REBUILD,
+    REFERENCE,
+    ROW,
+    N,
+    T,
+    V,
+    X,
+)
+from ..simd.jit import jit
+from ..simd.pointers import from_bits
+from ..simd.vectors import gather_transposed, least_of_equal
+
+
+@jit
+def gather(s, i, first):
+    """Copy the rows of some of i's neighbours to the table, and the images that the list stores, if any."""
+    entry = i * s.counter[LIST_ROOM] + first
+    for k in range(0, LANES, ROW):
+        gather_transposed(s.scratch, k, LANES, s.row, s.neighbours, entry + k)
+    if s.counter[IMAGES]:
+        for k in range(LANES):
+            for d in range(DIM):
+                s.scratch[SHIFT + d * LANES + k] = s.images[(entry + k) * DIM + d]
+
+
+@jit
+def earliest_contact(s, i, now):
+    """Time and partner of i's earliest contact with a neighbour; equal times: the lower partner."""
+    room = s.counter[LIST_ROOM]
+    best = NO_TIME
+    partner = NO_PARTICLE
+    first = 0
+    while True:
+        gather(s, i, first)
+        soonest = solve(s, i, now, LANES)
+        if soonest < best or (soonest == best and soonest < NO_TIME):
+            if soonest < best:
+                partner = NO_PARTICLE
+            best = soonest
+            for k in range(0, LANES, ROW):
+                entry = i * room + first + k
+                least = least_of_equal(s.neighbours, entry, s.scratch_int, WHEN + k, soonest)
+                partner = min(partner, least)
+        first += LANES
+        if first == room or s.neighbours[i * room + first - 1] == s.counter[N]:
+            break
+    return from_bits(best), partner
+
+
+@jit
+def threshold_crossing(s, i):
+    """Time at which i is one displacement threshold away from its reference position.
+
+    The row may have been written many thresholds away from there. So, as for contacts, the discriminant is
+    the one in which nothing of the size of that distance cancels.
+    """
+    row = s.row
+    ri, reference = i * ROW, i * EVENT + REFERENCE
+    x, y = row[ri + X] - s.event_float[reference], row[ri + X + 1] - s.event_float[reference + 1]
+    u, v = row[ri + V], row[ri + V + 1]
+    threshold2 = s.number[DISPLACEMENT_THRESHOLD] * s.number[DISPLACEMENT_THRESHOLD]
+    if DIM == 3:
+        z, w = row[ri + X + 2] - s.event_float[reference + 2], row[ri + V + 2]
+        b, vv, rr = x * u + y * v + z * w, u * u + v * v + w * w, x * x + y * y + z * z
+        d = discriminant_3d(x, y, z, u, v, w, threshold2)
+    else:
+        b, vv, rr = x * u + y * v, u * u + v * v, x * x + y * y
+        d = discriminant_2d(x, y, u, v, threshold2)
+    root = math.sqrt(max(d, 0.0))
+    outwards = b > 0.0
+    time = (threshold2 - rr if outwards else root - b) / (b + root if outwards else vv)
+    return row[ri + T] + time if vv > 0.0 else NEVER
+
+
+@jit
+def next_event(s, i, now):
+    """Time and partner of i's next event: a contact, a wall, or a new neighbour list."""
+    time, partner = earliest_contact(s, i, now)
+    if WALLS:
+        t, wall = growing_wall_contact(s, i) if GROWS else wall_contact(s, i)
+        if t < time:
+            time, partner = t, wall
+    t = threshold_crossing(s, i)
+    if t <= time:
+        if t == NEVER:
+            return NEVER, NOTHING
+        return max(t, now), REBUILD
+    return time, partner

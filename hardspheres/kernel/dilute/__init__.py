@@ -1,0 +1,1 @@
+"""The search of dilute gases: windows of time, and the trajectory segments in them."""

@@ -1,0 +1,232 @@
+"""All segments sorted by cells, and the pairs of segments whose bounding boxes overlap.
+
+A segment is in the cell that holds its middle, and reaches no further than OVERHANG outside of it. Cells
+follow each other in y, in which they are narrow, so the segments near another stand in few runs: one for each
+column of cells that its box, OVERHANG wider on all sides, overlaps. Runs are compared by their bounding
+boxes, 16 at a time (`vectors.keep_overlapping`). What is left is compared as segments (`filter`). To see each
+pair once, a segment is compared with all that stand behind it in its own column, in that at z + 1, and in
+those at x + 1.
+
+The new segment of a particle that has collided takes the place of the old one where it reaches no further
+beyond that cell than segments may; otherwise it goes to the overflow list of its cell (`overflow`).
+"""
+
+import numpy as np
+
+from ..flags import SIZES, WALLS
+from ..layout import (
+    BUCKET,
+    CELLS,
+    HALF_WINDOW,
+    IMAGE,
+    INVERSE,
+    LARGE,
+    NEAR_SHIFT,
+    OWNER,
+    PADDED_RADIUS,
+    REGISTERED,
+    ROW,
+    SEGMENT,
+    SEGMENT_ROOM,
+    SHORT_LISTS,
+    N,
+)
+from ..simd.jit import called, jit
+from ..simd.pointers import int64, prefetch
+from ..simd.vectors import AT_ONCE, copy_lanes, keep_overlapping
+from .filter import filter_pairs, filter_table
+from .grid import cell_at, cells_along_y, column_at, columns_after, fits
+from .pair_table import checked, seen_in
+from .predicted_contacts import keep_wall_contact
+from .segments import CELL, EDGE, EIGHT, FAR, segments_of, write_eight, write_unsorted
+
+ALWAYS = np.float32(-1.00001)  # from the beginning of the window
+AHEAD = 16  # particles from here to the one whose row is prefetched
+SEVERAL = -1  # slot of a flight of several segments
+ENOUGH = 64  # pairs that are worth a look
+SEEN = -2  # the same, and it has its place in the order
+
+
+@jit
+def in_cells(s):
+    """How many particles stand in the cells: all but the large ones (`large`)."""
+    return s.counter[N] - s.counter[LARGE] if SIZES else s.counter[N]
+
+
+@jit
+def count_segments(s, begin, duration):
+    """Write the segments of all particles, count those of each cell, and predict wall collisions.
+
+    Flights of several segments are written when they are sorted.
+    """
+    n = in_cells(s)
+    total = n
+    for first in range(0, n, EIGHT):
+        for k in range(EIGHT):
+            prefetch(s.row, s.order[min(first + AHEAD + k, n - 1)] * ROW)
+        write_eight(s, first, duration)
+        for k in range(min(EIGHT, n - first)):
+            i = int64(s.order[first + k])
+            if s.scratch[FAR + k] < 1.0:
+                cell = int64(s.scratch[CELL + k])
+                s.where[i] = cell
+                s.cell_count[cell] += 1
+                if WALLS and s.scratch[EDGE + k] > 0.0:
+                    keep_wall_contact(s, i)
+            else:
+                if WALLS:
+                    keep_wall_contact(s, i)
+                s.where[i] = SEVERAL
+                total += place_parts(s, first + k, i, begin, duration, False) - 1
+    return total
+
+
+@jit
+def insert_segment(s, k, cell):
+    """Copy an unsorted segment to the slots of its cell, the last free one first; returns the slot."""
+    slot = s.cell_count[cell] - 1
+    s.cell_count[cell] = slot
+    copy_lanes(s.segments, slot * SEGMENT, s.unsorted, k * SEGMENT)
+    s.boxes[slot] = s.unsorted_boxes[k]
+    s.cell_of_segment[slot] = cell
+    return slot
+
+
+@jit
+def sort_segments(s, cells, begin, duration):
+    """Sort the segments by cells; `cell_count` then tells where each cell begins."""
+    end = 0
+    for cell in range(cells):
+        end += s.cell_count[cell]
+        s.cell_count[cell] = end
+    for empty in range(cells, cells + s.counter[CELLS + 1] + 1):  # a column that stands for all beyond walls
+        s.cell_count[empty] = end
+    for m in range(in_cells(s)):
+        i = int64(s.order[m])
+        cell = int64(s.where[i])
+        if cell >= 0:
+            s.where[i] = insert_segment(s, m, cell)
+        else:
+            place_parts(s, m, i, begin, duration, True)
+
+
+@called
+def place_parts(s, m, i, begin, duration, insert):
+    """Insert the segments of a fast flight in their cells, or only count them; returns how many."""
+    parts = segments_of(s, i, duration)
+    for p in range(parts):
+        x, y, z = write_unsorted(s, m, i, begin + duration * (p + 0.5) / parts, duration, parts)
+        cell = cell_at(s, x, y, z)
+        if insert:
+            insert_segment(s, m, cell)
+        else:
+            s.cell_count[cell] += 1
+    return parts
+
+
+@called
+def register_all(s, cells, begin):
+    """Sort all segments into cells; SHORT_LISTS tells if there was no room."""
+    duration = 2.0 * s.number[HALF_WINDOW]
+    for cell in range(cells):
+        s.cell_count[cell] = 0
+    total = count_segments(s, begin, duration)
+    s.counter[REGISTERED] = total
+    if total > s.counter[SEGMENT_ROOM]:
+        s.counter[SHORT_LISTS] = 1
+        return
+    sort_segments(s, cells, begin, duration)
+    if s.counter[BUCKET] == 0:
+        keep_order(s)
+
+
+@called
+def keep_order(s):
+    """From now on go through the particles in the order of their cells: faster, and the same bits."""
+    m = int64(0)
+    for slot in range(s.counter[REGISTERED]):
+        i = int64(s.segment_words[slot * SEGMENT + OWNER])
+        if s.where[i] == slot or s.where[i] == SEVERAL:
+            s.order[m] = i
+            m += 1
+            if s.where[i] == SEVERAL:
+                s.where[i] = SEEN
+
+
+@jit
+def pairs_in_run(s, m, own, first, last, code):
+    """Enter the pairs of a segment, in this image, and those from `first` to `last` with overlapping boxes.
+
+    The table has m pairs; returns how many it has then.
+    """
+    word, seen, shift = s.boxes[own], seen_in(own, code), s.image_shifts[code]
+    for block in range(first, last, AT_ONCE):
+        kept = keep_overlapping(s.pair_slot, s.pair_own, m, word, seen, s.boxes, block, last, shift)
+        m = checked(s, kept)
+    return m
+
+
+@jit
+def pairs_in_column(s, m, own, column, first, last, after, code):
+    """Enter the pairs with cells `first` to `last` of a column, even beyond the box, from slot `after` on."""
+    ny = s.counter[CELLS + 1]
+    cells = column * ny
+    start = int64(s.cell_count[cells + max(first, 0)])
+    stop = int64(s.cell_count[cells + min(last, ny - 1) + 1])
+    m = pairs_in_run(s, m, own, max(start, after), stop, code)
+    if (first < 0 or last >= ny) and s.number[INVERSE + 1] > 0.0:
+        m = pairs_beyond(s, m, own, cells, first, last, code)
+    return m
+
+
+@jit
+def pairs_beyond(s, m, own, cells, first, last, code):
+    """Enter the pairs with those of these cells that lie beyond the box: cells on its other side."""
+    ny = s.counter[CELLS + 1]
+    for turn in range(-1, 2, 2):
+        if first < 0 if turn < 0 else last >= ny:
+            start = int64(s.cell_count[cells + max(first - turn * ny, 0)])
+            stop = int64(s.cell_count[cells + min(last - turn * ny, ny - 1) + 1])
+            m = pairs_in_run(s, m, own, start, stop, code - turn * IMAGE[1])
+    return m
+
+
+@called
+def compare_all(s):
+    """Compare all segments with those near them, each pair once."""
+    ny = s.counter[CELLS + 1]
+    m = int64(0)
+    for x in range(s.counter[CELLS]):
+        for z in range(s.counter[CELLS + 2]):
+            cells = column_at(s, x, z) * ny
+            for y in range(ny):
+                for k in range(int64(s.cell_count[cells + y]), int64(s.cell_count[cells + y + 1])):
+                    near = s.boxes[k] >> NEAR_SHIFT
+                    first, last = cells_along_y(s, near, y)
+                    for a in range(columns_after(s, near, x, z)):
+                        column, code = int64(s.column[s.places[a]]), int64(s.column_code[s.places[a]])
+                        least, after = (y, k + 1) if a == 0 else (first, 0)
+                        m = pairs_in_column(s, m, k, column, least, last, after, code)
+                    if m >= ENOUGH:
+                        filter_pairs(s, m, ALWAYS)
+                        m = int64(0)
+    filter_table(s, m, ALWAYS)
+
+
+@jit
+def withdraw(s, i):
+    """Remove i's segment: no pair passes the filter with a radius of NaN."""
+    slot = s.where[i]
+    if slot >= 0:
+        s.segments[slot * SEGMENT + PADDED_RADIUS] = np.nan
+
+
+@jit
+def replace_segment(s, i, new, x, y, z):
+    """Put i's new segment, of cell (x, y, z), in the place of the old one; returns whether it fits."""
+    slot = s.where[i]
+    if slot < 0 or not fits(s, s.boxes[new], int64(s.cell_of_segment[slot]), x, y, z):
+        return False
+    copy_lanes(s.segments, slot * SEGMENT, s.segments, new * SEGMENT)
+    s.boxes[slot] = s.boxes[new]
+    return True

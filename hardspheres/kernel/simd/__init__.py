@@ -1,0 +1,1 @@
+"""How kernels are compiled: strict arithmetic, raw pointers, vector instructions."""

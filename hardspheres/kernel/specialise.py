@@ -1,0 +1,73 @@
+"""One set of modules for each kind of scene.
+
+The set of the kind `3d_sparse` is the package `hardspheres.kernel.3d_sparse`. It has the files of
+`hardspheres.kernel`, and `flags` of its own. Relative imports stay inside it, also those of its rooms, so no
+constant of another kind is ever seen.
+"""
+
+import importlib
+import sys
+import threading
+import types
+from pathlib import Path
+
+__all__ = ["specialise"]
+
+_KERNEL = Path(__file__).parent
+# Threads that load different kernels at once would mix up their constants and caches.
+_ONE_AT_A_TIME = threading.Lock()
+
+
+def specialise(
+    dim: int,
+    walls: bool,
+    sizes: bool,
+    masses: bool,
+    sparse: bool,
+    grows: bool = False,
+    flights: bool = False,
+) -> types.ModuleType:
+    """Load the kernels for one kind of scene.
+
+    Parameters
+    ----------
+    dim : int
+        2 or 3.
+    walls, sizes, masses : bool
+        Whether some axis lies between walls, radii differ, masses differ.
+    sparse : bool
+        Windows in place of lists: the same trajectory, faster where the gas is dilute.
+    grows : bool
+        Radii grow linearly in time; with lists only.
+    flights : bool
+        Free flights are tallied and events can be logged; not with `grows`.
+
+    Returns
+    -------
+    module
+        The module `loop` compiled, on first use, for these constants; the same module for the same constants.
+    """
+    tag = (
+        f"{dim}d"
+        + "_walls" * walls
+        + "_sizes" * sizes
+        + "_masses" * masses
+        + "_sparse" * sparse
+        + "_grows" * grows
+        + "_flights" * flights
+    )
+    name = f"{__package__}.{tag}"
+    with _ONE_AT_A_TIME:
+        if f"{name}.loop" not in sys.modules:
+            from hardspheres.kernel_cache import cache_folder, cached_in
+
+            package = types.ModuleType(name)
+            package.__path__ = [str(_KERNEL)]
+            flags = types.ModuleType(f"{name}.flags")
+            vars(flags).update(DIM=dim, WALLS=walls, SIZES=sizes, MASSES=masses, SPARSE=sparse)
+            vars(flags).update(GROWS=grows, FLIGHTS=flights)
+            sys.modules[name] = package
+            sys.modules[flags.__name__] = flags
+            with cached_in(cache_folder(tag)):
+                importlib.import_module(f"{name}.loop")
+    return sys.modules[f"{name}.loop"]
