@@ -38,6 +38,8 @@ ALONG = 1.0  # width of a cell along y
 REACH_OF_BOUNDS = 20  # units of the bounds of lines in that reach: see `kernel.lines`
 WIDEST = 85  # units in a cell, at most
 TINY = 1e-300  # in place of a collision frequency of zero
+# Where the sums keep the components of a symmetric tensor.
+COMPONENTS = {2: ((0, 3), (3, 1)), 3: ((0, 3, 4), (3, 1, 5), (4, 5, 2))}
 LINE_MARGIN = 1e-4  # in cells, of boxes that are not many cells long: single precision is off by a few 1e-6
 
 
@@ -91,6 +93,8 @@ class Engine:
         The time: whole epochs, and the time within this one. Where a run was asked to stop, or at the last event.
     since : (int, float, int, int)
         Where the tallies began: epoch, time within it, pair collisions, wall collisions.
+    earlier : array
+        What was tallied from the start up to there, as `tallied` gives it.
     """
 
     def __init__(
@@ -173,7 +177,8 @@ class Engine:
             **self._searching_arrays(count, self.chunks),
         )
         self.now = (0, 0.0)
-        self.reset_tallies()
+        self.since = (0, 0.0, 0, 0)
+        self.earlier = np.zeros(2 * dim * dim + 4 * dim)
         self._afresh = True
         self.paused = False  # whether the last run ended because its budget of work ran out
 
@@ -387,9 +392,36 @@ class Engine:
         """Set the time to that of the last event, where that is later than what was asked for before."""
         self.now = max(self.now, self.last_event)
 
+    @property
+    def passed(self) -> float:
+        """Time since the tallies began."""
+        (epoch, moment), (first, begun, *_) = self.now, self.since
+        return (epoch - first) * self.length + (moment - begun)
+
+    def tallied(self) -> Any:
+        """Return what was tallied since `since`, in one row.
+
+        Virial and kinetic tensor, (d, d) each; wall impulses, and these times radii, (d, 2) each: `simulation.Tallies`.
+        """
+        at, total, dim = self.layout, self.arrays.total, self.scene.dim
+        epoch, moment, *_ = self.since
+        places = np.array(COMPONENTS[dim])
+        v, m = self.rows[:, at.V : at.V + dim].copy(), self.scene.masses
+        # integral of K from t0 to t1 = K(t1) (t1 - t0) - sum over events of dK (t - t0)
+        moments = (total[at.STRESS_EPOCHS + places] - epoch * total[at.STRESS + places]) * self.length + (
+            total[at.STRESS_MOMENT + places] - moment * total[at.STRESS + places]
+        )
+        kinetic = (v * m[:, None]).T @ v * self.passed - moments
+        walls = [total[first : first + 2 * dim] for first in (at.WALL_IMPULSE, at.WALL_RADIUS_IMPULSE)]
+        return np.concatenate([total[at.VIRIAL + places].ravel(), kinetic.ravel(), *walls])
+
     def reset_tallies(self) -> None:
-        """Begin the tallies anew."""
+        """Begin the tallies anew; what there was is added to `earlier`.
+
+        The kernels' sums begin at 0 again, so that short stretches late in a long run keep all their digits.
+        """
         at, arrays = self.layout, self.arrays
+        self.earlier = self.earlier + self.tallied()
         arrays.total[: at.SUMS] = 0.0
         self.since = (*self.now, int(arrays.counter[at.PAIRS]), int(arrays.counter[at.WALL_HITS]))
         if self.flights:
@@ -492,9 +524,10 @@ class Engine:
         arrays = {name: getattr(self.arrays, name) for name in at.STATE_ARRAYS}
         numbers, counters = list(at.STATE_NUMBERS), list(at.STATE_COUNTERS)
         if self.flights:
-            arrays["paths_before"] = self.flights.paths_before
+            arrays |= self.flights.state()
         return arrays | {
             "row": self.rows,
+            "earlier": self.earlier,
             "numbers": self.arrays.number[numbers],
             "counters": self.arrays.counter[counters],
             "counts": self.arrays.counter[at.COUNTERS :],  # of flights
