@@ -143,7 +143,12 @@ class Pressure(TalliedEstimator):
             pairs[0, 0] = tallies.collisions
         elif frame.free_paths is not None:
             pairs = np.triu(frame.free_paths.pair_collisions)
-        self._counts_pairs = kinds == 1 or frame.free_paths is not None
+        counts_pairs = kinds == 1 or frame.free_paths is not None
+        if self._before is not None and counts_pairs != self._counts_pairs:
+            raise ValueError(
+                "some of the frames have free paths and some have none; add frames of one simulation"
+            )
+        self._counts_pairs = counts_pairs
         kinetic = tallies.kinetic - self._common_motion * tallies.time
         parts = (tallies.virial, kinetic, tallies.wall_impulses, tallies.wall_radius_impulses, pairs)
         flat = [np.ravel(part) for part in parts]

@@ -114,7 +114,7 @@ def test_a_mixture_beside_its_theory():
     pressure = measure(random_gas("3d_mixture", 200, 0.2), blocks=120, per_block=8.0)
     (check,) = pressure.checks
     assert check.theory.startswith("Santos") and abs(check.z) < 3.3
-    with pytest.raises(NoDataError, match="pair_collisions"):
+    with pytest.raises(NoDataError, match="free_paths=True"):
         _ = pressure.rate
     # sibling: one species of the same packing fraction
     assert abs(check.measured.deviation(theory.finite_size_compressibility(0.2, 3, 200).value)) > 4
@@ -167,6 +167,8 @@ def test_rate_of_a_mixture_from_its_pairs():
         NoDataError, match=r"add\(frame\) with frames of Simulation\(scene, free_paths=True\)"
     ):
         _ = Pressure(scene).add(sim.frame()).add(counted(scene, 1.0, 9, np.zeros((3, 3)))).rate
+    with pytest.raises(ValueError, match="some of the frames have free paths"):
+        pressure.add(counted(scene, 1e3, 10**6, np.zeros((3, 3))))
 
 
 @pytest.mark.parametrize(("kind", "n", "eta"), [("2d_mixture_walls", 40, 0.3), ("3d_walls", 50, 0.2)])
