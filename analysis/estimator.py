@@ -81,9 +81,9 @@ class TalliedEstimator(Estimator):
     _followed: Scene | None = None  # where the simulation started whose frames have come
     _before: NDArray[np.float64] | None = None  # what was counted up to the last of them, its time first
 
-    def _require_next(self, frame: Frame) -> None:
-        """Raise ValueError unless a frame goes on from those that have come."""
-        tallies_of(frame)
+    def _require_next(self, frame: Frame) -> Tallies:
+        """Return the tallies of a frame; ValueError unless it goes on from those that have come."""
+        tallies = tallies_of(frame)
         of_frame, own = (
             (np.bincount(scene.species).tolist(), scene.dim) for scene in (frame.scene, self.scene)
         )
@@ -93,13 +93,14 @@ class TalliedEstimator(Estimator):
                 f"{own[0]} in {own[1]}"
             )
         if self._followed is None or self._before is None:
-            return
+            return tallies
         require_same_simulation(self._followed, frame)
         if not frame.time > self._before[0]:
             raise ValueError(
                 f"the frame is at time {frame.time:g}, the one before at {self._before[0]:g}; add each frame once, in "
                 "the order of time"
             )
+        return tallies
 
     def _since_last(self, frame: Frame, counted: NDArray[np.float64]) -> NDArray[np.float64] | None:
         """Return what was counted since the last frame, given what was since the start; None at the first one."""

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis import theory
-from analysis.estimator import PALETTE, TalliedEstimator, axes_or_new, tallies_of
+from analysis.estimator import PALETTE, TalliedEstimator, axes_or_new
 from analysis.memory import FORGOTTEN, remembered, velocity_memory, warn_if_frozen
 from analysis.order import CRYSTAL
 from analysis.series import BlockSeries, equilibration, estimate_from_series
@@ -136,8 +136,7 @@ class Pressure(TalliedEstimator):
         ValueError
             If the frame is of another gas or simulation, is not later than the one before, or no simulation made it.
         """
-        self._require_next(frame)
-        tallies, kinds = tallies_of(frame), len(self._species)
+        tallies, kinds = self._require_next(frame), len(self._species)
         pairs = np.zeros((kinds, kinds))
         if kinds == 1:
             pairs[0, 0] = tallies.collisions

@@ -11,7 +11,7 @@ from hardspheres.errors import SimulationError
 from hardspheres.event_log import ROOM, Sink, as_events
 from hardspheres.free_paths import FlightTallies
 from hardspheres.memory import require_memory
-from hardspheres.scene import Scene
+from hardspheres.scene import Scene, momentum_flux
 from hardspheres.tuning import (
     LEAD,
     PATIENCE,
@@ -39,7 +39,7 @@ REACH_OF_BOUNDS = 20  # units of the bounds of lines in that reach: see `kernel.
 WIDEST = 85  # units in a cell, at most
 TINY = 1e-300  # in place of a collision frequency of zero
 # Where the sums keep the components of a symmetric tensor.
-COMPONENTS = {2: ((0, 3), (3, 1)), 3: ((0, 3, 4), (3, 1, 5), (4, 5, 2))}
+COMPONENTS = {2: np.array([[0, 3], [3, 1]]), 3: np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])}
 LINE_MARGIN = 1e-4  # in cells, of boxes that are not many cells long: single precision is off by a few 1e-6
 
 
@@ -403,17 +403,25 @@ class Engine:
 
         Virial and kinetic tensor, (d, d) each; wall impulses, and these times radii, (d, 2) each: `simulation.Tallies`.
         """
+        at, dim = self.layout, self.scene.dim
+        v = self.rows[:, at.V : at.V + dim].copy()
+        row = self.tallied_by_events()
+        row[dim * dim : 2 * dim * dim] += (momentum_flux(v, self.scene.masses) * self.passed).ravel()
+        return row
+
+    def tallied_by_events(self) -> Any:
+        """Return the same but for what all particles have to be asked for.
+
+        Integral of K from t0 to t1 = K(t1) (t1 - t0) - sum over events of dK (t - t0): the first term is missing.
+        """
         at, total, dim = self.layout, self.arrays.total, self.scene.dim
         epoch, moment, *_ = self.since
-        places = np.array(COMPONENTS[dim])
-        v, m = self.rows[:, at.V : at.V + dim].copy(), self.scene.masses
-        # integral of K from t0 to t1 = K(t1) (t1 - t0) - sum over events of dK (t - t0)
+        places = COMPONENTS[dim]
         moments = (total[at.STRESS_EPOCHS + places] - epoch * total[at.STRESS + places]) * self.length + (
             total[at.STRESS_MOMENT + places] - moment * total[at.STRESS + places]
         )
-        kinetic = (v * m[:, None]).T @ v * self.passed - moments
         walls = [total[first : first + 2 * dim] for first in (at.WALL_IMPULSE, at.WALL_RADIUS_IMPULSE)]
-        return np.concatenate([total[at.VIRIAL + places].ravel(), kinetic.ravel(), *walls])
+        return np.concatenate([total[at.VIRIAL + places].ravel(), -moments.ravel(), *walls])
 
     def reset_tallies(self) -> None:
         """Begin the tallies anew; what there was is added to `earlier`.

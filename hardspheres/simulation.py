@@ -6,7 +6,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from functools import partial
 from numbers import Real
@@ -24,6 +24,7 @@ from hardspheres.free_paths import MOST_SPECIES, FreePaths
 from hardspheres.scene import (
     Scene,
     kinetic_energy,
+    momentum_flux,
     read_only,
     returned_to_box,
     thermal_energy,
@@ -163,12 +164,10 @@ class Frame:
     unwound : pair of (N, d) arrays, optional
         What `unwrapped_positions` is made of when it is asked for: positions not returned to the box since the last epoch,
         and how often they were before. None in a frame that no simulation made.
-    tallies : Tallies, optional
-        What was counted since the start of the simulation, whatever `Simulation.reset_tallies` did: the difference
-        of two frames is what was counted between them, to a rounding of the whole. None in a frame that no
-        simulation made.
+    counted : Tallies and float, optional
+        What `tallies` are made of when they are asked for: without, and of how long, what the present velocities add.
     free_paths : FreePaths, optional
-        The same of free flights, where the simulation tallies them. Otherwise None.
+        As `tallies`, of free flights, where the simulation tallies them. Otherwise None.
     """
 
     time: float
@@ -178,7 +177,7 @@ class Frame:
     velocities: Floats
     scene: Scene
     unwound: tuple[Floats, NDArray[np.integer[Any]]] | None = field(default=None, repr=False)
-    tallies: Tallies | None = field(default=None, repr=False)
+    counted: tuple[Tallies, float] | None = field(default=None, repr=False)
     free_paths: FreePaths | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
@@ -187,6 +186,19 @@ class Frame:
             f"<Frame of {self.scene}: time {self.time:.6g}, {self.collisions} collisions "
             f"({self.collisions_per_particle:.4g} per particle)>"
         )
+
+    @property
+    def tallies(self) -> Tallies | None:
+        """What was counted since the start of the simulation, whatever `Simulation.reset_tallies` did.
+
+        The difference of two frames is what was counted between them, to a rounding of the whole. None in a frame
+        that no simulation made.
+        """
+        if self.counted is None:
+            return None
+        by_events, passed = self.counted
+        now = momentum_flux(self.velocities, self.scene.masses) * passed
+        return replace(by_events, kinetic=read_only(by_events.kinetic + now))
 
     @property
     def unwrapped_positions(self) -> Floats:
@@ -548,7 +560,10 @@ class Simulation:
             self.velocities,
             self.scene,
             (read_only(flown), read_only(self._turns.copy())),
-            self._tallies(from_start=True),
+            (
+                self._tallies(self._engine.tallied_by_events() + self._engine.earlier, self._time, 0, 0),
+                self._engine.passed,
+            ),
             self._flights(from_start=True) if self._tells_flights else None,
         )
 
@@ -744,21 +759,15 @@ class Simulation:
     @at_rest
     def tallies(self) -> Tallies:
         """What was counted since `reset_tallies`. `Frame.tallies` has what was counted from the start."""
-        return self._tallies()
+        engine = self._engine
+        return self._tallies(engine.tallied(), engine.passed, *engine.since[2:])
 
-    def _tallies(self, from_start: bool = False) -> Tallies:
-        engine, dim = self._engine, self.scene.dim
-        sums, time, collisions, wall_collisions = engine.tallied(), engine.passed, *engine.since[2:]
-        if from_start:
-            sums, time, collisions, wall_collisions = sums + engine.earlier, self._time, 0, 0
-        tensors, walls = np.split(read_only(sums), [2 * dim * dim])
-        return Tallies(
-            time,
-            self.collisions - collisions,
-            self.wall_collisions - wall_collisions,
-            *tensors.reshape(2, dim, dim),
-            *walls.reshape(2, dim, 2),
-        )
+    def _tallies(self, sums: Floats, time: float, collisions: int, wall_collisions: int) -> Tallies:
+        """Return a row of sums by name, of this time, counted from so many collisions on."""
+        dim, sums = self.scene.dim, read_only(sums)
+        tensors, walls = sums[: 2 * dim * dim].reshape(2, dim, dim), sums[2 * dim * dim :].reshape(2, dim, 2)
+        collisions, wall_collisions = self.collisions - collisions, self.wall_collisions - wall_collisions
+        return Tallies(time, collisions, wall_collisions, *tensors, *walls)
 
     @property
     @at_rest
