@@ -6,12 +6,18 @@ import warnings
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Any, Self
 
+import numpy as np
+from numpy.typing import NDArray
+
 from hardspheres.errors import HardSpheresError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["PALETTE", "Estimator", "NoDataError"]
+    from hardspheres import Frame, Scene
+    from hardspheres.simulation import Tallies
+
+__all__ = ["PALETTE", "Estimator", "NoDataError", "TalliedEstimator", "require_same_simulation", "tallies_of"]
 
 PALETTE = ("#1f77b4", "#c8403f", "#e8b23a", "#3d2466", "#7fc8d8")
 """Colours of species and of series in all figures, told apart with any colour vision: the least distance in CIELAB is 26 with the
@@ -35,7 +41,7 @@ class Estimator(ABC):
 
     @abstractmethod
     def add(self, frame: Any) -> Self:
-        """Take in one frame or one block of tallies and return the estimator itself, so that calls chain."""
+        """Take in one frame and return the estimator itself, so that calls chain."""
 
     @abstractmethod
     def plot(self, ax: Axes | None = None) -> Axes:
@@ -66,6 +72,67 @@ class Estimator(ABC):
     def _require(self, ready: bool, what: str, call: str) -> None:
         if not ready:
             raise NoDataError(f"{type(self).__name__} has no {what} yet; call {call} first")
+
+
+class TalliedEstimator(Estimator):
+    """Base of estimators of what the engine counts: a block is what was counted from one frame to the next."""
+
+    scene: Scene
+    _followed: Scene | None = None  # where the simulation started whose frames have come
+    _before: NDArray[np.float64] | None = None  # what was counted up to the last of them, its time first
+
+    def _require_next(self, frame: Frame) -> Tallies:
+        """Return the tallies of a frame; ValueError unless it goes on from those that have come."""
+        tallies = tallies_of(frame)
+        of_frame, own = (
+            (np.bincount(scene.species).tolist(), scene.dim) for scene in (frame.scene, self.scene)
+        )
+        if of_frame != own:
+            raise ValueError(
+                f"the frame has {of_frame[0]} particles of each species in {of_frame[1]} dimensions; the scene has "
+                f"{own[0]} in {own[1]}"
+            )
+        if self._followed is None or self._before is None:
+            return tallies
+        require_same_simulation(self._followed, frame)
+        if not frame.time > self._before[0]:
+            raise ValueError(
+                f"the frame is at time {frame.time:g}, the one before at {self._before[0]:g}; add each frame once, in "
+                "the order of time"
+            )
+        return tallies
+
+    def _since_last(self, frame: Frame, counted: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """Return what was counted since the last frame, given what was since the start; None at the first one."""
+        before, self._before = self._before, counted
+        if self._followed is None:
+            self._followed = frame.scene
+        return None if before is None else counted - before
+
+
+def tallies_of(frame: Frame) -> Tallies:
+    """Return what was counted up to a frame; ValueError where nothing was."""
+    tallies = getattr(frame, "tallies", None)
+    if tallies is None or not hasattr(frame, "scene"):
+        raise ValueError(
+            "only frames of a simulation have tallies, those of sim.frames(...) and sim.frame(); this is "
+            f"{frame!r:.200}"
+        )
+    known: Tallies = tallies
+    return known
+
+
+def require_same_simulation(start: Scene, frame: Frame) -> None:
+    """Raise ValueError unless the simulation of a frame started from this scene, which decides all that it does."""
+    if frame.scene is start:
+        return
+    arrays = ("positions", "velocities", "radii", "masses", "box")
+    if frame.scene.boundary != start.boundary or not all(
+        np.array_equal(getattr(frame.scene, name), getattr(start, name)) for name in arrays
+    ):
+        raise ValueError(
+            "the frame is of another simulation than the one before; each simulation needs an estimator of its own"
+        )
 
 
 def axes_or_new(ax: Axes | None, **options: Any) -> Axes:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from analysis import theory
-from analysis.estimator import PALETTE, Estimator, axes_or_new
+from analysis.estimator import PALETTE, TalliedEstimator, axes_or_new
 from analysis.memory import FORGOTTEN, velocity_memory, warn_if_frozen
 from analysis.pressure import Pressure
 from analysis.reduced import species_labels
@@ -22,8 +22,7 @@ from analysis.theory import FreeFlights, Prediction
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from hardspheres import Scene
-    from hardspheres.free_paths import FreePaths
+    from hardspheres import Frame, Scene
 
 __all__ = ["FirstFlightsWarning", "FreePath"]
 
@@ -41,19 +40,19 @@ class FirstFlightsWarning(UserWarning):
     """Flights that began before the simulation ended in a block: the distributions lack them, and they are long ones."""
 
 
-class FreePath(Estimator):
-    """Free paths and times from blocks of the engine's tallies of flights.
+class FreePath(TalliedEstimator):
+    """Free paths and times from what the engine counts of flights between frames.
 
-    Feed it one block after another, and `analysis.pressure.Pressure` from the same blocks if wanted:
+    Give it the frames of one simulation; each two in succession make a block. `analysis.pressure.Pressure` takes the
+    same frames:
 
     >>> import hardspheres as hs
     >>> sim = hs.Simulation(hs.lattice_gas(n=108, packing_fraction=0.1, seed=1), free_paths=True)
     >>> sim.run(collisions=50 * 108)  # equilibrate, and let every particle collide
     >>> free_path = FreePath(sim.scene)
-    >>> for _ in range(100):
-    ...     sim.reset_tallies()
-    ...     sim.run(collisions=10 * 108)
-    ...     free_path.add(sim.free_paths)  # doctest: +SKIP
+    >>> s = sim.collisions_per_particle
+    >>> for frame in sim.frames(collisions_per_particle=[s + 20 * k for k in range(101)]):
+    ...     free_path.add(frame)  # doctest: +SKIP
     >>> print(free_path.mean_free_path[0])  # doctest: +SKIP
     0.9093(11)
 
@@ -87,13 +86,13 @@ class FreePath(Estimator):
 
     # Collecting ---------------------------------------------------------------------------------------------
 
-    def add(self, free_paths: FreePaths) -> Self:
-        """Take in one block: what was tallied since the last `sim.reset_tallies()`.
+    def add(self, frame: Frame) -> Self:
+        """Take in what was counted since the frame before; the first frame only starts.
 
         Parameters
         ----------
-        free_paths : FreePaths
-            `sim.free_paths`. Do reset the tallies before the next block, or its start counts twice.
+        frame : Frame
+            `sim.frame()`, or one of `sim.frames(...)`, of a ``Simulation(scene, free_paths=True)``.
 
         Returns
         -------
@@ -103,40 +102,25 @@ class FreePath(Estimator):
         Warns
         -----
         FirstFlightsWarning
-            If more than one flight in a thousand began before the simulation, as far as blocks have come.
+            If more than one flight in a thousand began before the simulation, as far as frames have come.
 
         Raises
         ------
         ValueError
-            If no time has passed, or the block is of another gas.
+            If the frame is of another gas or simulation, is not later than the one before, or has no free paths.
         """
-        if not free_paths.time > 0.0:
-            raise ValueError("the block has no duration; run the simulation before adding its free paths")
-        if not np.array_equal(free_paths.particles, self._particles):
-            raise ValueError(
-                f"the block has {free_paths.particles.tolist()} particles of each species; the scene has "
-                f"{self._particles.tolist()}"
-            )
-        edges = {
+        self._require_next(frame)
+        free_paths = frame.free_paths
+        if free_paths is None:
+            raise ValueError("the frame has no free paths; construct with Simulation(scene, free_paths=True)")
+        self._edges = {
             "path": free_paths.path_edges,
             "time": free_paths.time_edges,
             "speed": free_paths.speed_edges,
         }
-        if self._edges and any(not np.array_equal(edges[name], old) for name, old in self._edges.items()):
-            raise ValueError("the block has other bins than those before; add blocks of one simulation")
-        self._edges = edges
-        ends = free_paths.flights + free_paths.first_flights
-        self._ends += int(ends.sum())
-        self._first += int(free_paths.first_flights.sum())
-        if self._first > 1e-3 * self._ends:
-            message = (
-                f"{self._first} of {self._ends} flights began before the simulation and are left out, long ones most "
-                "of all; let every particle collide before the first sim.reset_tallies()"
-            )
-            warnings.warn(FirstFlightsWarning(message), stacklevel=2)
         parts = {
             "time": np.array([free_paths.time]),
-            "ends": ends,
+            "ends": free_paths.flights + free_paths.first_flights,
             "flown": free_paths.path_flown,
             "flights": free_paths.flights,
             "path_sums": free_paths.path_sums,
@@ -150,12 +134,29 @@ class FreePath(Estimator):
         }
         starts = np.cumsum([0, *(part.size for part in parts.values())])
         self._columns = {name: (int(k), parts[name].shape) for name, k in zip(parts, starts, strict=False)}
-        self._blocks.add(np.concatenate([np.ravel(part) for part in parts.values()]))
+        block = self._since_last(frame, np.concatenate([np.ravel(part) for part in parts.values()]))
+        if block is None:
+            return self
+        self._blocks.add(block)
+        ends, flights = (self._column(block, name).sum() for name in ("ends", "flights"))
+        self._ends += int(ends)
+        self._first += int(ends - flights)
+        if self._first > 1e-3 * self._ends:
+            message = (
+                f"{self._first} of {self._ends} flights began before the simulation and are left out, long ones most "
+                "of all; let every particle collide before the first frame"
+            )
+            warnings.warn(FirstFlightsWarning(message), stacklevel=2)
         return self
+
+    def _column(self, rows: FloatArray, name: str) -> FloatArray:
+        """Return the columns of this name of rows (..., p)."""
+        start, shape = self._columns[name]
+        return rows[..., start : start + math.prod(shape)]
 
     @property
     def n_blocks(self) -> int:
-        """How many blocks were added."""
+        """How many blocks there are, one less than frames."""
         return self._blocks.n_samples
 
     @property
@@ -165,12 +166,9 @@ class FreePath(Estimator):
 
     def _rows(self, *names: str) -> FloatArray:
         """Means of these columns in each row of the series, side by side: (rows, p)."""
-        self._require(len(self._blocks) >= 2, "two blocks", "add(sim.free_paths) after each of two runs")
-        rows, chosen = self._blocks.rows, []
-        for name in names:
-            start, shape = self._columns[name]
-            chosen.append(rows[:, start : start + math.prod(shape)])
-        return np.concatenate(chosen, axis=1)
+        self._require(len(self._blocks) >= 2, "two blocks", "add(frame) with three frames")
+        rows = self._blocks.rows
+        return np.concatenate([self._column(rows, name) for name in names], axis=1)
 
     def _estimate(self, rows: FloatArray, statistic: Callable[[FloatArray], FloatArray]) -> Estimate:
         """Return a function of the mean row; warn where a species has not forgotten its velocities (`analysis.memory`)."""
@@ -352,7 +350,7 @@ class FreePath(Estimator):
 
         counts, sums = joined("speed_counts"), joined(f"speed_{what}")
         filled = np.flatnonzero(counts.mean(axis=0) * self.n_blocks >= 100.0)
-        self._require(len(filled) > 0, "speed with 100 flights", "add(sim.free_paths) after longer runs")
+        self._require(len(filled) > 0, "speed with 100 flights", "add(frame) with more frames")
         first, last = int(filled[0]), int(filled[-1]) + 1
         edges = self._edges["speed"][kind][: wide + 1 : FINE]
         return edges[first : last + 1], counts[:, first:last], sums[:, first:last]

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from analysis import theory
-from analysis.estimator import PALETTE, Estimator, axes_or_new
+from analysis.estimator import PALETTE, TalliedEstimator, axes_or_new
 from analysis.memory import FORGOTTEN, remembered, velocity_memory, warn_if_frozen
 from analysis.order import CRYSTAL
 from analysis.series import BlockSeries, equilibration, estimate_from_series
@@ -27,8 +27,7 @@ from hardspheres.order import bond_order
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from hardspheres import Scene
-    from hardspheres.simulation import Tallies
+    from hardspheres import Frame, Scene
 
 __all__ = ["Pressure", "PressureTensor"]
 
@@ -73,19 +72,18 @@ class PressureTensor:
         return Estimate(value, error, own + 1.0, own)
 
 
-class Pressure(Estimator):
-    """Pressure and compressibility factor from blocks of tallies.
+class Pressure(TalliedEstimator):
+    """Pressure and compressibility factor from what the engine counts between frames.
 
-    Feed it one block after another:
+    Give it the frames of one simulation; each two in succession make a block:
 
     >>> import hardspheres as hs
     >>> sim = hs.Simulation(hs.lattice_gas(n=108, packing_fraction=0.1, seed=1))
     >>> sim.run(collisions=50 * 108)  # equilibrate
     >>> pressure = Pressure(sim.scene)
-    >>> for _ in range(100):
-    ...     sim.reset_tallies()
-    ...     sim.run(collisions=10 * 108)
-    ...     pressure.add(sim.tallies)  # doctest: +SKIP
+    >>> s = sim.collisions_per_particle
+    >>> for frame in sim.frames(collisions_per_particle=[s + 20 * k for k in range(101)]):
+    ...     pressure.add(frame)  # doctest: +SKIP
     >>> print(pressure.virial)  # doctest: +SKIP
     1.524(4)
 
@@ -119,16 +117,14 @@ class Pressure(Estimator):
 
     # Collecting ---------------------------------------------------------------------------------------------
 
-    def add(self, tallies: Tallies, pair_collisions: ArrayLike | None = None) -> Self:
-        """Take in one block: what was tallied since the last `sim.reset_tallies()`.
+    def add(self, frame: Frame) -> Self:
+        """Take in what was counted since the frame before; the first frame only starts.
 
         Parameters
         ----------
-        tallies : Tallies
-            `sim.tallies`. Do reset them before the next block, or its start counts twice.
-        pair_collisions : (k, k) array_like, optional
-            How many collisions in this block were between species i and j, each counted once for i <= j.
-            Needed for the pressure from the rate of a mixture only, and then with every block.
+        frame : Frame
+            `sim.frame()`, or one of `sim.frames(...)`. The pressure from the rate of a mixture needs frames of a
+            ``Simulation(scene, free_paths=True)``.
 
         Returns
         -------
@@ -138,36 +134,37 @@ class Pressure(Estimator):
         Raises
         ------
         ValueError
-            If no time has passed, or the block is of another dimension.
+            If the frame is of another gas or simulation, is not later than the one before, or no simulation made it.
         """
-        dim, kinds = self.scene.dim, len(self._species)
-        if not tallies.time > 0.0:
-            raise ValueError("the block has no duration; run the simulation before adding its tallies")
-        if tallies.virial.shape != (dim, dim):
-            raise ValueError(f"the tallies are of {len(tallies.virial)} dimensions; the scene has {dim}")
+        tallies, kinds = self._require_next(frame), len(self._species)
         pairs = np.zeros((kinds, kinds))
         if kinds == 1:
             pairs[0, 0] = tallies.collisions
-        elif pair_collisions is not None:
-            pairs = np.triu(np.asarray(pair_collisions, dtype=np.float64))
-        counted = kinds == 1 or pair_collisions is not None
-        if len(self._blocks) and counted != self._counts_pairs:
-            raise ValueError("give pair_collisions with every block or with none")
-        self._counts_pairs = counted
+        elif frame.free_paths is not None:
+            pairs = np.triu(frame.free_paths.pair_collisions)
+        counts_pairs = kinds == 1 or frame.free_paths is not None
+        if self._before is not None and counts_pairs != self._counts_pairs:
+            raise ValueError(
+                "some of the frames have free paths and some have none; add frames of one simulation"
+            )
+        self._counts_pairs = counts_pairs
         kinetic = tallies.kinetic - self._common_motion * tallies.time
         parts = (tallies.virial, kinetic, tallies.wall_impulses, tallies.wall_radius_impulses, pairs)
         flat = [np.ravel(part) for part in parts]
-        self._blocks.add(np.concatenate([[tallies.time], *flat, [float(tallies.collisions)]]))
+        counted = np.concatenate([[tallies.time], *flat, [float(tallies.collisions)]])
+        block = self._since_last(frame, counted)
+        if block is not None:
+            self._blocks.add(block)
         return self
 
     def _rows(self) -> FloatArray:
-        self._require(len(self._blocks) >= 2, "two blocks", "add(sim.tallies) after each of two runs")
+        self._require(len(self._blocks) >= 2, "two blocks", "add(frame) with three frames")
         rows = self._blocks.rows
         return rows[self.discarded_rows :]
 
     @property
     def n_blocks(self) -> int:
-        """How many blocks were added."""
+        """How many blocks there are, one less than frames."""
         return self._blocks.n_samples if len(self._blocks) else 0
 
     @property
@@ -273,7 +270,7 @@ class Pressure(Estimator):
         Raises
         ------
         NoDataError
-            For a mixture without `pair_collisions`.
+            For a mixture whose simulation does not tally free paths.
         """
         self._require_pairs()
         return self._from_blocks(self._from_rate)
@@ -287,7 +284,7 @@ class Pressure(Estimator):
         self._require(
             self._counts_pairs or not len(self._blocks),
             "rate of each pair of species",
-            "add(tallies, pair_collisions=...)",
+            "add(frame) with frames of Simulation(scene, free_paths=True)",
         )
 
     @property
@@ -301,7 +298,7 @@ class Pressure(Estimator):
         Raises
         ------
         NoDataError
-            For a mixture without `pair_collisions`.
+            For a mixture whose simulation does not tally free paths.
         """
         self._require_pairs()
         return self._from_blocks(lambda means: self._from_virial(means) - self._from_rate(means))

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.estimator import require_same_simulation, tallies_of
+
 if TYPE_CHECKING:
     from hardspheres import Frame
-    from hardspheres.simulation import Tallies
 
 __all__ = ["VirialIdentity", "virial_identity"]
 
@@ -45,7 +46,7 @@ class VirialIdentity:
         return float(np.max(np.abs(self.inside - self.walls - self.boundary) / np.abs(self.inside)))
 
 
-def virial_identity(start: Frame, end: Frame, tallies: Tallies) -> VirialIdentity:
+def virial_identity(start: Frame, end: Frame) -> VirialIdentity:
     """Return both sides of Clausius' virial theorem for a run between walls.
 
     Along every wall axis k, exactly, for any run of any gas: integral of sum m v_k^2 dt + sum over collisions
@@ -56,9 +57,7 @@ def virial_identity(start: Frame, end: Frame, tallies: Tallies) -> VirialIdentit
     Parameters
     ----------
     start, end : Frame
-        The gas when the tallies were reset, and when they were read.
-    tallies : Tallies
-        Of the run between the two.
+        Two frames of a simulation: the gas before and after the run.
 
     Returns
     -------
@@ -67,20 +66,25 @@ def virial_identity(start: Frame, end: Frame, tallies: Tallies) -> VirialIdentit
     Raises
     ------
     ValueError
-        If no axis has walls, or the frames are not as far apart as the tallies are long.
+        If no axis has walls, the frames are of two simulations or of none, or the end is not after the start.
     """
     scene = start.scene
     axes = np.flatnonzero(~scene.periodic)
     if not len(axes):
         raise ValueError("the scene is periodic along every axis; the identity needs a wall axis")
-    apart = end.time - start.time
-    if abs(apart - tallies.time) > 1e-9 * max(abs(end.time), apart):
-        raise ValueError(f"the frames are {apart:g} apart in time and the tallies {tallies.time:g} long")
+    require_same_simulation(scene, end)
+    if not end.time > start.time:
+        raise ValueError(
+            f"the end is at time {end.time:g}, the start at {start.time:g}; the start comes first"
+        )
 
-    def moment(frame: Frame) -> FloatArray:
-        product = np.einsum("i,ik,ik->k", scene.masses, frame.positions, frame.velocities)
-        return np.asarray(product[axes])
+    def sides(frame: Frame) -> FloatArray:
+        """Both sides, counted from the start of the simulation, and G, along the wall axes."""
+        tallies = tallies_of(frame)
+        inside = np.diag(tallies.kinetic) + np.diag(tallies.virial)
+        walls = scene.box * tallies.wall_impulses[:, 1] - tallies.wall_radius_impulses.sum(axis=1)
+        moment = np.einsum("i,ik,ik->k", scene.masses, frame.positions, frame.velocities)
+        return np.array([inside, walls, moment])[:, axes]
 
-    inside = np.diag(tallies.kinetic) + np.diag(tallies.virial)
-    walls = scene.box * tallies.wall_impulses[:, 1] - tallies.wall_radius_impulses.sum(axis=1)
-    return VirialIdentity(axes, inside[axes], walls[axes], moment(end) - moment(start))
+    inside, walls, boundary = sides(end) - sides(start)
+    return VirialIdentity(axes, inside, walls, boundary)

@@ -1,9 +1,9 @@
 """Checkpoints: a simulation in a file, to go on from later, elsewhere, to the last bit.
 
-The rows are the canonical state (`hardspheres.kernel`), so pending events, neighbour lists and windows need not be stored: they are
-found again from the rows. Stored are the scene that the simulation began with (from which shells and windows follow), the length of
-its epochs by now, the state that `kernel.layout` names, the clock, and where the tallies began. Every number is checked before a
-kernel sees it.
+The rows are the canonical state (`hardspheres.kernel`), so pending events, neighbour lists and windows need not be
+stored: they are found again from the rows. Stored are the scene that the simulation began with (from which shells
+and windows follow), the length of its epochs by now, the state that `kernel.layout` names, the clock, where the
+tallies began, and what was counted before. Every number is checked before a kernel sees it.
 
 A checkpoint of another version of the package is taken as long as the version of the format is the same: that version changes
 with the content of the file and with whatever changes the bits of a trajectory.
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     AnySimulation = TypeVar("AnySimulation", bound=Simulation)
 
 FORMAT = "hardspheres checkpoint"
-VERSION = 2
+VERSION = 3
 SCENE = ("positions", "velocities", "radii", "masses", "box")
 
 
@@ -242,6 +242,8 @@ def _require_state(engine: Engine, arrays: Arrays, about: dict[str, Any]) -> Non
     numbers = dict(zip(at.STATE_NUMBERS, arrays["numbers"].tolist(), strict=True))
     epoch, moment = about["clock"]
     counts = [*counters.values(), *arrays["counts"].tolist()]
+    if engine.flights:
+        counts += arrays["earlier_counts"].tolist()
     if not all(0 <= count < FOREVER for count in counts) or not np.all(
         (arrays["turns"] > -FOREVER) & (arrays["turns"] < FOREVER)
     ):

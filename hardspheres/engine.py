@@ -11,7 +11,7 @@ from hardspheres.errors import SimulationError
 from hardspheres.event_log import ROOM, Sink, as_events
 from hardspheres.free_paths import FlightTallies
 from hardspheres.memory import require_memory
-from hardspheres.scene import Scene
+from hardspheres.scene import Scene, momentum_flux
 from hardspheres.tuning import (
     LEAD,
     PATIENCE,
@@ -38,9 +38,10 @@ ALONG = 1.0  # width of a cell along y
 OVERHANG_UNITS = 20  # units of bounding boxes in that overhang: see `kernel.layout`
 WIDEST = 85  # units in a cell, at most
 TINY = 1e-300  # in place of a collision frequency of zero
-SEGMENT_MARGIN = (
-    1e-4  # in cells, of boxes that are not many cells long: single precision is off by a few 1e-6
-)
+# In cells, of boxes that are not many cells long: single precision is off by a few 1e-6.
+SEGMENT_MARGIN = 1e-4
+# Where the sums keep the components of a symmetric tensor.
+COMPONENTS = {2: np.array([[0, 3], [3, 1]]), 3: np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])}
 
 
 def aligned(size: int, dtype: type) -> Any:
@@ -93,6 +94,8 @@ class Engine:
         The time: whole epochs, and the time within this one. Where a run was asked to stop, or at the last event.
     since : (int, float, int, int)
         Where the tallies began: epoch, time within it, pair collisions, wall collisions.
+    earlier : array
+        What was tallied from the start up to there, as `tallied` gives it.
     """
 
     def __init__(
@@ -175,7 +178,8 @@ class Engine:
             **self._searching_arrays(count, self.blocks),
         )
         self.now = (0, 0.0)
-        self.reset_tallies()
+        self.since = (0, 0.0, 0, 0)
+        self.earlier = np.zeros(2 * dim * dim + 4 * dim)
         self._afresh = True
         self.paused = False  # whether the last run ended because its budget of work ran out
 
@@ -391,9 +395,44 @@ class Engine:
         """Set the time to that of the last event, where that is later than what was asked for before."""
         self.now = max(self.now, self.last_event)
 
+    @property
+    def passed(self) -> float:
+        """Time since the tallies began."""
+        (epoch, moment), (first, begun, *_) = self.now, self.since
+        return (epoch - first) * self.length + (moment - begun)
+
+    def tallied(self) -> Any:
+        """Return what was tallied since `since`, in one row.
+
+        Virial and kinetic tensor, (d, d) each; wall impulses, and these times radii, (d, 2) each: `simulation.Tallies`.
+        """
+        at, dim = self.layout, self.scene.dim
+        v = self.rows[:, at.V : at.V + dim].copy()
+        row = self.tallied_by_events()
+        row[dim * dim : 2 * dim * dim] += (momentum_flux(v, self.scene.masses) * self.passed).ravel()
+        return row
+
+    def tallied_by_events(self) -> Any:
+        """Return the same but for what all particles have to be asked for.
+
+        Integral of K from t0 to t1 = K(t1) (t1 - t0) - sum over events of dK (t - t0): the first term is missing.
+        """
+        at, total, dim = self.layout, self.arrays.total, self.scene.dim
+        epoch, moment, *_ = self.since
+        places = COMPONENTS[dim]
+        moments = (total[at.STRESS_EPOCHS + places] - epoch * total[at.STRESS + places]) * self.length + (
+            total[at.STRESS_MOMENT + places] - moment * total[at.STRESS + places]
+        )
+        walls = [total[first : first + 2 * dim] for first in (at.WALL_IMPULSE, at.WALL_RADIUS_IMPULSE)]
+        return np.concatenate([total[at.VIRIAL + places].ravel(), -moments.ravel(), *walls])
+
     def reset_tallies(self) -> None:
-        """Begin the tallies anew."""
+        """Begin the tallies anew; what there was is added to `earlier`.
+
+        The kernels' sums begin at 0 again, so that short stretches late in a long run keep all their digits.
+        """
         at, arrays = self.layout, self.arrays
+        self.earlier = self.earlier + self.tallied()
         arrays.total[: at.SUMS] = 0.0
         self.since = (*self.now, int(arrays.counter[at.PAIRS]), int(arrays.counter[at.WALL_HITS]))
         if self.flights:
@@ -496,9 +535,10 @@ class Engine:
         arrays = {name: getattr(self.arrays, array) for name, array in at.STATE_ARRAYS.items()}
         numbers, counters = list(at.STATE_NUMBERS), list(at.STATE_COUNTERS)
         if self.flights:
-            arrays["paths_before"] = self.flights.paths_before
+            arrays |= self.flights.state()
         return arrays | {
             "row": self.rows,
+            "earlier": self.earlier,
             "numbers": self.arrays.number[numbers],
             "counters": self.arrays.counter[counters],
             "counts": self.arrays.counter[at.COUNTERS :],  # of flights

@@ -18,15 +18,18 @@ SPEED_BIN = 1.0 / 16.0  # in units of the thermal speed sqrt(kT/m)
 
 @dataclass(frozen=True)
 class FreePaths:
-    """Every free flight since `Simulation.reset_tallies`, by species; exact counts, nothing is sampled.
+    """Every free flight in a window of time, by species; exact counts, nothing is sampled.
+
+    The window of `Simulation.free_paths` begins at the last `Simulation.reset_tallies`, that of `Frame.free_paths` at
+    the start of the simulation: the difference of two frames is a window between them.
 
     A flight goes from one collision of two particles to the next; a wall turns it round and does not end it, its path goes on.
     Counted are the flights that *end* in the window of observation, each with its whole path and free time, also what it flew
     before the window. In a steady state as many flights of each kind end as begin in any stretch of time, so that this is an
     unbiased sample of all flights, where one of the flights inside of the window would lack the long ones. The one exception
     are the flights that were under way when the simulation was made (`first_flights`), whose beginning nobody knows: they are
-    left out, which makes a sample too short as long as there are any, so let every particle collide before the tallies are
-    reset. The mean needs no sample of flights: `path_flown` / (`flights` + `first_flights`) is the path that all particles
+    left out, which makes a sample too short as long as there are any, so let every particle collide before the window
+    begins. The mean needs no sample of flights: `path_flown` / (`flights` + `first_flights`) is the path that all particles
     flew in the window over the number of collisions that they had there, unbiased in any window.
 
     Species are numbered as in `Scene.species`; k is their number. Paths are measured in the frame of the box. Arrays are read-only.
@@ -144,6 +147,8 @@ class FlightTallies:
         `expected_flights`.
     paths_before : (k,) float64 array
         Paths of the flights that were under way when the tallies were reset, up to then.
+    earlier_sums, earlier_counts : arrays
+        What the flights that ended before that have added up, as the kernels keep it.
     """
 
     def __init__(self, scene: Scene, at: Any) -> None:
@@ -152,6 +157,12 @@ class FlightTallies:
         self.particles = np.bincount(self.kinds).astype(np.int64)
         self.units = expected_flights(scene)
         self.paths_before = np.zeros(len(self.particles))
+        sums, counts = self.room
+        self.earlier_sums, self.earlier_counts = np.zeros(sums), np.zeros(counts, dtype=np.int64)
+
+    def state(self) -> dict[str, Any]:
+        """Return what a checkpoint keeps besides the kernels' arrays."""
+        return {name: getattr(self, name) for name in ("paths_before", "earlier_sums", "earlier_counts")}
 
     def prepared(self, length: float) -> tuple[Floats, Floats]:
         """Return what the kernels need for epochs of this length: each particle's flight, and the units of the bins."""
@@ -194,15 +205,20 @@ class FlightTallies:
 
     def reset(self, arrays: Any, epoch: int, moment: float) -> None:
         """Begin anew at this time."""
+        self.earlier_sums = self.earlier_sums + arrays.total[self.at.FLIGHT_SUMS :]
+        self.earlier_counts = self.earlier_counts + arrays.counter[self.at.FLIGHT_COUNTS :]
         arrays.total[self.at.FLIGHT_SUMS :] = 0.0
         arrays.counter[self.at.FLIGHT_COUNTS :] = 0
         self.paths_before = self._under_way(arrays, epoch, moment)
 
-    def read(self, arrays: Any, epoch: int, moment: float, passed: float) -> FreePaths:
-        """Return what was tallied until now, in a window of this duration."""
+    def read(self, arrays: Any, now: tuple[int, float], passed: float, from_start: bool = False) -> FreePaths:
+        """Return what was tallied until now, in a window of this duration: since the reset, or since the start."""
         at, kinds = self.at, len(self.particles)
-        sums = arrays.total[at.FLIGHT_SUMS :].reshape(kinds, -1).copy()
-        every = arrays.counter[at.FLIGHT_COUNTS :].copy()
+        sums, every = arrays.total[at.FLIGHT_SUMS :].copy(), arrays.counter[at.FLIGHT_COUNTS :].copy()
+        before = self.paths_before
+        if from_start:  # when no flight was under way
+            sums, every, before = sums + self.earlier_sums, every + self.earlier_counts, np.zeros(kinds)
+        sums = sums.reshape(kinds, -1)
         counts, pairs = every[: -kinds * kinds].reshape(kinds, -1), every[-kinds * kinds :].reshape(kinds, -1)
         ended = sums[:, at.FIRST_PATH] + sums[:, at.PATHS]
         speeds = SPEED_BIN * np.append(np.arange(at.SPEED_BINS, dtype=np.float64), math.inf)
@@ -212,7 +228,7 @@ class FlightTallies:
             self.particles.copy(),
             counts[:, at.FLIGHTS_ENDED],
             counts[:, at.FIRST_FLIGHTS],
-            ended + self._under_way(arrays, epoch, moment) - self.paths_before,
+            ended + self._under_way(arrays, *now) - before,
             sums[:, at.PATHS : at.PATHS + 3],
             sums[:, at.TIMES : at.TIMES + 3],
             path * octave_edges(at),

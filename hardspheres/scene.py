@@ -334,6 +334,12 @@ def kinetic_energy(velocities: Floats, masses: Floats) -> float:
     return 0.5 * float(np.sum(masses * np.sum(velocities * velocities, axis=1)))
 
 
+def momentum_flux(velocities: Floats, masses: Floats) -> Floats:
+    """Sum of m v_a v_b, shape (d, d)."""
+    flux: Floats = (velocities * masses[:, None]).T @ velocities
+    return flux
+
+
 def degrees_of_freedom(n: int, periodic: Bools) -> int:
     """Free momenta: d N less one for each periodic axis, where the total momentum is conserved.
 

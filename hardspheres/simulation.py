@@ -6,7 +6,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from functools import partial
 from numbers import Real
@@ -24,6 +24,7 @@ from hardspheres.free_paths import MOST_SPECIES, FreePaths
 from hardspheres.scene import (
     Scene,
     kinetic_energy,
+    momentum_flux,
     read_only,
     returned_to_box,
     thermal_energy,
@@ -43,8 +44,6 @@ RUNNING = (
     "this simulation is at work already, in another thread or in the call that this one comes from; wait until that has "
     "returned, or give each a copy of its own"
 )
-# Where the sums keep the components of a symmetric tensor.
-COMPONENTS = {2: ((0, 3), (3, 1)), 3: ((0, 3, 4), (3, 1, 5), (4, 5, 2))}
 
 
 def _number(name: str, value: Any) -> float:
@@ -107,64 +106,10 @@ def at_rest(look: Look) -> Look:
 
 
 @dataclass(frozen=True)
-class Frame:
-    """The gas at one moment. The arrays in a frame of a simulation are read-only.
-
-    Attributes
-    ----------
-    time : float
-        Simulated time.
-    collisions : int
-        Pair collisions since the simulation was made.
-    collisions_per_particle : float
-        s = 2 collisions / N.
-    positions : (N, d) float64 array
-        Positions, on periodic axes within [0, L).
-    velocities : (N, d) float64 array
-        Velocities.
-    scene : Scene
-        Where the simulation started: radii, masses, box, boundary.
-    unwound : pair of (N, d) arrays, optional
-        What `unwrapped_positions` is made of when it is asked for: positions not returned to the box since the last epoch,
-        and how often they were before. None in a frame that no simulation made.
-    """
-
-    time: float
-    collisions: int
-    collisions_per_particle: float
-    positions: Floats
-    velocities: Floats
-    scene: Scene
-    unwound: tuple[Floats, NDArray[np.integer[Any]]] | None = field(default=None, repr=False)
-
-    def __repr__(self) -> str:
-        """Return when it is, and of what."""
-        return (
-            f"<Frame of {self.scene}: time {self.time:.6g}, {self.collisions} collisions "
-            f"({self.collisions_per_particle:.4g} per particle)>"
-        )
-
-    @property
-    def unwrapped_positions(self) -> Floats:
-        """Positions followed through the periodic boundaries from the start, shape (N, d).
-
-        Raises
-        ------
-        SimulationError
-            In a frame that no simulation made, such as one that was read from a file.
-        """
-        if self.unwound is None:
-            raise SimulationError(
-                "no simulation made this frame, so nobody knows how often its particles went round the box"
-            )
-        flown, turns = self.unwound
-        unwrapped: Floats = read_only(flown + turns * self.scene.box)
-        return unwrapped
-
-
-@dataclass(frozen=True)
 class Tallies:
-    """What the engine counted since `reset_tallies`. Arrays are read-only.
+    """What the engine counted: in `Simulation.tallies` since `reset_tallies`, in `Frame.tallies` since the start.
+
+    Arrays are read-only.
 
     Attributes
     ----------
@@ -196,6 +141,81 @@ class Tallies:
             f"<Tallies of a time of {self.time:.6g}: {self.collisions} collisions, {self.wall_collisions} with walls, "
             f"virial {np.trace(self.virial):.6g}, kinetic {np.trace(self.kinetic):.6g}>"
         )
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The gas at one moment. The arrays in a frame of a simulation are read-only.
+
+    Attributes
+    ----------
+    time : float
+        Simulated time.
+    collisions : int
+        Pair collisions since the simulation was made.
+    collisions_per_particle : float
+        s = 2 collisions / N.
+    positions : (N, d) float64 array
+        Positions, on periodic axes within [0, L).
+    velocities : (N, d) float64 array
+        Velocities.
+    scene : Scene
+        Where the simulation started: radii, masses, box, boundary.
+    unwound : pair of (N, d) arrays, optional
+        What `unwrapped_positions` is made of when it is asked for: positions not returned to the box since the last epoch,
+        and how often they were before. None in a frame that no simulation made.
+    counted : Tallies and float, optional
+        What `tallies` are made of when they are asked for: without, and of how long, what the present velocities add.
+    free_paths : FreePaths, optional
+        As `tallies`, of free flights, where the simulation tallies them. Otherwise None.
+    """
+
+    time: float
+    collisions: int
+    collisions_per_particle: float
+    positions: Floats
+    velocities: Floats
+    scene: Scene
+    unwound: tuple[Floats, NDArray[np.integer[Any]]] | None = field(default=None, repr=False)
+    counted: tuple[Tallies, float] | None = field(default=None, repr=False)
+    free_paths: FreePaths | None = field(default=None, repr=False)
+
+    def __repr__(self) -> str:
+        """Return when it is, and of what."""
+        return (
+            f"<Frame of {self.scene}: time {self.time:.6g}, {self.collisions} collisions "
+            f"({self.collisions_per_particle:.4g} per particle)>"
+        )
+
+    @property
+    def tallies(self) -> Tallies | None:
+        """What was counted since the start of the simulation, whatever `Simulation.reset_tallies` did.
+
+        The difference of two frames is what was counted between them, to a rounding of the whole. None in a frame
+        that no simulation made.
+        """
+        if self.counted is None:
+            return None
+        by_events, passed = self.counted
+        now = momentum_flux(self.velocities, self.scene.masses) * passed
+        return replace(by_events, kinetic=read_only(by_events.kinetic + now))
+
+    @property
+    def unwrapped_positions(self) -> Floats:
+        """Positions followed through the periodic boundaries from the start, shape (N, d).
+
+        Raises
+        ------
+        SimulationError
+            In a frame that no simulation made, such as one that was read from a file.
+        """
+        if self.unwound is None:
+            raise SimulationError(
+                "no simulation made this frame, so nobody knows how often its particles went round the box"
+            )
+        flown, turns = self.unwound
+        unwrapped: Floats = read_only(flown + turns * self.scene.box)
+        return unwrapped
 
 
 class Simulation:
@@ -540,6 +560,11 @@ class Simulation:
             self.velocities,
             self.scene,
             (read_only(flown), read_only(self._turns.copy())),
+            (
+                self._tallies(self._engine.tallied_by_events() + self._engine.earlier, self._time, 0, 0),
+                self._engine.passed,
+            ),
+            self._flights(from_start=True) if self._tells_flights else None,
         )
 
     # Looking.
@@ -727,42 +752,22 @@ class Simulation:
     # Tallies.
 
     def reset_tallies(self) -> None:
-        """Begin the tallies anew; time, collisions and the dynamics go on."""
+        """Begin `tallies` and what is made of them anew; time, collisions, dynamics and the frames' tallies go on."""
         self._alone(lambda: self._engine.reset_tallies())  # the engine as it is once no other thread runs it
-
-    def _sums(self, first: int) -> Floats:
-        sums: Floats = read_only(
-            self._engine.arrays.total[first : first + 2 * self.scene.dim].reshape(-1, 2).copy()
-        )
-        return sums
 
     @property
     @at_rest
     def tallies(self) -> Tallies:
-        """What was counted since `reset_tallies`."""
-        at, total = self._at, self._engine.arrays.total
-        epoch, moment, collisions, wall_collisions = self._engine.since
-        passed = self._passed
-        places = np.array(COMPONENTS[self.scene.dim])
-        v, m = self.velocities, self.scene.masses
-        # integral of K from t0 to t1 = K(t1) (t1 - t0) - sum over events of dK (t - t0)
-        moments = (
-            total[at.STRESS_EPOCHS + places] - epoch * total[at.STRESS + places]
-        ) * self._engine.length + (total[at.STRESS_MOMENT + places] - moment * total[at.STRESS + places])
-        return Tallies(
-            passed,
-            self.collisions - collisions,
-            self.wall_collisions - wall_collisions,
-            read_only(total[at.VIRIAL + places]),
-            read_only((v * m[:, None]).T @ v * passed - moments),
-            self._sums(at.WALL_IMPULSE),
-            self._sums(at.WALL_RADIUS_IMPULSE),
-        )
+        """What was counted since `reset_tallies`. `Frame.tallies` has what was counted from the start."""
+        engine = self._engine
+        return self._tallies(engine.tallied(), engine.passed, *engine.since[2:])
 
-    @property
-    def _passed(self) -> float:
-        (epoch, moment), (first, begun, *_) = self._engine.now, self._engine.since
-        return (epoch - first) * self._engine.length + (moment - begun)
+    def _tallies(self, sums: Floats, time: float, collisions: int, wall_collisions: int) -> Tallies:
+        """Return a row of sums by name, of this time, counted from so many collisions on."""
+        dim, sums = self.scene.dim, read_only(sums)
+        tensors, walls = sums[: 2 * dim * dim].reshape(2, dim, dim), sums[2 * dim * dim :].reshape(2, dim, 2)
+        collisions, wall_collisions = self.collisions - collisions, self.wall_collisions - wall_collisions
+        return Tallies(time, collisions, wall_collisions, *tensors, *walls)
 
     @property
     @at_rest
@@ -774,16 +779,25 @@ class Simulation:
         SimulationError
             If they are not tallied.
         """
-        flights = self._engine.flights
-        if flights is None:
+        if self._engine.flights is None:
             raise SimulationError(
                 "free paths are not tallied; construct with Simulation(scene, free_paths=True)"
             )
-        if int(self.scene.species.max()) >= MOST_SPECIES:
+        if not self._tells_flights:
             raise SimulationError(
                 f"free paths are tallied for up to {MOST_SPECIES} species only; read them from the log"
             )
-        return flights.read(self._engine.arrays, *self._engine.now, self._passed)
+        return self._flights()
+
+    @property
+    def _tells_flights(self) -> bool:
+        """Whether flights are tallied, and by species."""
+        return self._engine.flights is not None and int(self.scene.species.max()) < MOST_SPECIES
+
+    def _flights(self, from_start: bool = False) -> FreePaths:
+        engine = self._engine
+        passed = self._time if from_start else engine.passed
+        return engine.flights.read(engine.arrays, engine.now, passed, from_start)  # type: ignore[union-attr]
 
     @property
     @at_rest

@@ -178,9 +178,9 @@ class Runs(Resumable[tuple[Fluid, np.random.SeedSequence], _Measuring, _Run]):
         total = round(self.collisions_per_particle * fluid.n / 2)
         ends = fluid.settled + np.linspace(0, total, min(BLOCKS, total // 8) + 1).round().astype(int)
 
-        def add() -> None:
+        def add(frame: hs.Frame) -> None:
             with state.notices.of("free paths"):
-                state.paths.add(state.simulation.free_paths)
+                state.paths.add(frame)
 
         return in_blocks(state, [int(end) for end in ends], add)
 

@@ -202,13 +202,7 @@ class States(Resumable[tuple[Fluid, np.random.SeedSequence], _Measuring, _Run]):
 
     def steps(self, item: tuple[Fluid, np.random.SeedSequence], state: _Measuring) -> Iterator[None]:
         """Let it settle, then measure block by block."""
-        simulation, mixed = state.simulation, item[0].mixed
-
-        def add() -> None:
-            pairs = simulation.free_paths.pair_collisions if mixed else None
-            state.pressure.add(simulation.tallies, pairs)
-
-        return in_blocks(state, self._ends(item[0]), add)
+        return in_blocks(state, self._ends(item[0]), state.pressure.add)
 
     def result(self, item: tuple[Fluid, np.random.SeedSequence], state: _Measuring, seconds: float) -> _Run:
         """Return what was measured."""

@@ -60,17 +60,25 @@ def flight_bits(tallies):
     return b"".join(np.ascontiguousarray(part).tobytes() for part in vars(tallies).values())
 
 
+def tallied_bits(t):
+    """Every bit of tallies."""
+    arrays = (t.virial, t.kinetic, t.wall_impulses, t.wall_radius_impulses)
+    return t.time, t.collisions, t.wall_collisions, *(a.tobytes() for a in arrays)
+
+
 def everything(sim):
     """All that a user can see of a simulation, to the last bit, but what the search for events alone decides, and the clock."""
-    t = sim.tallies
+    t, frame = sim.tallies, sim.frame()
+    paths = None if frame.free_paths is None else flight_bits(frame.free_paths)
     own = ("stale_events", "list_renewals", "bytes_per_particle", "collisions_per_second")
     return (
         state(sim),
         sim.time,
         sim.positions.tobytes(),
         sim.unwrapped_positions.tobytes(),
-        (t.time, t.collisions, t.wall_collisions),
-        tuple(a.tobytes() for a in (t.virial, t.kinetic, t.wall_impulses, t.wall_radius_impulses)),
+        tallied_bits(t),
+        tallied_bits(frame.tallies),
+        paths,
         repr({name: value for name, value in sim.status().items() if name not in own}),
     )
 

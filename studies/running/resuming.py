@@ -141,8 +141,8 @@ class Measuring(Protocol):
     done: int
 
 
-def in_blocks(state: Measuring, ends: Sequence[int], add: Callable[[], object]) -> Iterator[None]:
-    """Run up to the first of these totals of pair collisions, then measure a block up to each of the others, with pauses.
+def in_blocks(state: Measuring, ends: Sequence[int], add: Callable[[hs.Frame], object]) -> Iterator[None]:
+    """Run up to the first of these totals of pair collisions and on to each of the others, with pauses.
 
     Parameters
     ----------
@@ -151,14 +151,13 @@ def in_blocks(state: Measuring, ends: Sequence[int], add: Callable[[], object]) 
     ends : sequence of int
         Ascending.
     add : callable
-        Takes what was tallied in a block; the tallies then begin anew.
+        Takes a frame at each of them: what is measured begins at the first one, and blocks end at the others.
     """
     simulation, start = state.simulation, ends[0]
     yield from until(simulation, start)
-    if simulation.collisions == start:
-        simulation.reset_tallies()
+    if simulation.collisions == start:  # no pause comes between this frame and later collisions
+        add(simulation.frame())
     for end in ends[1 + state.done :]:
         yield from until(simulation, end)
-        add()
-        simulation.reset_tallies()
+        add(simulation.frame())
         state.done += 1

@@ -82,22 +82,20 @@ def _spheres(seed: Seed, steps: int = 640) -> dict[str, Estimate]:
     """Everything that is measured in a periodic box at equilibrium, every half collision per particle."""
     simulation = hs.Simulation(hs.random_gas(n=SPHERES, packing_fraction=ETA, seed=seed), free_paths=True)
     simulation.run(collisions=10 * SPHERES)
-    simulation.reset_tallies()
     scene = simulation.to_scene()
     pressure, paths, diffusion = Pressure(scene), FreePath(scene), Diffusion(points=4)
     pairs = PairDistribution(depth=0.5, bins=30, window=0.5, degree=2)
     cumulants, ks, h = FourthCumulant(), KolmogorovSmirnov(), HFunction(bins=12, maximum=3.0)
     speeds = SpeedDistribution(bins=10, maximum=4.0)
     step = 0.5 / float(theory.finite_size_collision_rate(ETA, 3, SPHERES).value)
+    for counting in (pressure, paths):
+        counting.add(simulation.frame())
     for k in range(steps):
         simulation.run(time=step)
         diffusion.add(simulation)
         if k % 2:
-            pressure.add(simulation.tallies)
-            paths.add(simulation.free_paths)
-            simulation.reset_tallies()
             frame = simulation.frame()
-            for estimator in (pairs, cumulants, ks, h):
+            for estimator in (pressure, paths, pairs, cumulants, ks, h):
                 estimator.add(frame)
             if k % 8 == 7:
                 speeds.add(frame)
@@ -177,11 +175,10 @@ def _mixture(seed: Seed, blocks: int = 256) -> dict[str, Estimate]:
     simulation.run(collisions=1000)
     scene = simulation.to_scene()
     pressure, paths = Pressure(scene), FreePath(scene)
-    for _ in range(blocks):
-        simulation.reset_tallies()
-        simulation.run(collisions=24)
-        pressure.add(simulation.tallies, simulation.free_paths.pair_collisions)
-        paths.add(simulation.free_paths)
+    start = simulation.collisions_per_particle
+    for frame in simulation.frames(collisions_per_particle=start + np.arange(blocks + 1)):
+        pressure.add(frame)
+        paths.add(frame)
     rates = paths.collision_rates
     return {
         "Z of a mixture, virial": pressure.virial,
@@ -206,10 +203,9 @@ def _walls(seed: Seed, blocks: int = 128) -> dict[str, Estimate]:
     simulation = hs.Simulation(hs.random_gas(n=24, packing_fraction=0.2, dim=2, boundary="wall", seed=seed))
     simulation.run(collisions=240)
     pressure = Pressure(simulation.to_scene())
-    for _ in range(blocks):
-        simulation.reset_tallies()
-        simulation.run(collisions=24)
-        pressure.add(simulation.tallies)
+    start = simulation.collisions_per_particle
+    for frame in simulation.frames(collisions_per_particle=start + 2.0 * np.arange(blocks + 1)):
+        pressure.add(frame)
     return {
         "Z, virial": pressure.virial,
         "Z, collision rate": pressure.rate,
@@ -232,11 +228,10 @@ def _sound(seed: Seed) -> dict[str, Estimate]:
     simulation = _sound_start(seed)
     simulation.run(collisions=20 * 200)
     pressure = Pressure(simulation.to_scene())
-    for k in range(44):
-        simulation.reset_tallies()
-        simulation.run(collisions=100)
-        pressure.add(simulation.tallies)
-        if k == 19:
+    start = simulation.collisions_per_particle
+    for k, frame in enumerate(simulation.frames(collisions_per_particle=start + 0.5 * np.arange(45))):
+        pressure.add(frame)
+        if k == 20:
             walls = pressure.walls
     return {"Z, walls, half a wave": walls, "force on a wall, one wave": pressure.wall_forces["x high"]}
 

@@ -36,11 +36,11 @@ def measure(scene, blocks=64, per_block=5.0, equilibration=20.0, search="auto"):
     sim = hs.Simulation(scene, free_paths=True, search=search)
     sim.run(collisions=int(equilibration * scene.n / 2))
     paths, pressure = FreePath(sim.to_scene()), Pressure(sim.to_scene())
-    for _ in range(blocks):
-        sim.reset_tallies()
+    for _ in range(blocks + 1):
+        frame = sim.frame()
+        paths.add(frame)
+        pressure.add(frame)
         sim.run(collisions=int(per_block * scene.n / 2))
-        paths.add(sim.free_paths)
-        pressure.add(sim.tallies, sim.free_paths.pair_collisions)
     return paths, pressure
 
 
@@ -200,15 +200,14 @@ def feed(sim, paths, blocks, collisions, quiet=True):
         if quiet:
             warnings.simplefilter("ignore", FirstFlightsWarning)
         for _ in range(blocks):
-            sim.reset_tallies()
             sim.run(collisions=collisions)
-            paths.add(sim.free_paths)
+            paths.add(sim.frame())
 
 
 def test_broken_gases_are_seen():
     """Beams that have not met, a gas that relaxes, masses that the theory was not told of, and another gas's blocks."""
     sim = hs.Simulation(random_gas("3d", 12_000, 0.02, velocities="beams"), free_paths=True)
-    paths = FreePath(sim.scene)
+    paths = FreePath(sim.scene).add(sim.frame())
     feed(sim, paths, 19, 120)
     with pytest.warns(FirstFlightsWarning, match="let every particle collide"):
         feed(sim, paths, 1, 120, quiet=False)
@@ -218,7 +217,7 @@ def test_broken_gases_are_seen():
         assert apart(paths.mean_free_time[0], expected.value, expected.uncertainty) > 5
     # two temperatures that come to one: the rate falls, and the series says so
     sim = hs.Simulation(random_gas("3d", 4000, 0.05, velocities="two-temperatures"), free_paths=True)
-    paths = FreePath(sim.scene)
+    paths = FreePath(sim.scene).add(sim.frame())
     feed(sim, paths, 64, 200)
     with pytest.warns(DriftWarning):
         _ = paths.moment(2)
@@ -226,44 +225,47 @@ def test_broken_gases_are_seen():
     sim = hs.Simulation(random_gas("3d", 500, 0.05), free_paths=True)
     sim.run(collisions=5000)
     heavy, small = FreePath(sim.scene.replace(masses=1.1)), FreePath(sim.scene.replace(radii=0.49))
-    for _ in range(64):
-        sim.reset_tallies()
-        sim.run(collisions=1500)
-        heavy.add(sim.free_paths)
-        small.add(sim.free_paths)
+    for frame in sim.frames(collisions_per_particle=20.0 + 6.0 * np.arange(65)):
+        heavy.add(frame)
+        small.add(frame)
     path = small.predictions["mean free path"][0]
     assert apart(small.mean_free_path[0], path.value, path.uncertainty) > 5
     # masses change neither paths nor, as the scene's kT grows with them, times: what a free path cannot see
     assert all(abs(check.z) < 4.5 for check in heavy.checks)
-    with pytest.raises(ValueError, match=r"\[500\] particles of each species; the scene has \[32\]"):
-        FreePath(random_gas("3d", 32, 0.15)).add(sim.free_paths)
+    with pytest.raises(
+        ValueError, match=r"\[500\] particles of each species in 3 dimensions; the scene has \[32\]"
+    ):
+        FreePath(random_gas("3d", 32, 0.15)).add(sim.frame())
 
 
 def test_asked_too_early_or_wrongly():
     scene = random_gas("3d", 500, 0.05)
     paths = FreePath(scene)
     for name in ("mean_free_path", "mean_free_time", "collision_rates", "compressibility_factor", "checks"):
-        with pytest.raises(NoDataError, match=r"call add\(sim.free_paths\) after each of two runs first"):
+        with pytest.raises(NoDataError, match=r"call add\(frame\) with three frames first"):
             getattr(paths, name)
     for call in (paths.survival, paths.path_at_speed, paths.plot, lambda: paths.moment(2)):
         with pytest.raises(NoDataError, match="has no two blocks yet"):
             call()
-    with pytest.raises(ValueError, match="no duration"):
-        paths.add(hs.Simulation(scene, free_paths=True).free_paths)
+    with pytest.raises(ValueError, match=r"construct with Simulation\(scene, free_paths=True\)"):
+        paths.add(hs.Simulation(scene).frame())
     with pytest.raises(ValueError, match="nothing moves"):
         FreePath(scene.replace(velocities=np.zeros((500, 3))))
     sim = hs.Simulation(scene, free_paths=True)
-    sim.run(collisions=100)
+    paths.add(sim.frame())
     with pytest.warns(FirstFlightsWarning):
-        paths.add(sim.free_paths).add(sim.free_paths)
+        feed(sim, paths, 2, 100, quiet=False)
+    with pytest.raises(ValueError, match="add each frame once, in the order of time"):
+        paths.add(sim.frame())
     with pytest.raises(ValueError, match="order = 4"):
         paths.moment(4)
     with pytest.raises(ValueError, match="species = 1; the gas has 1"):
         paths.survival(species=1)
     faster = hs.Simulation(scene.replace(velocities=1.01 * scene.velocities), free_paths=True)
     faster.run(collisions=100)
-    with pytest.raises(ValueError, match="add blocks of one simulation"):
-        paths.add(faster.free_paths)
+    with pytest.raises(ValueError, match="another simulation than the one before"):
+        paths.add(faster.frame())
+    assert paths.n_blocks == 2
 
 
 @pytest.mark.slow

@@ -102,11 +102,9 @@ def frozen(seed, blocks=60):
     sim = hs.Simulation(scene, free_paths=True, search="lists")  # as compiled for other tests
     sim.run(collisions=2000)
     paths, pressure = FreePath(sim.scene), Pressure(sim.scene)
-    for _ in range(blocks):
-        sim.reset_tallies()
-        sim.run(collisions=100)
-        paths.add(sim.free_paths)
-        pressure.add(sim.tallies, sim.free_paths.pair_collisions)
+    for frame in sim.frames(collisions_per_particle=20 + np.arange(blocks + 1)):
+        paths.add(frame)
+        pressure.add(frame)
     return paths, pressure
 
 

@@ -90,11 +90,13 @@ def test_memory_does_not_grow_with_the_frames(kind):
 @pytest.mark.parametrize("kind", [Pressure, FreePath])
 def test_memory_does_not_grow_with_the_blocks(kind):
     sim = hs.Simulation(random_gas("3d", 32, 0.1), free_paths=True)
-    sim.run(collisions=200)
-    sim.reset_tallies()  # without the first flights, of which a warning would be
-    sim.run(collisions=10)
-    block = sim.tallies if kind is Pressure else sim.free_paths
-    first, last = sizes(new(kind), lambda index: block, lambda estimator, block: estimator.add(block))
+    sim.run(collisions=200)  # without the first flights, of which a warning would be
+
+    def frame(index):
+        sim.run(collisions=1)
+        return sim.frame()
+
+    first, last = sizes(kind(sim.scene), frame, lambda estimator, frame: estimator.add(frame))
     assert last - first < 1000
 
 
@@ -111,14 +113,8 @@ def test_repr_tells_results_or_that_there_are_none(kind):
     estimator = kind(scene) if kind in (Pressure, FreePath) else new(kind)
     sim = hs.Simulation(scene, free_paths=kind is FreePath)
     sim.run(collisions=400)
-    sim.reset_tallies()
     for frame in sim.frames(every=3.0, count=21):
-        if kind in (Pressure, FreePath):
-            if sim.tallies.collisions:
-                estimator.add(sim.tallies if kind is Pressure else sim.free_paths)
-                sim.reset_tallies()
-        else:
-            estimator.add(frame)
+        estimator.add(frame)
     text = repr(estimator)
     assert text.startswith(f"<{name}: ") and "nothing" not in text and "\n" not in text and len(text) < 300
     if kind is Pressure:

@@ -3,6 +3,7 @@
 import math
 import warnings
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -25,11 +26,25 @@ def measure(scene, blocks=80, per_block=2.0, equilibration=30.0, **options):
     sim = hs.Simulation(scene)
     sim.run(collisions=int(equilibration * scene.n / 2))
     pressure = Pressure(sim.to_scene(), **options)
+    return feed(pressure, sim, blocks, int(per_block * scene.n / 2))
+
+
+def feed(pressure, sim, blocks, collisions):
+    """The estimator, with so many blocks of so many collisions each."""
+    pressure.add(sim.frame())
     for _ in range(blocks):
-        sim.reset_tallies()
-        sim.run(collisions=int(per_block * scene.n / 2))
-        pressure.add(sim.tallies)
+        sim.run(collisions=collisions)
+        pressure.add(sim.frame())
     return pressure
+
+
+def counted(scene, time, collisions, virial, pair_collisions=None):
+    """A frame of a simulation that has counted this."""
+    dim = scene.dim
+    walls = np.zeros((2, dim, 2))
+    tallies = hs.simulation.Tallies(time, collisions, 0, virial, time * np.eye(dim), *walls)
+    paths = None if pair_collisions is None else SimpleNamespace(pair_collisions=pair_collisions)
+    return SimpleNamespace(time=time, scene=scene, tallies=tallies, free_paths=paths)
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +114,7 @@ def test_a_mixture_beside_its_theory():
     pressure = measure(random_gas("3d_mixture", 200, 0.2), blocks=120, per_block=8.0)
     (check,) = pressure.checks
     assert check.theory.startswith("Santos") and abs(check.z) < 3.3
-    with pytest.raises(NoDataError, match="pair_collisions"):
+    with pytest.raises(NoDataError, match="free_paths=True"):
         _ = pressure.rate
     # sibling: one species of the same packing fraction
     assert abs(check.measured.deviation(theory.finite_size_compressibility(0.2, 3, 200).value)) > 4
@@ -138,17 +153,22 @@ def test_rate_of_a_mixture_from_its_pairs():
         rho, 2 * scene.radii[:2], scene.masses[:2], 3, scene.temperature
     ) * (rho[:, None] * scene.volume)
     rates[np.diag_indices(2)] /= 2
-    rng = np.random.default_rng(1)
-    for _ in range(100):
-        counts = rng.poisson(np.triu(rates) * 2.0)
-        tallies = hs.simulation.Tallies(2.0, int(counts.sum()), 0, *np.zeros((2, 3, 3)), *np.zeros((2, 3, 2)))
-        pressure.add(tallies, counts + np.triu(counts, 1).T)
+    rng, counts = np.random.default_rng(1), np.zeros((2, 2), dtype=int)
+    for k in range(101):
+        both = counts + np.triu(counts, 1).T
+        pressure.add(counted(scene, 2.0 * k, int(counts.sum()), np.zeros((3, 3)), both))
+        counts = counts + rng.poisson(np.triu(rates) * 2.0)
     free = scene.degrees_of_freedom
     expected = theory.mixture_compressibility(rho, 2 * scene.radii[:2], 3).value - 1
     expected *= 3 * 200 / free * theory.collision_speed_factor(free)
     assert abs(pressure.rate.deviation(1 + expected)) < 4
-    with pytest.raises(ValueError, match="every block or with none"):
-        pressure.add(tallies)
+    sim = hs.Simulation(scene)  # sibling: without free paths nobody knows who collided with whom
+    with pytest.raises(
+        NoDataError, match=r"add\(frame\) with frames of Simulation\(scene, free_paths=True\)"
+    ):
+        _ = Pressure(scene).add(sim.frame()).add(counted(scene, 1.0, 9, np.zeros((3, 3)))).rate
+    with pytest.raises(ValueError, match="some of the frames have free paths"):
+        pressure.add(counted(scene, 1e3, 10**6, np.zeros((3, 3))))
 
 
 @pytest.mark.parametrize(("kind", "n", "eta"), [("2d_mixture_walls", 40, 0.3), ("3d_walls", 50, 0.2)])
@@ -157,15 +177,17 @@ def test_identity_between_walls_to_round_off(kind, n, eta):
     for collisions in (1, 100, 20_000):
         sim.run(collisions=50)
         start = sim.frame()
-        sim.reset_tallies()
+        sim.reset_tallies()  # which frames need not and do not notice
         sim.run(collisions=collisions)
-        identity = virial_identity(start, sim.frame(), sim.tallies)
+        identity = virial_identity(start, sim.frame())
         assert identity.residual < 2e-12
         # sibling: without its boundary term it fails
         assert np.abs(identity.inside - identity.walls).max() > 1e-6 * np.abs(identity.inside).max()
     assert len(identity.axes) == (2 if kind.startswith("2d") else 1)
-    with pytest.raises(ValueError, match="apart in time"):
-        virial_identity(start, start, sim.tallies)
+    with pytest.raises(ValueError, match="the start comes first"):
+        virial_identity(start, start)
+    with pytest.raises(ValueError, match="another simulation"):
+        virial_identity(start, hs.Simulation(random_gas(kind, n, eta, seed=2)).frame())
 
 
 @pytest.mark.parametrize("kind", ["2d_mixture_walls", "3d_walls"])
@@ -238,12 +260,12 @@ def test_contact_theorem_at_a_wall():
     sim = hs.Simulation(random_gas("3d_walls", 50, 0.1))
     sim.run(collisions=2000)
     pressure, near, frames, depth = Pressure(sim.scene), 0, 3000, 0.06
+    pressure.add(sim.frame())
     for _ in range(60):
-        sim.reset_tallies()
         for frame in sim.frames(every=0.2, count=frames // 60 + 1):
             y = frame.positions[:, 1] - 0.5
             near += np.count_nonzero(y < depth) + np.count_nonzero(y > sim.scene.box[1] - 1.0 - depth)
-        pressure.add(sim.tallies)
+        pressure.add(frame)
     seen = 60 * (frames // 60 + 1)
     area = float(sim.scene.box[0] * sim.scene.box[2])
     contact = near / seen / (2 * area * depth) * sim.scene.temperature
@@ -258,10 +280,7 @@ def test_broken_gases_are_seen():
     # not thermalised: two beams, whose collisions are rare or head-on; virial and rate cannot agree
     sim = hs.Simulation(random_gas("3d", 4000, 0.02, velocities="beams"))
     pressure = Pressure(sim.scene)
-    for _ in range(20):
-        sim.reset_tallies()
-        sim.run(collisions=40)
-        pressure.add(sim.tallies)
+    feed(pressure, sim, blocks=20, collisions=40)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SeriesWarning)
         assert abs(pressure.virial.deviation(pressure.rate.value)) > 4
@@ -270,30 +289,24 @@ def test_broken_gases_are_seen():
     sim = hs.Simulation(hs.lattice_gas(n=864, packing_fraction=0.45, seed=1))
     sim.run(collisions=400)
     pressure = Pressure(sim.scene)
-    for _ in range(300):
-        sim.reset_tallies()
-        sim.run(collisions=160)
-        pressure.add(sim.tallies)
+    feed(pressure, sim, blocks=300, collisions=160)
     with pytest.warns(DriftWarning):
         _ = pressure.virial
     # wrong mass: velocities as at equilibrium, tallies of a gas twice as heavy as the scene says
     sim = hs.Simulation(random_gas("3d", 108, 0.2))
     pressure = Pressure(sim.scene.replace(masses=2.0))
-    for _ in range(64):
-        sim.reset_tallies()
-        sim.run(collisions=100)
-        pressure.add(sim.tallies)
+    feed(pressure, sim, blocks=64, collisions=100)
     assert max(abs(check.z) for check in pressure.checks[:1]) > 5
 
 
 def test_equilibration_is_discarded():
     sim = hs.Simulation(hs.lattice_gas(n=108, packing_fraction=0.45, seed=2))
     both = Pressure(sim.scene), Pressure(sim.scene, discard=True)
-    for _ in range(500):
-        sim.reset_tallies()
-        sim.run(collisions=20)
+    for _ in range(501):
+        frame = sim.frame()
         for pressure in both:
-            pressure.add(sim.tallies)
+            pressure.add(frame)
+        sim.run(collisions=20)
     assert both[0].discarded_rows == 0
     assert 2 <= both[1].discarded_rows < 250
     assert both[0].n_blocks == 500
@@ -303,10 +316,10 @@ def test_memory_is_bounded_and_results_stay():
     rng = np.random.default_rng(5)
     scene = random_gas("3d", 32, 0.15)
     pressure = Pressure(scene)
-    for _ in range(3000):
-        virial = np.diag(rng.normal(10.0, 1.0, 3))
-        tallies = hs.simulation.Tallies(1.0, 50, 0, virial, np.eye(3), *np.zeros((2, 3, 2)))
-        pressure.add(tallies)
+    virial = np.zeros((3, 3))
+    for k in range(3001):
+        pressure.add(counted(scene, float(k), 50 * k, virial))
+        virial = virial + np.diag(rng.normal(10.0, 1.0, 3))
     assert len(pressure._blocks) < 1024 and pressure.n_blocks == 3000
     expected = 1 + 30 / (2 * scene.thermal_energy)
     assert abs(pressure.virial.deviation(expected)) < 4
@@ -316,17 +329,16 @@ def test_asked_too_early_it_says_what_to_call():
     scene = random_gas("3d", 32, 0.15)
     pressure = Pressure(scene)
     for name in ("virial", "rate", "tensor", "checks"):
-        with pytest.raises(NoDataError, match=r"call add\(sim.tallies\) after each of two runs first"):
+        with pytest.raises(NoDataError, match=r"call add\(frame\) with three frames first"):
             getattr(pressure, name)
     with pytest.raises(NoDataError, match="no walls yet"):
         _ = pressure.walls
-    with pytest.raises(ValueError, match="no duration"):
+    with pytest.raises(ValueError, match=r"only frames of a simulation have tallies.*this is <Tallies"):
         pressure.add(hs.Simulation(scene).tallies)
     with pytest.raises(ValueError, match="nothing moves"):
         Pressure(scene.replace(velocities=np.zeros((32, 3))))
     with pytest.raises(ValueError, match="dimensions"):
-        flat = hs.simulation.Tallies(1.0, 1, 0, *np.zeros((2, 2, 2)), *np.zeros((2, 2, 2)))
-        pressure.add(flat)
+        pressure.add(hs.Simulation(random_gas("2d", 32, 0.15)).frame())
     with pytest.raises(ValueError, match="needs a wall axis"):
         sim = hs.Simulation(scene)
-        virial_identity(sim.frame(), sim.frame(), sim.tallies)
+        virial_identity(sim.frame(), sim.frame())

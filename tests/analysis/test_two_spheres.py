@@ -23,10 +23,11 @@ def measure(box, collisions, blocks=200):
     places = np.array([[0.8] * dim, np.array(box) - 0.9])
     sim = hs.Simulation(hs.Scene(places, velocities, box=box, boundary="wall"))
     pressure, rows = Pressure(sim.scene), BlockSeries()
+    pressure.add(sim.frame())
     for _ in range(blocks):
         sim.reset_tallies()
         sim.run(collisions=collisions // blocks)
-        pressure.add(sim.tallies)
+        pressure.add(sim.frame())
         rows.add([sim.tallies.wall_collisions, sim.tallies.time])
     walls = estimate_from_series(rows.rows, lambda mean: mean[..., 0] / mean[..., 1])
     return pressure, walls

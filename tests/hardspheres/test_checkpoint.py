@@ -94,7 +94,7 @@ def path(half_way, tmp_path):
     return tmp_path / "checkpoint"
 
 
-@pytest.mark.parametrize("lost", ["row", "turns", "total", "numbers", "counters"])
+@pytest.mark.parametrize("lost", ["row", "turns", "total", "earlier", "numbers", "counters"])
 def test_whatever_is_lost_is_missed(path, lost, monkeypatch):
     """Sibling: each part of the state matters; without it something that a user sees is another."""
     expected = everything(hs.Simulation.load(path))
@@ -326,13 +326,16 @@ def test_a_sealed_file_with_any_bytes_is_refused_or_runs(half_way, tmp_path_fact
 def test_flights_and_the_log_go_on(tmp_path):
     whole, logs = hs.Simulation(gas("3d", 300, 0.1, seed=5), free_paths=True, search="windows"), []
     for step in STEPS:
+        whole.reset_tallies()
         whole.run(**step)
         whole.save(tmp_path / f"after {whole.collisions}")
     first, *_ = sorted(tmp_path.iterdir(), key=lambda file: int(file.name.split()[-1]))
     sim = hs.Simulation.load(first, log=logs.append, search="windows")
     for step in STEPS[1:]:
+        sim.reset_tallies()
         sim.run(**step)
     assert everything(sim) == everything(whole)
+    assert sim.frame().free_paths.flights[0] > sim.free_paths.flights[0]
     assert flight_bits(sim.free_paths) == flight_bits(whole.free_paths)
     assert sum(map(len, logs)) == whole.collisions - STEPS[0]["collisions"]
 

@@ -110,7 +110,7 @@ def test_a_log_in_a_file_has_one_writer(way, tmp_path):
 def shown(sim):
     """Every array that looks like state, by name."""
     frame, tallies = sim.frame(), sim.tallies
-    for owner in (sim, sim.scene, frame, tallies, sim.free_paths):
+    for owner in (sim, sim.scene, frame, tallies, frame.tallies, sim.free_paths, frame.free_paths):
         names = {name for name in dir(type(owner)) if isinstance(getattr(type(owner), name), property)} | {
             *vars(owner)
         }

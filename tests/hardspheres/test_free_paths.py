@@ -162,6 +162,10 @@ def test_windows_add_up():
         sim.run(collisions=1000)
         parts.append(sim.free_paths)
     every = whole.free_paths
+    assert flight_bits(whole.frame().free_paths) == flight_bits(every)
+    from_start = sim.frame().free_paths  # though its tallies were reset
+    for field, value in vars(every).items():
+        np.testing.assert_allclose(getattr(from_start, field), value, rtol=1e-12, atol=1e-12)
     for field in (
         "flights",
         "first_flights",

@@ -249,6 +249,29 @@ def test_tallies_begin_anew(sim):
     )
 
 
+def pieces(tallies):
+    return np.concatenate([np.ravel(piece) for piece in vars(tallies).values()])
+
+
+@pytest.mark.parametrize("kind", ["3d_walls", "2d_mixture_walls"])
+def test_frames_count_from_the_start(kind):
+    """Whatever is reset; what lies between two frames is what was counted since a reset at the first, to rounding of the whole."""
+    sim, whole = (hs.Simulation(gas(kind, 60, 0.1)) for _ in range(2))
+    for step in ({"collisions": 700}, {"time": 0.3}, {"collisions": 2000}, {"collisions": 90}):
+        sim.reset_tallies()
+        before = sim.frame()
+        sim.run(**step)
+        whole.run(**step)
+        first, last, block = pieces(before.tallies), pieces(sim.frame().tallies), pieces(sim.tallies)
+        rounding = 1e-13 * np.abs(last).max()
+        np.testing.assert_allclose(last - first, block, rtol=1e-10, atol=rounding)
+        np.testing.assert_allclose(last, pieces(whole.tallies), rtol=1e-10, atol=rounding)
+        np.testing.assert_array_equal(pieces(whole.frame().tallies), pieces(whole.tallies))
+    assert last[1] == sim.collisions > block[1]  # sibling: since the reset it is another number
+    assert sim.frame().free_paths is None
+    assert hs.Frame(0.0, 0, 0.0, before.positions, before.velocities, sim.scene).tallies is None
+
+
 @pytest.mark.parametrize("kind", ["3d_walls", "2d_mixture_walls"])
 def test_pressure_identity_between_walls(kind):
     """2K + W = walls' work + change of sum m r.v over time, for any run, to rounding (per wall axis, Clausius' virial)."""

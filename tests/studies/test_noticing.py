@@ -72,10 +72,8 @@ def test_survival_of_flights_that_few_blocks_have_is_no_matter_of_rounding():
     sim = hs.Simulation(hs.random_gas(n=100, packing_fraction=0.1, seed=0), free_paths=True)
     sim.run(collisions=1000)
     paths = FreePath(sim.to_scene())
-    for _ in range(24):
-        sim.reset_tallies()
-        sim.run(collisions=50)
-        paths.add(sim.free_paths)
+    for frame in sim.frames(collisions_per_particle=range(20, 45)):
+        paths.add(frame)
     counts = paths._rows("path_counts")
     mean = counts.mean(axis=0)
     left = np.cumsum((mean + (mean - counts) / 23)[:, ::-1], axis=1)

@@ -80,10 +80,9 @@ def test_a_simulation_and_its_estimators_go_on_with_the_same_bits():
 
     def advance(sim, curve, pressure, diffusion, rounds):
         for _ in range(rounds):
-            sim.reset_tallies()
             sim.run(time=0.2)
             curve.add(sim.frame())
-            pressure.add(sim.tallies)
+            pressure.add(sim.frame())
             diffusion.add(sim)
         return [sim, curve, pressure, diffusion]
 
