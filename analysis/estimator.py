@@ -1,4 +1,4 @@
-"""The one shape of all estimators: construct with parameters, add frames, read results, plot."""
+"""The interface that all estimators share: construct with parameters, add frames, read results, plot."""
 
 from __future__ import annotations
 
@@ -14,12 +14,15 @@ if TYPE_CHECKING:
 __all__ = ["PALETTE", "Estimator", "NoDataError"]
 
 PALETTE = ("#1f77b4", "#c8403f", "#e8b23a", "#3d2466", "#7fc8d8")
-"""Colours of species and of series in all figures, told apart with any colour vision: the least distance in CIELAB is 26 with the
-deuteranopia, protanopia and tritanopia of Machado, Oliveira and Fernandes 2009 (doi 10.1109/TVCG.2009.113)."""
+"""Colours of species and of series in all figures, distinct with any colour vision.
+
+The least distance in CIELAB is 26 under deuteranopia, protanopia and tritanopia as simulated by Machado,
+Oliveira and Fernandes 2009 (doi 10.1109/TVCG.2009.113).
+"""
 
 
 NUMBERS = {"int", "Estimate", "Estimate | None", "ChiSquare"}
-"""Types of the results whose values `repr` tells."""
+"""Types of the results whose values `repr` shows."""
 
 
 class NoDataError(HardSpheresError, RuntimeError):
@@ -30,19 +33,19 @@ class Estimator(ABC):
     """Base of all estimators.
 
     Subclasses take their parameters in the constructor, accumulate in `add`, and offer results as read-only
-    properties, which raise `NoDataError` before there is anything to tell.
+    properties, which raise `NoDataError` until there are enough data.
     """
 
     @abstractmethod
     def add(self, frame: Any) -> Self:
-        """Take in one frame or one block of tallies and return the estimator itself, so that calls chain."""
+        """Add one frame or one block of tallies and return the estimator itself, so that calls chain."""
 
     @abstractmethod
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the results beside their theory into `ax`, or into a new figure, and return the Axes."""
 
     def __repr__(self) -> str:
-        """Return its name and its results: the values of those that are one number, else the names of those that are there."""
+        """Return the class name with the values of scalar results, or else the names of available results."""
         numbers, names, missing = [], [], False
         for name in dict.fromkeys(name for kind in reversed(type(self).__mro__) for name in vars(kind)):
             result = getattr(type(self), name)
@@ -50,7 +53,7 @@ class Estimator(ABC):
                 continue
             try:
                 with warnings.catch_warnings():
-                    warnings.simplefilter("ignore")  # whoever asks for the result itself is warned
+                    warnings.simplefilter("ignore")  # reading the result itself gives the warning
                     value = getattr(self, name)
             except (HardSpheresError, ValueError) as error:
                 missing |= isinstance(error, NoDataError)

@@ -1,8 +1,9 @@
 """Sealed archives: named arrays in one NumPy .npz file, written whole or not at all, and read without trusting a byte.
 
-The file is a plain zip of .npy members, uncompressed (random digits do not compress), so `numpy.load` opens it too. The comment at
-its end is the SHA-256 of every byte before. Members are float64, int64 or uint8, little-endian; nothing is ever unpickled, and no
-size that the file declares is believed before the bytes are there.
+The file is a plain zip of .npy members, uncompressed (random digits do not compress), so `numpy.load` opens
+it too. The comment at its end is the SHA-256 of every byte before. Members are float64, int64 or uint8,
+little-endian; nothing is ever unpickled, and no size that the file declares is believed before the bytes are
+there.
 """
 
 import contextlib
@@ -33,8 +34,8 @@ MOST_MEMBERS = 100
 def write_archive(path: str | os.PathLike[str], arrays: Arrays, *, durable: bool = True) -> None:
     """Write named arrays to a file that a crash leaves either old or new.
 
-    They go to a temporary file in the same folder, which is flushed to the disk and renamed. What writers that were killed have
-    left in the folder is removed, see `temporary`.
+    They go to a temporary file in the same folder, which is flushed to the disk and renamed. What writers
+    that were killed have left in the folder is removed, see `temporary`.
 
     Parameters
     ----------
@@ -43,7 +44,8 @@ def write_archive(path: str | os.PathLike[str], arrays: Arrays, *, durable: bool
     arrays : dict of str to array
         Arrays of float64, int64 or uint8.
     durable : bool, default True
-        Wait for the disk. Without, a power failure may tear the file (its checksum tells); a crash of the process may not.
+        Wait for the disk. Without, a power failure may tear the file (its checksum tells); a crash of the
+        process may not.
 
     Raises
     ------
@@ -67,7 +69,8 @@ def write_archive(path: str | os.PathLike[str], arrays: Arrays, *, durable: bool
             _sync_folder(target.parent)
     except OSError as error:
         raise CheckpointError(
-            f"the checkpoint {target} cannot be written: {error.strerror or error}; make room, or give another path"
+            f"the checkpoint {target} cannot be written: {error.strerror or error}; make room, or give "
+            "another path"
         ) from error
     finally:
         with contextlib.suppress(OSError):
@@ -90,7 +93,8 @@ def read_archive(path: str | os.PathLike[str]) -> Arrays:
     Raises
     ------
     CheckpointError
-        When the file cannot be read, is no such archive, is cut short or altered, or holds anything but plain arrays.
+        When the file cannot be read, is no such archive, is cut short or altered, or holds anything but plain
+        arrays.
     """
     source = _as_path(path)
     try:

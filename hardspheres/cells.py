@@ -1,8 +1,8 @@
 """Which pairs of points are near: a cell grid in NumPy, for checks and placements outside the event loop.
 
-Cells are never smaller than the cutoff, so every pair closer than it lies in the same or in touching cells. Only occupied
-cells are stored (found through a table, or by bisection where the box is mostly empty), so cost and memory grow with the
-particles and not with the box.
+Cells are never smaller than the cutoff, so every pair closer than it lies in the same or in touching cells.
+Only occupied cells are stored (found through a table, or by bisection where the box is mostly empty), so cost
+and memory grow with the particles and not with the box.
 """
 
 import itertools
@@ -198,9 +198,9 @@ def worst_overlap(positions: Floats, radii: Floats, box: Floats, periodic: Bools
     Returns
     -------
     i, j, depth : int, int, float
-        The pair, i < j, and the sum of its radii less its distance: positive for an overlap. (0, 0, -inf) when no two
-        particles are near. Where so many particles share one place that looking at all pairs would never end, the worst
-        among a part of them that cannot all fit.
+        The pair, i < j, and the sum of its radii less its distance: positive for an overlap. (0, 0, -inf)
+        when no two particles are near. Where so many particles share one place that looking at all pairs
+        would never end, the worst among a part of them that cannot all fit.
     """
     worst = (0, 0, -math.inf)
     classes = size_classes(radii)

@@ -1,12 +1,12 @@
 """Checkpoints: a simulation in a file, to go on from later, elsewhere, to the last bit.
 
-The rows are the canonical state (`hardspheres.kernel`), so pending events, neighbour lists and windows need not be stored: they are
-found again from the rows. Stored are the scene that the simulation began with (from which shells and windows follow), the length of
-its epochs by now, the state that `kernel.layout` names, the clock, and where the tallies began. Every number is checked before a
-kernel sees it.
+The rows are the canonical state (`hardspheres.kernel`), so pending events, neighbour lists and windows need
+not be stored: they are found again from the rows. Stored are the scene that the simulation began with (from
+which shells and windows follow), the length of its epochs by now, the state that `kernel.layout` names, the
+clock, and where the tallies began. Every number is checked before a kernel sees it.
 
-A checkpoint of another version of the package is taken as long as the version of the format is the same: that version changes
-with the content of the file and with whatever changes the bits of a trajectory.
+A checkpoint of another version of the package is taken as long as the version of the format is the same: that
+version changes with the content of the file and with whatever changes the bits of a trajectory.
 """
 
 import json
@@ -177,8 +177,8 @@ def _read_about(arrays: Arrays) -> dict[str, Any]:
         raise CheckpointError("it does not say that it is a checkpoint of hardspheres") from None
     if about.get("version") != VERSION:
         raise CheckpointError(
-            f"its format is version {about.get('version')!r}, written by hardspheres {about.get('package')!r}; this one reads "
-            f"version {VERSION}"
+            f"its format is version {about.get('version')!r}, written by hardspheres "
+            f"{about.get('package')!r}; this one reads version {VERSION}"
         )
     clock, since = about.get("clock"), about.get("tallied_since")
     if not _is_list(about.get("boundary"), str, str, str) and not _is_list(about.get("boundary"), str, str):
@@ -229,7 +229,8 @@ def _require_like(arrays: Arrays, fresh: Arrays) -> None:
         given = arrays[name]
         if given.dtype != array.dtype or given.shape != array.shape:
             raise CheckpointError(
-                f"{name} is {given.dtype} of shape {given.shape}; this scene has {array.dtype} of shape {array.shape}"
+                f"{name} is {given.dtype} of shape {given.shape}; this scene has {array.dtype} of shape "
+                f"{array.shape}"
             )
         if given.dtype.kind == "f" and not np.isfinite(given).all():
             raise CheckpointError(f"{name} holds a value that is not finite")

@@ -1,17 +1,20 @@
 """Dense random starts: spheres that fly, collide and grow until they fill what was asked for.
 
-The compression of Lubachevsky and Stillinger (J. Stat. Phys. 60, 561 (1990), doi:10.1007/BF01025983), in the engine that runs
-everything else. Spheres are placed at random where that is easy, get thermal velocities, and all radii grow by a common scale,
-linearly in time, while the box stays as it is. The work is done in stages: at the end of one the kinetic energy, which every
-collision of growing spheres raises, goes back to what it was, and the engine is made anew with lists and cells for the next size.
+The compression of Lubachevsky and Stillinger (J. Stat. Phys. 60, 561 (1990), doi:10.1007/BF01025983), in the
+engine that runs everything else. Spheres are placed at random where that is easy, get thermal velocities, and
+all radii grow by a common scale, linearly in time, while the box stays as it is. The work is done in stages:
+at the end of one the kinetic energy, which every collision of growing spheres raises, goes back to what it
+was, and the engine is made anew with lists and cells for the next size.
 
-**How fast.** The rate is gamma, the speed at which a mean diameter grows over the thermal speed. In a thin gas it matters
-little. Near freezing the fluid needs time to follow; beyond it, fast growth gives glass and very slow growth crystals. So gamma
-falls with the pressure from 0.1 to 0.004 and stays there until the spheres jam; others take 0.001 and less to jam slowly (Donev,
-Torquato, Stillinger 2005, doi:10.1016/j.jcp.2004.08.014; Skoge and others 2006, doi:10.1103/PhysRevE.74.041127). Spheres that jam at
+**How fast.** The rate is gamma, the speed at which a mean diameter grows over the thermal speed. In a thin
+gas it matters little. Near freezing the fluid needs time to follow; beyond it, fast growth gives glass and
+very slow growth crystals. So gamma falls with the pressure from 0.1 to 0.004 and stays there until the
+spheres jam; others take 0.001 and less to jam slowly (Donev, Torquato, Stillinger 2005,
+doi:10.1016/j.jcp.2004.08.014; Skoge and others 2006, doi:10.1103/PhysRevE.74.041127). Spheres that jam at
 0.647 with 0.004 do so at 0.649 with 0.001, after four times as many collisions.
 
-All masses are equal meanwhile: where particles are in equilibrium does not depend on their masses, and heavy ones would be slow.
+All masses are equal meanwhile: where particles are in equilibrium does not depend on their masses, and heavy
+ones would be slow.
 """
 
 import math
@@ -63,17 +66,19 @@ def compressed_gas(
 ) -> Scene:
     """Make a dense gas without order: particles placed at random grow to their size while they collide.
 
-    The growth is that of Lubachevsky and Stillinger (1990, doi:10.1007/BF01025983), see `hardspheres.compression`. At full size the
-    particles move on for 100 collisions per particle (300 in 2D). After that the pressure of a fluid shows no drift (up to 0.49 in 3D
-    and 0.68 in 2D); a denser one has no time to forget how it was made. Equal spheres jam near 0.645, discs (in grains of
-    crystal) near 0.88, mixtures as the sizes allow. The box is a cube or square.
+    The growth is that of Lubachevsky and Stillinger (1990, doi:10.1007/BF01025983), see
+    `hardspheres.compression`. At full size the particles move on for 100 collisions per particle (300 in 2D).
+    After that the pressure of a fluid shows no drift (up to 0.49 in 3D and 0.68 in 2D); a denser one has no
+    time to forget how it was made. Equal spheres jam near 0.645, discs (in grains of crystal) near 0.88,
+    mixtures as the sizes allow. The box is a cube or square.
 
-    Equal particles in 3D must have stayed fluid or glassy: the scene's bond-orientational order Q6 (`bond_order`) is at
-    most 0.1, or 4/sqrt(n) where that is more. Equal discs must have psi6 of at most 0.5, or 20/sqrt(n), up to a packing fraction
-    of 0.70: from there to 0.72 they turn hexatic and then solid by themselves (Bernard, Krauth 2011,
-    doi:10.1103/PhysRevLett.107.155704), so order is then no fault, and psi6 is not judged. It moves slowly there, over far
-    more than 300 collisions per particle: a scene is neither ordered nor disordered as in equilibrium. With few particles a fluid's order
-    by chance is as large as a crystal's (n < 50 in 3D, n < 400 in 2D), and nothing is refused.
+    Equal particles in 3D must have stayed fluid or glassy: the scene's bond-orientational order Q6
+    (`bond_order`) is at most 0.1, or 4/sqrt(n) where that is more. Equal discs must have psi6 of at most 0.5,
+    or 20/sqrt(n), up to a packing fraction of 0.70: from there to 0.72 they turn hexatic and then solid by
+    themselves (Bernard, Krauth 2011, doi:10.1103/PhysRevLett.107.155704), so order is then no fault, and psi6
+    is not judged. It moves slowly there, over far more than 300 collisions per particle: a scene is neither
+    ordered nor disordered as in equilibrium. With few particles a fluid's order by chance is as large as a
+    crystal's (n < 50 in 3D, n < 400 in 2D), and nothing is refused.
 
     Parameters
     ----------
@@ -86,15 +91,15 @@ def compressed_gas(
     boundary : str or sequence of str
         ``"periodic"`` or ``"wall"``, for all axes or one word for each.
     velocities : str
-        ``"maxwell"``, ``"equal-speeds"``, ``"two-temperatures"`` or ``"beams"``; see `draw_velocities`. They are drawn when the
-        growth is over.
+        ``"maxwell"``, ``"equal-speeds"``, ``"two-temperatures"`` or ``"beams"``; see `draw_velocities`. They
+        are drawn when the growth is over.
     temperature : float
         kT, in units of energy.
     radii, masses : float or (n,) array_like
         Radii and masses. The masses play no part in the growth.
     seed : int or numpy.random.SeedSequence
-        Source of all random choices; the same seed gives the same scene. Another choice of velocities leaves the
-        positions as they are.
+        Source of all random choices; the same seed gives the same scene. Another choice of velocities leaves
+        the positions as they are.
 
     Returns
     -------
@@ -104,8 +109,8 @@ def compressed_gas(
     Raises
     ------
     SceneError
-        When an argument is not as above; when the particles jam before (the message gives the packing fraction reached); when
-        equal particles have ordered, also with faster growth.
+        When an argument is not as above; when the particles jam before (the message gives the packing
+        fraction reached); when equal particles have ordered, also with faster growth.
     """
     n, dim, filled, sizes, weights = checked_arguments(n, packing_fraction, dim, radii, masses)
     words = boundary_words(boundary, dim)
@@ -125,15 +130,17 @@ def compressed_gas(
         worst = max(worst, order.value)
     name = "Q6" if dim == 3 else "psi6"
     raise SceneError(
-        f"the particles ordered in each of {ATTEMPTS} attempts, with {name} up to {worst:.3f} at packing fraction "
-        f"{packing_fraction}; take another seed or packing fraction, or lattice_gas where a crystal is wanted"
+        f"the particles ordered in each of {ATTEMPTS} attempts, with {name} up to {worst:.3f} at packing "
+        f"fraction {packing_fraction}; take another seed or packing fraction, or lattice_gas where a crystal "
+        "is wanted"
     )
 
 
 def order_of_crystal(scene: Scene) -> BondOrder | None:
     """Return the bond order of a scene that is no fluid or glass, and None for one that is or cannot be judged.
 
-    Judged are equal particles, discs below a packing fraction of 0.70 only; see `compressed_gas` for the limits.
+    Judged are equal particles, discs below a packing fraction of 0.70 only; see `compressed_gas` for the
+    limits.
     """
     if scene.n < 2 or scene.radii.min() < scene.radii.max():
         return None
@@ -178,8 +185,8 @@ def _complete(compression: "Compression") -> None:
         radii = compression.scene.radii
         advice = ", or start from lattice_gas if a crystal will do" if radii.min() == radii.max() else ""
         raise SceneError(
-            f"the growth jammed at packing fraction {compression.packing_fraction:.4f} (compressibility factor "
-            f"{compression.pressure:.2g}); ask for less than that{advice}"
+            f"the growth jammed at packing fraction {compression.packing_fraction:.4f} (compressibility "
+            f"factor {compression.pressure:.2g}); ask for less than that{advice}"
         )
 
 

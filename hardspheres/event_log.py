@@ -22,11 +22,11 @@ ROOM = 8192  # events in a chunk
 def event_dtype(dim: int) -> np.dtype[np.void]:
     """Return the type of an event in the log.
 
-    Fields: ``time``, since the start of the simulation; ``i`` and ``j``, the particles, i < j, a wall counts as particle
-    n + 2 axis + side (side 0 at 0, 1 at L); ``normal`` (d,), the unit vector from j, or from the wall, to i; ``impulse``,
-    the momentum passed: i gains impulse * normal, j loses it; ``free_path`` (2,), what i and j flew since their last
-    collision with a particle: at a wall that of i so far, as its flight goes on, and NaN; NaN too where a particle has
-    not met another since the start.
+    Fields: ``time``, since the start of the simulation; ``i`` and ``j``, the particles, i < j, a wall counts
+    as particle n + 2 axis + side (side 0 at 0, 1 at L); ``normal`` (d,), the unit vector from j, or from the
+    wall, to i; ``impulse``, the momentum passed: i gains impulse * normal, j loses it; ``free_path`` (2,),
+    what i and j flew since their last collision with a particle: at a wall that of i so far, as its flight
+    goes on, and NaN; NaN too where a particle has not met another since the start.
     """
     return np.dtype(
         [
@@ -55,14 +55,14 @@ def as_events(rows: NDArray[np.float64], at: Any) -> Events:
 class NpyStream:
     """A `.npy` file that grows. At any moment, after a kill too, it opens with all events that were reported as written.
 
-    Each chunk is appended, and only then the length in the header is rewritten, in one piece (NumPy leaves room for it). The
-    file is not held open in between: there is nothing to close.
+    Each chunk is appended, and only then the length in the header is rewritten, in one piece (NumPy leaves
+    room for it). The file is not held open in between: there is nothing to close.
 
     Parameters
     ----------
     path : str or path-like
-        Ends in ``.npy``. A file that is there already is replaced. A relative one counts from where the process is now, also
-        when it goes elsewhere later.
+        Ends in ``.npy``. A file that is there already is replaced. A relative one counts from where the
+        process is now, also when it goes elsewhere later.
     dtype : numpy.dtype
         Of an event.
 

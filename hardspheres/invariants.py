@@ -1,7 +1,8 @@
 """What holds at every moment of a simulation: conservation, no overlap, clocks that agree, and no coming event forgotten.
 
-The search for events is held against an exhaustive one, with the same formulas in NumPy: every event that the engine has written
-down is what the two rows say, to the last bit, and no contact comes before what is written down for its two particles.
+The search for events is held against an exhaustive one, with the same formulas in NumPy: every event that the
+engine has written down is what the two rows say, to the last bit, and no contact comes before what is written
+down for its two particles.
 """
 
 import itertools
@@ -67,7 +68,8 @@ def _counters_make_sense(engine: "Engine") -> None:
     (last, now), (epoch, moment) = engine.last_event, engine.now
     _require(
         (last, now) <= (epoch, moment),
-        f"the last event, at {now} of epoch {last}, lies after the simulation's time, {moment} of epoch {epoch}",
+        f"the last event, at {now} of epoch {last}, lies after the simulation's time, {moment} of epoch "
+        f"{epoch}",
     )
     t = rows[:, at.T]
     late = int(np.argmax(t))
@@ -79,12 +81,13 @@ def _counters_make_sense(engine: "Engine") -> None:
 def allowed_drift(sim: "Simulation", events: int) -> float:
     """Return how far rounding alone can take energy, over itself, and momentum, over sum m |v|, after so many collisions.
 
-    Roundings differ from one collision to the next, so that errors are random walks: 1e-12 is never reached. Where bonds hardly turn
-    (spheres next to close packing, chains between walls) they are the same every time, and the errors all go one way. Then r.r is
-    off by up to three half units, and with it the impulse, by 1.5 eps. That changes the energy by four times as much of E_n, the energy of
-    the relative motion along the line of centres, which is kT = 2 E / (d N) for the average collision of particles that share the
-    energy E: 12 eps / (d N) of E. N counts those that share it: (1 + 2/d) E^2 over the sum of squares of the particles' energies,
-    which is N in equilibrium, at the start or now, whichever is less.
+    Roundings differ from one collision to the next, so that errors are random walks: 1e-12 is never reached.
+    Where bonds hardly turn (spheres next to close packing, chains between walls) they are the same every
+    time, and the errors all go one way. Then r.r is off by up to three half units, and with it the impulse,
+    by 1.5 eps. That changes the energy by four times as much of E_n, the energy of the relative motion along
+    the line of centres, which is kT = 2 E / (d N) for the average collision of particles that share the
+    energy E: 12 eps / (d N) of E. N counts those that share it: (1 + 2/d) E^2 over the sum of squares of the
+    particles' energies, which is N in equilibrium, at the start or now, whichever is less.
 
     Parameters
     ----------
@@ -259,7 +262,8 @@ class _Search:
         if not right.all():
             k = int(np.argmin(right))
             raise InvariantError(
-                f"the event of {i[k]} with {partner[k]} is written down for {time[k]}, but their rows say otherwise"
+                f"the event of {i[k]} with {partner[k]} is written down for {time[k]}, but their rows say "
+                "otherwise"
             )
 
     # Pending events.

@@ -3,10 +3,10 @@
     ROOT/hardspheres/DIGEST/KIND     kernels for one kind of scene, from sources with this digest
     ROOT/hardspheres/DIGEST/lock     held, shared, by every process that uses them
 
-Cached kernels are executed. A folder is used only where nobody else can have put them there: it is ours, and every folder on the
-way to it belongs to us or to the system, and can be changed by nobody else. ROOT is the first such of what NUMBA_CACHE_DIR or
-XDG_CACHE_HOME names, or else the user's cache folder, and a private folder among the temporary ones. Kernels that no process
-has used for 30 days are removed.
+Cached kernels are executed. A folder is used only where nobody else can have put them there: it is ours, and
+every folder on the way to it belongs to us or to the system, and can be changed by nobody else. ROOT is the
+first such of what NUMBA_CACHE_DIR or XDG_CACHE_HOME names, or else the user's cache folder, and a private
+folder among the temporary ones. Kernels that no process has used for 30 days are removed.
 """
 
 import contextlib
@@ -53,9 +53,9 @@ class _Unsafe(Exception):
 def cache_folder(tag: str) -> Path | None:
     """Return the folder for the compiled kernels of one specialisation, None where none can be used, or none shall.
 
-    Named by a digest of all sources that the kernels are compiled from: Numba looks only at the file of the outermost
-    function, and would serve an old kernel after an edit of a function in another file. Says once in a warning which folder
-    is not used, and why.
+    Named by a digest of all sources that the kernels are compiled from: Numba looks only at the file of the
+    outermost function, and would serve an old kernel after an edit of a function in another file. Says once
+    in a warning which folder is not used, and why.
     """
     if config.BOUNDSCHECK:
         return None

@@ -70,8 +70,8 @@ def require_memory(
     available = available_memory()
     if available is not None and needed > available:
         raise error(
-            f"{what} need about {in_words(needed)} of memory ({needed} bytes), and {in_words(available)} are available; "
-            f"{remedy}"
+            f"{what} need about {in_words(needed)} of memory ({needed} bytes), and {in_words(available)} are "
+            f"available; {remedy}"
         )
 
 

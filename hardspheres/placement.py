@@ -1,10 +1,11 @@
 """Random sequential placement: spheres put down one after another wherever they still fit, up to saturation.
 
-A particle takes the first random place where it overlaps nothing (random sequential addition; Widom 1966,
-doi 10.1063/1.1726548). Large particles go first. When fewer than one trial in ten succeeds, the box is divided
-into voxels, those that are covered for sure (no centre fits anywhere inside) are dropped, and trials go to the rest, which
-changes no probability; voxels are halved again whenever trials become rare. With no voxel left there is no room left: the
-placement has jammed, and that is known and not guessed (Zhang, Torquato 2013, doi 10.1103/PhysRevE.88.053312).
+A particle takes the first random place where it overlaps nothing (random sequential addition; Widom 1966, doi
+10.1063/1.1726548). Large particles go first. When fewer than one trial in ten succeeds, the box is divided
+into voxels, those that are covered for sure (no centre fits anywhere inside) are dropped, and trials go to
+the rest, which changes no probability; voxels are halved again whenever trials become rare. With no voxel
+left there is no room left: the placement has jammed, and that is known and not guessed (Zhang, Torquato 2013,
+doi 10.1103/PhysRevE.88.053312).
 """
 
 import itertools
@@ -196,8 +197,8 @@ def _unhit(grid: CellGrid, old: Floats, places: Floats, radii: Floats) -> Ints:
 def _first_come(places: Floats, radii: Floats, box: Floats, periodic: Bools) -> Bools:
     """Which spheres stay when each must not overlap any that stayed before it, in the order given.
 
-    All spheres without an overlap to an earlier one still undecided stay at once, and remove those they overlap, until
-    all are decided: the same answer as one by one, in a few rounds.
+    All spheres without an overlap to an earlier one still undecided stay at once, and remove those they
+    overlap, until all are decided: the same answer as one by one, in a few rounds.
     """
     stays = np.ones(len(places), dtype=np.bool_)
     if not len(places):
@@ -220,6 +221,6 @@ def _first_come(places: Floats, radii: Floats, box: Floats, periodic: Bools) -> 
 def _jammed(radii: Floats, placed: Ints, box: Floats) -> SceneError:
     reached = float(np.sum(sphere_volume(radii[placed], len(box)))) / float(np.prod(box))
     return SceneError(
-        f"random placement jammed at packing fraction {reached:.4f}, with {len(placed)} of {len(radii)} particles "
-        "placed; ask for less than that, or start from lattice_gas"
+        f"random placement jammed at packing fraction {reached:.4f}, with {len(placed)} of {len(radii)} "
+        "particles placed; ask for less than that, or start from lattice_gas"
     )

@@ -1,7 +1,8 @@
 """The plain solver: all pairs, every event, any number type. Slow, short, and right: the oracle that the engine is tested against.
 
-To find the next event it looks at every pair in every image and at every wall, takes the earliest, and moves everybody there.
-No cells, no lists, no queue, nothing remembered. With `mpmath.mpf` numbers it is as exact as asked for.
+To find the next event it looks at every pair in every image and at every wall, takes the earliest, and moves
+everybody there. No cells, no lists, no queue, nothing remembered. With `mpmath.mpf` numbers it is as exact as
+asked for.
 """
 
 import itertools
@@ -51,7 +52,8 @@ class ReferenceSimulation:
     sqrt : callable
         Square root for that type: `math.sqrt`, `mpmath.sqrt`.
     collide : callable
-        The collision rule, with the signature of `hardspheres.collision.elastic_collision`. Tests put a broken one here.
+        The collision rule, with the signature of `hardspheres.collision.elastic_collision`. Tests put a
+        broken one here.
     """
 
     def __init__(
@@ -134,7 +136,8 @@ class ReferenceSimulation:
         Raises
         ------
         SimulationError
-            When none comes within 1000 steps of the search, each of the time that the fastest particle needs for a box length.
+            When none comes within 1000 steps of the search, each of the time that the fastest particle needs
+            for a box length.
         """
         n = len(self.positions)
         fastest = self.sqrt(max(sum(u * u for u in v) for v in self.velocities))

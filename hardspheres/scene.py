@@ -27,14 +27,15 @@ LEFT_BY_ROUNDING = (
 class Scene:
     """Hard spheres (or discs) in a box.
 
-    All numbers are in any one consistent set of units (reduced units: lengths in diameters, masses in particle masses,
-    kT = 1). Arrays are copied, made read-only and checked once, here; the engine then trusts them.
+    All numbers are in any one consistent set of units (reduced units: lengths in diameters, masses in
+    particle masses, kT = 1). Arrays are copied, made read-only and checked once, here; the engine then trusts
+    them.
 
     Parameters
     ----------
     positions : (N, d) array_like
-        Centres, d = 2 or 3, N >= 1. The box spans [0, L] on each axis. On periodic axes any value is taken and wrapped
-        into [0, L); on wall axes a centre lies at least a radius inside.
+        Centres, d = 2 or 3, N >= 1. The box spans [0, L] on each axis. On periodic axes any value is taken
+        and wrapped into [0, L); on wall axes a centre lies at least a radius inside.
     velocities : (N, d) array_like
         Velocities.
     radii : float or (N,) array_like
@@ -42,8 +43,9 @@ class Scene:
     masses : float or (N,) array_like
         Masses, positive.
     box : (d,) array_like
-        Edge lengths. A periodic axis is at least two largest diameters long (so that no pair meets through two images at
-        once), a wall axis at least one; the longest at most 1e9 smallest diameters (so that coordinates resolve contacts).
+        Edge lengths. A periodic axis is at least two largest diameters long (so that no pair meets through
+        two images at once), a wall axis at least one; the longest at most 1e9 smallest diameters (so that
+        coordinates resolve contacts).
     boundary : str or sequence of str
         ``"periodic"`` or ``"wall"`` (elastic, smooth), for all axes or one word for each.
 
@@ -60,16 +62,16 @@ class Scene:
     periodic : (d,) bool array
         True where the axis is periodic. Read-only.
     species : (N,) int32 array
-        Number of the particle's kind: particles of one kind have the same mass and the same radius, and kinds are numbered
-        in the order in which they first appear. Read-only.
+        Number of the particle's kind: particles of one kind have the same mass and the same radius, and kinds
+        are numbered in the order in which they first appear. Read-only.
 
     Raises
     ------
     SceneError
-        For the first thing that is wrong: shape, type, a value that is not finite or not positive, a particle beyond a
-        wall, a box too short or too long, an overlap (the worst is named). Spheres may touch. They may also overlap, or reach beyond a
-        wall, by the rounding of coordinates in a box of this size, `contact_tolerance`: four units in the last place of
-        the longest edge (9e-15 in a box of edge 10).
+        For the first thing that is wrong: shape, type, a value that is not finite or not positive, a particle
+        beyond a wall, a box too short or too long, an overlap (the worst is named). Spheres may touch. They
+        may also overlap, or reach beyond a wall, by the rounding of coordinates in a box of this size,
+        `contact_tolerance`: four units in the last place of the longest edge (9e-15 in a box of edge 10).
     """
 
     positions: Floats
@@ -219,8 +221,8 @@ class Scene:
     def with_state(self, positions: Floats, velocities: Floats, radii: Floats | None = None) -> "Scene":
         """Return the same particles and box in a state that the dynamics has reached, without looking for overlaps.
 
-        The engine leaves contacts that overlap by its rounding (below 1e-11 diameters), which a scene made by hand may
-        not have. Numbers are checked as in the constructor, and that centres lie in the box.
+        The engine leaves contacts that overlap by its rounding (below 1e-11 diameters), which a scene made by
+        hand may not have. Numbers are checked as in the constructor, and that centres lie in the box.
 
         Parameters
         ----------
@@ -239,7 +241,8 @@ class Scene:
         Raises
         ------
         SceneError
-            For a wrong shape or type, a value that is not finite or not positive, a centre outside of the box.
+            For a wrong shape or type, a value that is not finite or not positive, a centre outside of the
+            box.
         """
         scene = object.__new__(Scene)
         here, there = _numbers(positions, "positions"), _numbers(velocities, "velocities")
@@ -345,8 +348,9 @@ def degrees_of_freedom(n: int, periodic: Bools) -> int:
 def thermal_energy(velocities: Floats, masses: Floats, periodic: Bools) -> float:
     """Kinetic energy relative to the common motion along periodic axes.
 
-    K_th = K - sum over periodic axes of P_k^2 / 2M, computed as sum of m (v - P/M)^2 / 2, which has no cancellation. A
-    wall does not let the whole move, so its axis keeps all of K; so do all axes for a single particle.
+    K_th = K - sum over periodic axes of P_k^2 / 2M, computed as sum of m (v - P/M)^2 / 2, which has no
+    cancellation. A wall does not let the whole move, so its axis keeps all of K; so do all axes for a single
+    particle.
     """
     return kinetic_energy(velocities - drift(velocities, masses, periodic), masses)
 
@@ -361,8 +365,9 @@ def drift(velocities: Floats, masses: Floats, periodic: Bools) -> Floats:
 def contact_tolerance(box: Floats) -> float:
     """Depth of overlap that rounding alone explains: 4 eps times the longest edge.
 
-    Two centres rounded to the spacing of doubles near L are off by up to eps L/2 on each axis, so their distance by up to
-    sqrt(3) eps L; folding it to the nearest image and taking the root add less than eps L more.
+    Two centres rounded to the spacing of doubles near L are off by up to eps L/2 on each axis, so their
+    distance by up to sqrt(3) eps L; folding it to the nearest image and taking the root add less than eps L
+    more.
     """
     return 4 * float(np.finfo(np.float64).eps) * float(box.max())
 
@@ -462,8 +467,9 @@ def _wrapped(positions: Floats, box: Floats, periodic: Bools) -> Floats:
 def _require_representable(velocities: Floats, radii: Floats, masses: Floats, box: Floats) -> None:
     """Refuse units in which anything that is computed later leaves the range of doubles.
 
-    With the energy E no particle is ever faster than sqrt(2 E / smallest mass), and the fastest never slower than
-    sqrt(2 E / total mass). The dynamics computes products of lengths, masses and speeds between these two.
+    With the energy E no particle is ever faster than sqrt(2 E / smallest mass), and the fastest never slower
+    than sqrt(2 E / total mass). The dynamics computes products of lengths, masses and speeds between these
+    two.
     """
     dim, edge, small = len(box), float(box.max()), float(radii.min())
     with np.errstate(all="ignore"):
@@ -479,22 +485,23 @@ def _require_representable(velocities: Floats, radii: Floats, masses: Floats, bo
         impulses = [total * fastest / small, lightest * slowest / edge, total * fastest * edge]
     if not _in_range(sizes):
         raise SceneError(
-            "volumes of the box or the particles leave the range of double precision; choose another unit of length"
+            "volumes of the box or the particles leave the range of double precision; choose another unit "
+            "of length"
         )
     if not _in_range(weights):
         raise SceneError(
-            f"masses from {lightest:.3g} to {masses.max():.3g} leave the range of double precision, or their sum does; choose "
-            "another unit of mass"
+            f"masses from {lightest:.3g} to {masses.max():.3g} leave the range of double precision, or their "
+            "sum does; choose another unit of mass"
         )
     if np.any(velocities) and not _in_range(motion):
         raise SceneError(
-            "the kinetic energy leaves the range of double precision, or the squares of speeds that it allows do; choose other "
-            "units of time or mass"
+            "the kinetic energy leaves the range of double precision, or the squares of speeds that it "
+            "allows do; choose other units of time or mass"
         )
     if np.any(velocities) and not _in_range(squares + impulses):
         raise SceneError(
-            "products of the box's edges, or the radii, with speeds and masses leave the range of double precision; choose other "
-            "units of length, time or mass"
+            "products of the box's edges, or the radii, with speeds and masses leave the range of double "
+            "precision; choose other units of length, time or mass"
         )
 
 
@@ -511,8 +518,8 @@ def _require_long_axes(radii: Floats, box: Floats, periodic: Bools) -> None:
             kind, times = ("periodic", "two") if periodic[axis] else ("wall", "one")
             plural = "s" if periodic[axis] else ""
             raise SceneError(
-                f"the box edge along {AXES[axis]} is {edge}, but a {kind} axis must be at least {times} largest "
-                f"diameter{plural} long, {needed}"
+                f"the box edge along {AXES[axis]} is {edge}, but a {kind} axis must be at least {times} "
+                f"largest diameter{plural} long, {needed}"
             )
 
 
@@ -522,8 +529,9 @@ def _require_resolved(radii: Floats, box: Floats) -> None:
     if rounding > LEFT_BY_ROUNDING * smallest:
         axis = int(np.argmax(box))
         raise SceneError(
-            f"the box edge along {AXES[axis]} is {box[axis]:.6g}, where rounding moves a coordinate by up to {rounding:.2g}: more "
-            f"than a millionth of the smallest diameter, {smallest:.6g}; take a smaller box (a higher packing fraction)"
+            f"the box edge along {AXES[axis]} is {box[axis]:.6g}, where rounding moves a coordinate by up to "
+            f"{rounding:.2g}: more than a millionth of the smallest diameter, {smallest:.6g}; take a smaller "
+            "box (a higher packing fraction)"
         )
 
 
@@ -532,8 +540,8 @@ def _require_in_box(positions: Floats, box: Floats) -> None:
     if len(outside):
         particle, axis = outside[0]
         raise SceneError(
-            f"the position of particle {particle} along {AXES[axis]} is {positions[particle, axis]}; in a state of this scene it "
-            f"lies in the box, from 0 to {box[axis]}"
+            f"the position of particle {particle} along {AXES[axis]} is {positions[particle, axis]}; in a "
+            f"state of this scene it lies in the box, from 0 to {box[axis]}"
         )
 
 

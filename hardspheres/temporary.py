@@ -1,7 +1,7 @@
 """Temporary files whose names say who writes them, so that what was left by writers that were killed can be removed, and no more.
 
-Process ids mean something only to processes that see each other: of one machine since it was started, and in one container. The name
-has a digest of that, and files of others are removed by age alone.
+Process ids mean something only to processes that see each other: of one machine since it was started, and in
+one container. The name has a digest of that, and files of others are removed by age alone.
 """
 
 import contextlib
@@ -32,7 +32,8 @@ def remove_leftovers(folder: Path, now: float) -> None:
     folder : Path
         Where `temporary_beside` gave names.
     now : float
-        Time on the clock of the file system, which may be that of another machine: when a file was just written there.
+        Time on the clock of the file system, which may be that of another machine: when a file was just
+        written there.
     """
     here = _neighbourhood()
     with contextlib.suppress(OSError):

@@ -51,8 +51,8 @@ def root_of_power_below(x: float, degree: int) -> float:
 def epoch_length(scene: Scene) -> float:
     """Length of the first epochs: about one to four times the time to fly the mean distance between particles, a power of two.
 
-    It depends on the scene alone, and on it in a way that scales exactly: multiplying all lengths or times by a power of two
-    multiplies it by a power of two. Later ones: `pace`.
+    It depends on the scene alone, and on it in a way that scales exactly: multiplying all lengths or times by
+    a power of two multiplies it by a power of two. Later ones: `pace`.
     """
     v2 = mean_square(scene.velocities)
     return 1.0 if v2 == 0.0 else epoch_length_at(scene, v2)
@@ -66,13 +66,15 @@ def epoch_length_at(scene: Scene, v2: float) -> float:
 def pace(scene: Scene, length: float) -> tuple[float, float]:
     """Mean square speeds between which epochs of this length are less than 16 times too short, and less than 16 times too long.
 
-    Contacts are off by about a rounding of the time within an epoch times the speed. Where light particles begin slowly and are
-    hurried by heavy ones, that would grow with their speed, so epochs are shortened; they are never longer than the first ones.
+    Contacts are off by about a rounding of the time within an epoch times the speed. Where light particles
+    begin slowly and are hurried by heavy ones, that would grow with their speed, so epochs are shortened;
+    they are never longer than the first ones.
 
     Returns
     -------
     lower, upper : float
-        Below and from which on another length is due; 0 and infinity where all masses are equal, which keeps the mean square.
+        Below and from which on another length is due; 0 and infinity where all masses are equal, which keeps
+        the mean square.
     """
     if np.all(scene.masses == scene.masses[0]) or not np.any(scene.velocities):
         return 0.0, math.inf
@@ -85,8 +87,8 @@ def pace(scene: Scene, length: float) -> tuple[float, float]:
 def mean_square(velocities: NDArray[np.float64]) -> float:
     """Mean square speed, with the power of two below it that the exactly rounded sum of squares gives.
 
-    A sum in whatever order is off by less than one rounding for each term, as no term is negative. Only where a power of
-    two is that near is the exactly rounded sum computed; otherwise both have the same.
+    A sum in whatever order is off by less than one rounding for each term, as no term is negative. Only where
+    a power of two is that near is the exactly rounded sum computed; otherwise both have the same.
     """
     squares = (velocities * velocities).ravel()
     n = len(velocities)
@@ -127,14 +129,16 @@ def contact_value(scene: Scene) -> float:
 def collision_rate(scene: Scene, velocities: Floats) -> float:
     """Rough number of pair collisions in a unit of time at these velocities, however the energy is shared.
 
-    The sum over pairs of sigma^2 |v1 - v2| pi / V (2 sigma |v1 - v2| / V in 2D), with the crude contact value, and with the sum of
-    both speeds in place of |v1 - v2|. Speeds are relative to the mean velocity along periodic axes; then that is at most twice as
-    much, summed over all pairs of equal spheres (by the triangle inequality, used twice). Wall collisions do not change it.
+    The sum over pairs of sigma^2 |v1 - v2| pi / V (2 sigma |v1 - v2| / V in 2D), with the crude contact
+    value, and with the sum of both speeds in place of |v1 - v2|. Speeds are relative to the mean velocity
+    along periodic axes; then that is at most twice as much, summed over all pairs of equal spheres (by the
+    triangle inequality, used twice). Wall collisions do not change it.
     """
     dim, n, r = scene.dim, scene.n, scene.radii
     still = velocities - np.where(scene.periodic, np.mean(velocities, axis=0), 0.0)
     w = np.sqrt(np.sum(still * still, axis=1))
-    # Sums over pairs of (r1 + r2) (w1 + w2), in 3D of (r1 + r2)^2 (w1 + w2), from those over particles, less each with itself.
+    # Sums over pairs of (r1 + r2) (w1 + w2), in 3D of (r1 + r2)^2 (w1 + w2), from those over particles, less
+    # each with itself.
     r1, w0, w1 = float(np.sum(r)), float(np.sum(w)), float(np.sum(r * w))
     if dim == 2:
         area = 2.0 * (n * w1 + r1 * w0 - 2.0 * w1)
@@ -177,8 +181,9 @@ def shell_width(scene: Scene) -> float:
 def widest_shell_of_one_image(scene: Scene) -> float:
     """Return the widest shells with which one image of a pair at most is near, and remains the nearest; infinity between walls.
 
-    With three cells along an axis no two images of a particle are within reach. Centres of neighbours are a contact and two shells
-    apart, so particles in their shells at most a contact and four, which is less than half a box.
+    With three cells along an axis no two images of a particle are within reach. Centres of neighbours are a
+    contact and two shells apart, so particles in their shells at most a contact and four, which is less than
+    half a box.
     """
     edges = scene.box[scene.periodic]
     if not edges.size:
@@ -273,13 +278,15 @@ class _Split:
         dim, n = self.scene.dim, self.scene.n
         occupancy = self.small / math.prod(plan.cells)
         around: float = occupancy * 3**dim
-        # Measured: registering a line (and more of them for a flight in pieces) and comparing it with half the lines around,
-        # passing by a cell, and for each collision comparing the new lines with all around, those of this window too.
+        # Measured: registering a line (and more of them for a flight in pieces) and comparing it with half
+        # the lines around, passing by a cell, and for each collision comparing the new lines with all around,
+        # those of this window too.
         opening: float = REG + PIECE * in_pieces + PAIR * around + CELL / occupancy
         collision: float = COLL + around * (NEWP + NEWC * collisions)
         if not self.large:
             return opening + collisions * collision
-        # A large one is compared with the lines in a box of rows, which stand in few runs, and with the chains of each row.
+        # A large one is compared with the lines in a box of rows, which stand in few runs, and with the
+        # chains of each row.
         reach = self.large_radius + self.small_radius + 2.0 * plan.stretch
         wide = [
             2.0 * reach * c / edge + 1.0 for c, edge in zip(plan.cells, self.scene.box.tolist(), strict=True)
@@ -357,6 +364,6 @@ def _cheapest_windows(scene: Scene, epoch: float) -> WindowPlan | str:
     if plans:
         return plans[min(plans)]
     return (
-        "the box is too small: well over three of the largest diameter must fit along each periodic axis, and well over one "
-        "between walls"
+        "the box is too small: well over three of the largest diameter must fit along each periodic axis, "
+        "and well over one between walls"
     )

@@ -23,8 +23,8 @@ _PLASTIC, _GOLDEN = 1.324717957244746, 1.618033988749895  # x^3 = x + 1, x^2 = x
 _UNEVEN = {3: np.array([1.0, 1 / _PLASTIC, 1 / (_PLASTIC * _PLASTIC)]), 2: np.array([1.0, 1 / _GOLDEN])}
 BEAM_DIRECTION = {dim: uneven / math.sqrt(float(np.sum(uneven * uneven))) for dim, uneven in _UNEVEN.items()}
 """Unit vectors, by dimension, along which beams start: (0.726, 0.548, 0.414) and (0.851, 0.526). Their components are in
-the ratios of powers of the plastic number and of the golden ratio, which rational numbers approximate worst, so that in a
-cubic periodic box a line along them stays away from itself for as long as one can."""
+the ratios of powers of the plastic number and of the golden ratio, which rational numbers approximate worst,
+so that in a cubic periodic box a line along them stays away from itself for as long as one can."""
 
 
 def stream(seed: Seed, name: int) -> np.random.Generator:
@@ -59,9 +59,9 @@ def draw_velocities(
 ) -> Floats:
     """Draw velocities for the particles of a scene.
 
-    The momentum along periodic axes, where the dynamics conserves it, is removed; then all velocities are scaled so that
-    ``scene.replace(velocities=v).temperature`` equals `temperature` to rounding. Along walls momentum is not conserved and
-    is left as drawn. A single particle keeps its momentum.
+    The momentum along periodic axes, where the dynamics conserves it, is removed; then all velocities are
+    scaled so that ``scene.replace(velocities=v).temperature`` equals `temperature` to rounding. Along walls
+    momentum is not conserved and is left as drawn. A single particle keeps its momentum.
 
     Parameters
     ----------
@@ -70,25 +70,28 @@ def draw_velocities(
     velocities : str
         ``"maxwell"``: each component normal with variance kT/m.
 
-        ``"equal-speeds"``: random directions, and for all particles of one mass one speed, sqrt(d kT/m) but for the
-        correction of the degrees of freedom. Particles of one mass move in opposite pairs drawn at random, an odd one
-        out in a trio at 120 degrees in a random plane, so that the momentum is zero to rounding and nothing has to be
-        removed. A mass that only one particle has cannot be paired: then the momentum is removed along periodic axes,
-        which spoils the equality of speeds by that much.
+        ``"equal-speeds"``: random directions, and for all particles of one mass one speed, sqrt(d kT/m) but
+        for the correction of the degrees of freedom. Particles of one mass move in opposite pairs drawn at
+        random, an odd one out in a trio at 120 degrees in a random plane, so that the momentum is zero to
+        rounding and nothing has to be removed. A mass that only one particle has cannot be paired: then the
+        momentum is removed along periodic axes, which spoils the equality of speeds by that much.
 
-        ``"two-temperatures"``: a hot and a cold gas, each Maxwell, T_hot / T_cold = `temperature_ratio` exactly, each
-        at rest along periodic axes (one particle alone cannot be, and shifts the ratio a little). In a mixture the first species is hot and the others are cold; particles all alike
-        are divided at random into halves.
+        ``"two-temperatures"``: a hot and a cold gas, each Maxwell, T_hot / T_cold = `temperature_ratio`
+        exactly, each at rest along periodic axes (one particle alone cannot be, and shifts the ratio a
+        little). In a mixture the first species is hot and the others are cold; particles all alike are
+        divided at random into halves.
 
-        ``"beams"``: half of the particles, drawn at random (mass by mass), move along `BEAM_DIRECTION` and half against
-        it, all with one speed. Ratios of its components are irrational: along an axis of a periodic box, particles that
-        missed all others once would fly through the same cylinder again and again, and never collide.
+        ``"beams"``: half of the particles, drawn at random (mass by mass), move along `BEAM_DIRECTION` and
+        half against it, all with one speed. Ratios of its components are irrational: along an axis of a
+        periodic box, particles that missed all others once would fly through the same cylinder again and
+        again, and never collide.
     temperature : float
         kT of the whole, in units of energy, >= 0. Zero puts everything at rest.
     temperature_ratio : float
         T_hot / T_cold of ``"two-temperatures"``, positive.
     seed : int or numpy.random.SeedSequence
-        Source of all random choices. The velocities are those that `lattice_gas` and `random_gas` draw from this seed.
+        Source of all random choices. The velocities are those that `lattice_gas` and `random_gas` draw from
+        this seed.
 
     Returns
     -------

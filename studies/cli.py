@@ -1,7 +1,8 @@
 """The console script `hardspheres`: options in, a study run, an exit code out.
 
-Exit codes: 0 done, 1 a check failed, 2 bad input or output that cannot be written, 129 hung up, 130 interrupted, 143 terminated. Nothing
-heavy is imported before a study starts, so that `hardspheres --help` answers at once.
+Exit codes: 0 done, 1 a check failed, 2 bad input or output that cannot be written, 129 hung up, 130
+interrupted, 143 terminated. Nothing heavy is imported before a study starts, so that `hardspheres --help`
+answers at once.
 """
 
 from __future__ import annotations
@@ -172,7 +173,8 @@ def thermalise(
         Velocities | None,
         typer.Option(
             help="Start of the velocities. maxwell: in equilibrium. equal-speeds: one speed, in all directions. two-temperatures: "
-            "half of the particles hotter, or the first species. beams: half of them along one direction, half against it.",
+            "half of the particles hotter, or the first species. beams: half of them along one direction, "
+            "half against it.",
             show_default="equal-speeds",
             metavar="WORD",
         ),
@@ -368,8 +370,9 @@ def bench(
 ) -> None:
     """Measure collisions per second, beside another engine.
 
-    Times the event loop alone, compiled and in equilibrium, on one core. Writes a summary and the windows; with --suite a
-    table and a figure. Keeps no checkpoints: it is timing itself, which an interruption would spoil.
+    Times the event loop alone, compiled and in equilibrium, on one core. Writes a summary and the windows;
+    with --suite a table and a figure. Keeps no checkpoints: it is timing itself, which an interruption would
+    spoil.
     """
     from studies.benchmarks.bench import Bench
     from studies.benchmarks.bench import bench as run
@@ -511,8 +514,9 @@ def free_path(
 ) -> None:
     """Measure how far particles fly between collisions, beside kinetic theory.
 
-    Mean free path and time, collision rates between species, moments and survival functions of all flights, and the
-    free path at each speed, with error bars, at several packing fractions. Writes a summary, two tables and a picture.
+    Mean free path and time, collision rates between species, moments and survival functions of all flights,
+    and the free path at each speed, with error bars, at several packing fractions. Writes a summary, two
+    tables and a picture.
     """
     from studies.fluid import Fluid
     from studies.free_path import FreePaths
@@ -633,10 +637,10 @@ def accuracy(
 ) -> None:
     """Set speed against error, beside two time-stepping programs.
 
-    The engine, the all-pairs solver and bouncing balls by time steps on the same gases in one run: distance from
-    the trajectory at 50 digits, missed collisions, overlaps, pressure and mean free path, and what they cost. Writes
-    a summary, a table and a picture. Every scene and every state is kept when it is finished; one that is interrupted begins
-    anew.
+    The engine, the all-pairs solver and bouncing balls by time steps on the same gases in one run: distance
+    from the trajectory at 50 digits, missed collisions, overlaps, pressure and mean free path, and what they
+    cost. Writes a summary, a table and a picture. Every scene and every state is kept when it is finished;
+    one that is interrupted begins anew.
     """
     from studies.pressure import packing_fractions as parsed
     from studies.report import Screen
@@ -674,8 +678,8 @@ def calibration(
 ) -> None:
     """Test the error bars: (value - truth) / standard error of every estimator, over many short runs.
 
-    It should follow Student's t with the degrees of freedom that the estimator quotes. Writes a summary, a table and a
-    picture.
+    It should follow Student's t with the degrees of freedom that the estimator quotes. Writes a summary, a
+    table and a picture.
     """
     from studies.report import Screen
     from studies.validation.calibration import Calibrations
@@ -718,9 +722,10 @@ def hard_cases(
 ) -> None:
     """Try the engine on hard cases whose answer is exact.
 
-    Collisions that count out pi, cradles, wide ratios of mass and size, grazing collisions, close packing, huge and tiny boxes,
-    reversal, symmetries, solved gases. Writes a table of what is exact, what the engine gave, and how many digits are right.
-    Every long run in it is kept when it is finished, and one that is interrupted begins anew.
+    Collisions that count out pi, cradles, wide ratios of mass and size, grazing collisions, close packing,
+    huge and tiny boxes, reversal, symmetries, solved gases. Writes a table of what is exact, what the engine
+    gave, and how many digits are right. Every long run in it is kept when it is finished, and one that is
+    interrupted begins anew.
     """
     from studies.report import Screen
     from studies.validation.hard_cases import groups_named, size_named
@@ -749,8 +754,8 @@ def soak(
 ) -> None:
     """Run two gases for very long and watch what must not change.
 
-    Energy, momentum, overlaps, late events and resident memory of a fluid at packing fraction 0.3, and of a mixture
-    between walls. Takes about half an hour on two cores. Writes a summary and a table.
+    Energy, momentum, overlaps, late events and resident memory of a fluid at packing fraction 0.3, and of a
+    mixture between walls. Takes about half an hour on two cores. Writes a summary and a table.
     """
     from studies.report import Screen
     from studies.validation.soak import Soak

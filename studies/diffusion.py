@@ -41,7 +41,8 @@ FloatArray = NDArray[np.float64]
 
 SPACING = 0.25  # of the moments that are compared, in mean free times
 POINTS = 16  # snapshots per level of `Diffusion`
-# collisions per particle in which moments are so close, then for the slope alone; fewer where there are more particles
+# collisions per particle in which moments are so close, then for the slope alone; fewer where there are more
+# particles
 DENSE, FEWEST_DENSE, DENSE_PARTICLES = 100.0, 30.0, 4000
 SLOPE_POINTS = 12  # snapshots for the slope: its window ends at the last
 DISCS = (20.0, 40.0)  # lags between which the slope is taken in 2D, in mean free times
@@ -155,9 +156,9 @@ class Slope:
             return None
         begin, end = self.window
         return (
-            f"too short for D of this box, the slope from {self.needed[0]:.0f} to {self.needed[1]:.0f} mean free times: it "
-            f"is that from {begin:.0f} to {end:.0f}, and the rest of the tail is theory's; ask for "
-            f"--collisions-per-particle {math.ceil(2.0 * self.needed[1])}"
+            f"too short for D of this box, the slope from {self.needed[0]:.0f} to {self.needed[1]:.0f} mean "
+            f"free times: it is that from {begin:.0f} to {end:.0f}, and the rest of the tail is theory's; "
+            f"ask for --collisions-per-particle {math.ceil(2.0 * self.needed[1])}"
         )
 
 
@@ -530,18 +531,19 @@ def _print(
     screen.table("", header, rows)
     screen.say()
     screen.say(
-        "D from the slope of the mean square displacement between these many mean free times; errors from the spread of "
-        "the replicas"
+        "D from the slope of the mean square displacement between these many mean free times; errors from "
+        "the spread of the replicas"
     )
     if three:
         screen.say(
-            "correction: what the periodic box takes from D (after Yeh and Hummer 2004); D infinite has it, and its "
-            "uncertainty"
+            "correction: what the periodic box takes from D (after Yeh and Hummer 2004); D infinite has it, "
+            "and its uncertainty"
         )
     else:
         screen.say("in 2D diffusion has no infinite limit: D grows as the logarithm of the box")
     screen.say(
-        f"Enskog's theory leaves out correlated collisions: its uncertainty is what it is known to miss; {Z_MEANS}"
+        "Enskog's theory leaves out correlated collisions: its uncertainty is what it is known to miss; "
+        f"{Z_MEANS}"
     )
     for state in states:
         if state.slope.note:

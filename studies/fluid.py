@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import hardspheres as hs
-from analysis.memory import remembered
+from analysis.correlation_times import virial_block_length
 from hardspheres.compression import order_of_crystal
 from hardspheres.memory import require_room_for
 from studies.report import Screen
@@ -141,7 +141,7 @@ class Fluid:
     @property
     def discarded(self) -> float:
         """Collisions per particle to throw away before anything is measured."""
-        return max(RELAXED, remembered(self.packing_fraction, self.dim)) if self.dense else SETTLED
+        return max(RELAXED, virial_block_length(self.packing_fraction, self.dim)) if self.dense else SETTLED
 
     @property
     def kind(self) -> str:
@@ -165,7 +165,8 @@ class Fluid:
         limit = THEORY_UP_TO[self.dim]
         if self.packing_fraction > limit:
             raise hs.SceneError(
-                f"packing fraction {self.packing_fraction:g} is above {limit:g}, where {theory} ends; ask for less"
+                f"packing fraction {self.packing_fraction:g} is above {limit:g}, where {theory} ends; ask "
+                "for less"
             )
 
     def scene(self, seed: np.random.SeedSequence, velocities: str = "maxwell") -> hs.Scene:
@@ -295,7 +296,8 @@ def run_fluids(
     task : callable
         Depends on nothing but its item and can be pickled, see `run_replicas`.
     fluids : sequence of Fluid
-        In ascending order of density: dense ones take longest and are run first, so that no worker waits for another.
+        In ascending order of density: dense ones take longest and are run first, so that no worker waits for
+        another.
     seed, replicas : int
         Source of every random choice; replicas of each fluid.
     workers : int or None

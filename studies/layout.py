@@ -52,9 +52,9 @@ def table_blocks(
 ) -> list[Block]:
     """Lay out a table in a given width.
 
-    It is one block where it fits. Where it does not, cells of words are broken between words if `wrap` asks for it; else the
-    columns are spread over several blocks, each with the key columns; and where not even that fits, each row becomes a block
-    of its own with a line for each column.
+    It is one block where it fits. Where it does not, cells of words are broken between words if `wrap` asks
+    for it; else the columns are spread over several blocks, each with the key columns; and where not even
+    that fits, each row becomes a block of its own with a line for each column.
 
     Parameters
     ----------

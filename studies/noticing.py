@@ -24,7 +24,8 @@ class Notices:
     notes : list of str
         Sentences, each once.
     times : float
-        How many times longer the run should have been for error bars that can be trusted; 0 where it is long enough.
+        How many times longer the run should have been for error bars that can be trusted; 0 where it is long
+        enough.
     """
 
     notes: list[str] = field(default_factory=list)

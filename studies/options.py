@@ -51,8 +51,8 @@ def _boundary(text: str) -> str:
     for part in text.split(","):
         if part.strip() not in ("periodic", "wall"):
             raise OptionError(
-                f"--boundary {text} is not known; it can be periodic or wall, or one of them for each axis, as in "
-                "periodic,periodic,wall"
+                f"--boundary {text} is not known; it can be periodic or wall, or one of them for each axis, "
+                "as in periodic,periodic,wall"
             )
     return text
 

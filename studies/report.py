@@ -97,14 +97,16 @@ class OutputFolder:
     Parameters
     ----------
     path : str or path-like
-        Where; nothing is touched before `create` or `running`. A relative one counts from where the process is now.
+        Where; nothing is touched before `create` or `running`. A relative one counts from where the process
+        is now.
     checkpoint_every : float, default 60
         Seconds of wall time between two checkpoints of a run.
     resume : bool, default False
         Go on with the unfinished run that is there.
     force : bool, default False
-        Take the place of the run that is there. Its files stay until the first result of the new one is written; then its
-        summary goes, and with the new summary those of its files that have not been replaced.
+        Take the place of the run that is there. Its files stay until the first result of the new one is
+        written; then its summary goes, and with the new summary those of its files that have not been
+        replaced.
 
     Attributes
     ----------
@@ -141,7 +143,8 @@ class OutputFolder:
         own = (old or set()) | set(unfinished)
         if strange := strange_file(self._place, {SUMMARY, *names}, own):
             raise OutputError(
-                f"{self.path / strange} is not of a finished run, and would be replaced; give another folder with --out, or move it away"
+                f"{self.path / strange} is not of a finished run, and would be replaced; give another folder "
+                "with --out, or move it away"
             )
         return own
 
@@ -158,8 +161,8 @@ class OutputFolder:
         Raises
         ------
         OutputError
-            If the folder cannot be written, or another run writes into it; if it holds a finished run that is not to be
-            replaced, or files of others in the place of those that the study writes.
+            If the folder cannot be written, or another run writes into it; if it holds a finished run that is
+            not to be replaced, or files of others in the place of those that the study writes.
         CheckpointError
             If it holds an unfinished run that is not to be resumed, or none where one is.
         """
@@ -173,7 +176,8 @@ class OutputFolder:
             ) from error
         if nowhere is not None:
             raise OutputError(
-                f"{nowhere} is a link to {os.readlink(nowhere)}, where there is nothing; give another folder with --out"
+                f"{nowhere} is a link to {os.readlink(nowhere)}, where there is nothing; give another folder "
+                "with --out"
             )
         if self.path.exists() and not self.path.is_dir():
             raise OutputError(f"{self.path} exists and is not a folder; give another one with --out")
@@ -331,7 +335,8 @@ class Screen:
     json_output : bool, default False
         Keep standard output free for one JSON object; then everything else goes to standard error.
     width : int, optional
-        Characters in a line; by default those of the terminal. Into files sentences go whole and tables 120 wide.
+        Characters in a line; by default those of the terminal. Into files sentences go whole and tables 120
+        wide.
     """
 
     def __init__(self, json_output: bool = False, width: int | None = None) -> None:
@@ -411,8 +416,9 @@ class Screen:
             yield
         if sum(seconds) > WORTH_SAYING:
             self.note(
-                f"compiled the engine for {what} in {sum(seconds):.0f} s; it is kept, so that the next gas of this kind starts "
-                "at once (a kind: dimension, boundaries, one species or more, thin or dense)"
+                f"compiled the engine for {what} in {sum(seconds):.0f} s; it is kept, so that the next gas "
+                "of this kind starts at once (a kind: dimension, boundaries, one species or more, thin or "
+                "dense)"
             )
 
     @contextlib.contextmanager
@@ -504,7 +510,8 @@ def say_checks(screen: Screen, summary: Mapping[str, Any], out: OutputFolder) ->
     engine, study = summary["engine_collisions_per_second"], summary["collisions_per_second_and_core"]
     known = f"{_round(engine)} of the engine's event loop alone, " if math.isfinite(engine) else ""
     screen.say(
-        f"collisions per second and core: {known}{_round(study)} of the study, gases and measurements included"
+        f"collisions per second and core: {known}{_round(study)} of the study, gases and measurements "
+        "included"
     )
     for failure in checks["failures"]:
         screen.say(f"CHECK FAILED, {failure}")

@@ -524,7 +524,7 @@ def _summary(
         "a2_chi_square": None if chi_square is None else asdict(chi_square),
         "decay_rate": measured,
         "thermal": _thermal(curve),
-        "equilibrium_a2": float(theory.equilibrium_a2(curve.free_momenta)),
+        "equilibrium_a2": float(theory.equilibrium_a2(curve.degrees_of_freedom)),
         "ks_floor": theory.ks_floor(curve.n_replicas * curve.n_per_replica, curve.dim),
         "h_bins": curve.h_bins,
         "h_bin_width": theory.SPEED_LIMIT[curve.dim] / curve.h_bins,
@@ -564,13 +564,14 @@ def _thermal(curve: RelaxationCurve) -> dict[str, Any]:
 def _say_dominant(screen: Screen, curve: RelaxationCurve, reference: Comparison) -> None:
     """Say where the theory's own uncertainty hides what was measured, if that is at more than a quarter of the points."""
     for name, title in (("a2", "a2"), ("ks", "KS"), ("h", "H - Heq")):
-        doubt, error = getattr(reference, f"{name}_uncertainty"), getattr(curve, f"{name}_error")
+        uncertainty, error = getattr(reference, f"{name}_uncertainty"), getattr(curve, f"{name}_error")
         known = np.isfinite(getattr(reference, f"{name}_z"))
-        hidden = curve.s[known & (doubt > 2.0 * error)]
+        hidden = curve.s[known & (uncertainty > 2.0 * error)]
         if 4 * len(hidden) > known.sum():
             screen.say(
-                f"{title}: the theory's uncertainty exceeds two standard errors at {len(hidden)} of {known.sum()} points, "
-                f"{hidden[0]:.4g} <= s <= {hidden[-1]:.4g}; z is small there whatever was measured"
+                f"{title}: the theory's uncertainty exceeds two standard errors at {len(hidden)} of "
+                f"{known.sum()} points, {hidden[0]:.4g} <= s <= {hidden[-1]:.4g}; z is small there whatever "
+                "was measured"
             )
 
 

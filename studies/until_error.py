@@ -1,7 +1,8 @@
 """A study that is asked for a precision: a pilot says how many replicas that takes, and all of them are run.
 
-A run that watches its own error and stops when it likes what it sees stops too early, when the error happens to look small.
-Here the pilot alone decides; its gases are not those of the study, and nothing that it measured enters the result.
+A run that watches its own error and stops when it likes what it sees stops too early, when the error happens
+to look small. Here the pilot alone decides; its gases are not those of the study, and nothing that it
+measured enters the result.
 """
 
 from __future__ import annotations
@@ -44,8 +45,8 @@ class Number:
 def main_numbers(summary: Mapping[str, Any]) -> list[Number]:
     """Return what a study's precision is measured by.
 
-    Z from the virial, D of this box or the mean free paths at each packing fraction; the decay rate of the temperature
-    difference, or that of a2.
+    Z from the virial, D of this box or the mean free paths at each packing fraction; the decay rate of the
+    temperature difference, or that of a2.
 
     Parameters
     ----------
@@ -110,8 +111,9 @@ class Plan:
     def of(cls, numbers: list[Number], replicas: int, target: float) -> Plan:
         """Return the plan that follows from a pilot of so many replicas.
 
-        The error falls as the root of their number. The pilot's own error s is uncertain: f s^2 / sigma^2 follows chi-square
-        with its f degrees of freedom, and the upper bound of sigma at `CONFIDENCE` stands in for s.
+        The error falls as the root of their number. The pilot's own error s is uncertain: f s^2 / sigma^2
+        follows chi-square with its f degrees of freedom, and the upper bound of sigma at `CONFIDENCE` stands
+        in for s.
         """
 
         def careful(number: Number) -> float:
@@ -219,15 +221,15 @@ def _core_seconds(summary: Mapping[str, Any]) -> float:
 def _verdict(found: Mapping[str, Any], plan: Plan) -> str:
     spent, collisions = found["core_seconds"], found["collisions"]
     cost = (
-        f"{found['replicas']} replicas, {collisions['study']:.3g} collisions, {spent['study']:.0f} s on one core; "
-        f"the pilot took {spent['pilot']:.0f} s, chose that number, and is not in the result"
+        f"{found['replicas']} replicas, {collisions['study']:.3g} collisions, {spent['study']:.0f} s on one "
+        f"core; the pilot took {spent['pilot']:.0f} s, chose that number, and is not in the result"
     )
     text = f"{found['number']}: relative standard error {found['relative_error']:.2g}, asked for {found['asked']:.2g}"
     if found["reached"]:
         return f"{text}: reached with {cost}"
     if plan.needed > plan.allowed:
         return (
-            f"{text}: NOT reached: that needs about {plan.needed} replicas, and no more than {plan.allowed} ({MOST} times the "
-            f"pilot) are run; ask for more --replicas or longer ones. Spent: {cost}"
+            f"{text}: NOT reached: that needs about {plan.needed} replicas, and no more than {plan.allowed} "
+            f"({MOST} times the pilot) are run; ask for more --replicas or longer ones. Spent: {cost}"
         )
     return f"{text}: just missed, as an error that is itself uncertain will sometimes do; {cost}"

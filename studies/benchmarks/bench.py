@@ -1,9 +1,10 @@
 """How many collisions per second: of an equilibrated gas, the event loop alone, in many short windows, beside a peer.
 
-What is timed is `Simulation.run(collisions=...)` less a call that follows a single collision, after the kernels are
-compiled and loaded, after the gas is in equilibrium, and after at least ten collisions per particle (neighbour lists run up to three times too
-fast until they begin to expire). Times are of the processor and of the wall; on a machine that does other things the
-first are the ones to compare. A peer runs in turn with us, window by window, in the same process on the same core.
+What is timed is `Simulation.run(collisions=...)` less a call that follows a single collision, after the
+kernels are compiled and loaded, after the gas is in equilibrium, and after at least ten collisions per
+particle (neighbour lists run up to three times too fast until they begin to expire). Times are of the
+processor and of the wall; on a machine that does other things the first are the ones to compare. A peer runs
+in turn with us, window by window, in the same process on the same core.
 """
 
 from __future__ import annotations
@@ -273,8 +274,8 @@ def _virial(simulation: hs.Simulation) -> tuple[float, float]:
 def _pressure(simulation: hs.Simulation, cumulative: Sequence[tuple[float, float]]) -> Estimate:
     """Return the compressibility factor over the timed run, its error from the spread over stretches of it.
 
-    Windows of a large gas are too short to be independent, so neighbours are taken together: two collisions per
-    particle where there are so many, four stretches at least.
+    Windows of a large gas are too short to be independent, so neighbours are taken together: two collisions
+    per particle where there are so many, four stretches at least.
     """
     passed = 2.0 * simulation.tallies.collisions / simulation.scene.n
     times, virials = np.array([(0.0, 0.0), *cumulative]).T

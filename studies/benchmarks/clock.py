@@ -69,8 +69,8 @@ class Ours:
 class Windows:
     """Short stretches of a run with the time each took: that of the event loop alone.
 
-    A call that follows (almost) no collisions is timed right before each window and taken off. It costs spheropack
-    a new search of all neighbours, and would otherwise punish it for being asked often.
+    A call that follows (almost) no collisions is timed right before each window and taken off. It costs
+    spheropack a new search of all neighbours, and would otherwise punish it for being asked often.
 
     Attributes
     ----------

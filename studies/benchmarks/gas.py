@@ -1,8 +1,8 @@
 """The gases that are timed: how each is started in equilibrium, and which pressure says that it is a fluid.
 
 A benchmark of a crystal says nothing about a fluid, and fcc at packing fraction 0.49 does not melt in any
-affordable run. So fluids start at random: placed one after another while that is quick, grown from small spheres
-above. A large fluid is a relaxed small one repeated periodically, with new velocities.
+affordable run. So fluids start at random: placed one after another while that is quick, grown from small
+spheres above. A large fluid is a relaxed small one repeated periodically, with new velocities.
 """
 
 from __future__ import annotations
@@ -162,8 +162,8 @@ class Gas:
     def theory(self, scene: hs.Scene) -> theory.Prediction | None:
         """Return the compressibility factor of the fluid, None where no theory holds.
 
-        One species: `analysis.theory.finite_size_compressibility`. Mixtures: `mixture_compressibility`, without a
-        correction for n. Between walls and above freezing there is none.
+        One species: `analysis.theory.finite_size_compressibility`. Mixtures: `mixture_compressibility`,
+        without a correction for n. Between walls and above freezing there is none.
         """
         if not scene.periodic.all() or self.packing_fraction > THEORY_UP_TO[self.dim]:
             return None

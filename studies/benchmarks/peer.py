@@ -1,7 +1,7 @@
 """spheropack, the engine that anyone can install beside ours.
 
-spheropack (PyPI, C++; `rejection_free.System` with `HardSpheres`) moves hard spheres from collision to collision as
-we do: particles fly straight, every contact is an elastic collision of equal masses.
+spheropack (PyPI, C++; `rejection_free.System` with `HardSpheres`) moves hard spheres from collision to
+collision as we do: particles fly straight, every contact is an elastic collision of equal masses.
 """
 
 from __future__ import annotations

@@ -58,7 +58,8 @@ def suite_named(
     Raises
     ------
     HardSpheresError
-        If there is none of this name, or a number of particles makes no sense, or is more than there is room for.
+        If there is none of this name, or a number of particles makes no sense, or is more than there is room
+        for.
     """
     if name not in SUITES:
         raise hs.HardSpheresError(f"--suite {name} is not known; it can be {' or '.join(SUITES)}")

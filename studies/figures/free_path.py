@@ -98,14 +98,14 @@ def _draw_mean_residuals(axes: Axes, states: Sequence[FreePathState]) -> None:
         shifted = eta * (1.0 + 0.08 * (k - (kinds - 1) / 2))
         means = [_mean_of(state, k) for state in states]
         expected = np.array([mean.expected for mean in means])
-        doubt = 1e3 * np.array([mean.uncertainty for mean in means]) / expected
+        uncertainty = 1e3 * np.array([mean.uncertainty for mean in means]) / expected
         residual = 1e3 * (np.array([mean.measured.value for mean in means]) / expected - 1.0)
         error = 1e3 * np.array([mean.measured.standard_error for mean in means]) / expected
         axes.bar(
             shifted,
-            2 * doubt,
+            2 * uncertainty,
             0.07 * shifted,
-            -doubt,
+            -uncertainty,
             color=COLOURS["band"],
             alpha=0.45,
             lw=0,
@@ -121,7 +121,7 @@ def _draw_mean_residuals(axes: Axes, states: Sequence[FreePathState]) -> None:
             color=SPECIES[k % len(SPECIES)],
             zorder=3,
         )
-        largest = max(largest, float(np.max(np.abs(residual) + error)), float(doubt.max()))
+        largest = max(largest, float(np.max(np.abs(residual) + error)), float(uncertainty.max()))
     axes.set_xscale("log")
     axes.set_ylim(-1.3 * largest, 1.8 * largest)
     axes.set_xlabel("packing fraction")

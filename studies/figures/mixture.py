@@ -69,11 +69,11 @@ def _draw_temperatures(axes: Axes, result: Result) -> None:
 def _draw_difference(axes: Axes, result: Result) -> None:
     time, start = result.time, result.difference[0]
     share, error = result.difference / start, result.difference_error / abs(start)
-    expected, doubt = result.theory_difference / start, result.theory_difference_error / abs(start)
+    expected, uncertainty = result.theory_difference / start, result.theory_difference_error / abs(start)
     axes.fill_between(
         time,
-        expected - doubt,
-        expected + doubt,
+        expected - uncertainty,
+        expected + uncertainty,
         color=COLOURS["band"],
         alpha=0.4,
         lw=0,

@@ -110,14 +110,14 @@ def _draw_residuals(axes: Axes, states: Sequence[State]) -> None:
     """Draw relative residuals, the theory's uncertainty as a band, and the classic formula as a line."""
     eta = np.array([state.fluid.packing_fraction for state in states])
     best = np.array([float(state.best.value) for state in states])
-    doubt = 1e3 * np.array([float(state.best.uncertainty) for state in states]) / best
+    uncertainty = 1e3 * np.array([float(state.best.uncertainty) for state in states]) / best
     axes.axhline(0.0, color=COLOURS["theory"], lw=1.2)
     name = next(iter(states[0].theories))
     if len(eta) > 1:
         axes.fill_between(
-            eta, -doubt, doubt, color=COLOURS["band"], alpha=0.35, lw=0, label="uncertainty of theory"
+            eta, -uncertainty, uncertainty, color=COLOURS["band"], alpha=0.35, lw=0, label="uncertainty of theory"
         )
-    largest = float(doubt.max())
+    largest = float(uncertainty.max())
     shift = _spread(states)
     for way, (mark, colour) in MARKS.items():
         if way in shift:

@@ -124,7 +124,8 @@ def falling(
 ) -> None:
     """Draw on a logarithmic axis what falls to 0: points as long as it is seen, then upper limits of two standard errors.
 
-    From the first point that is lost in noise on all are limits: to drop only those that are low would let the rest seem to rise.
+    From the first point that is lost in noise on all are limits: to drop only those that are low would let
+    the rest seem to rise.
 
     Parameters
     ----------

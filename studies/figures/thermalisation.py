@@ -288,8 +288,9 @@ def animation(movie: Movie, scene: Scene, curve: RelaxationCurve, path: Path, ga
 
     Notes
     -----
-    What is shown is told below the film, see `View`. In 3D spheres that are farther away are a little darker, and nearer ones
-    cover them. The second species and further ones have outlines. The histogram is of the whole replica.
+    What is shown is told below the film, see `View`. In 3D spheres that are farther away are a little darker,
+    and nearer ones cover them. The second species and further ones have outlines. The histogram is of the
+    whole replica.
     """
     dim, n = scene.dim, scene.n
     view_of = View.of(scene)

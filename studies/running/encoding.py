@@ -1,9 +1,10 @@
 """Values to files and back: numbers, texts, arrays, containers, and objects of our own classes; nothing else.
 
-A file is a sealed archive (`hardspheres.archive`) of two members: a tree in JSON, and the bytes of all arrays in it. Reading
-one executes nothing and imports nothing: objects are made of classes that are loaded already and that this module knows
-(dataclasses, estimators, scenes, simulations), without calling their constructors. What is read equals what was written to
-the last bit; an array that appeared in several places is one array again.
+A file is a sealed archive (`hardspheres.archive`) of two members: a tree in JSON, and the bytes of all arrays
+in it. Reading one executes nothing and imports nothing: objects are made of classes that are loaded already
+and that this module knows (dataclasses, estimators, scenes, simulations), without calling their constructors.
+What is read equals what was written to the last bit; an array that appeared in several places is one array
+again.
 """
 
 from __future__ import annotations
@@ -143,8 +144,8 @@ def encode(value: Any) -> Arrays:
     Parameters
     ----------
     value
-        None, numbers, texts, arrays of numbers, lists, tuples, dicts and deques of such, scenes, simulations, estimators,
-        and dataclasses of this project.
+        None, numbers, texts, arrays of numbers, lists, tuples, dicts and deques of such, scenes, simulations,
+        estimators, and dataclasses of this project.
 
     Raises
     ------

@@ -52,8 +52,8 @@ def available_cores() -> int:
 def spawned_processes(workers: int) -> Iterator[Executor]:
     """Yield a pool of spawned worker processes, none of which outlives the context or this process.
 
-    Ctrl-C and the end of a terminal reach this process alone: workers ignore them, and are asked from here to save what they
-    have and to end. Who has not done so after `PATIENCE` is ended.
+    Ctrl-C and the end of a terminal reach this process alone: workers ignore them, and are asked from here to
+    save what they have and to end. Who has not done so after `PATIENCE` is ended.
 
     Parameters
     ----------
@@ -79,7 +79,8 @@ def spawned_processes(workers: int) -> Iterator[Executor]:
 def _starting(workers: int | None) -> Iterator[None]:
     """Start processes in which no signal arrives but SIGTERM; say it in a sentence where the system gives no more.
 
-    A terminal sends its signals to all, also to workers that do not yet ignore them, and to the process that cleans up after them.
+    A terminal sends its signals to all, also to workers that do not yet ignore them, and to the process that
+    cleans up after them.
     """
     mask = getattr(signal, "pthread_sigmask", lambda *_: ())
     before = mask(getattr(signal, "SIG_BLOCK", 0), set(STOPPING) - {signal.SIGTERM})  # which children inherit
@@ -90,8 +91,8 @@ def _starting(workers: int | None) -> Iterator[None]:
     except (OSError, RuntimeError, ImportError) as error:  # a thread; semaphores, where there are none
         reason = getattr(error, "strerror", None) or error
         raise SimulationError(
-            f"{workers or 'the'} worker processes cannot be started: {reason}; ask for fewer with --workers, or raise the limits "
-            "(ulimit -n, ulimit -u)"
+            f"{workers or 'the'} worker processes cannot be started: {reason}; ask for fewer with --workers, "
+            "or raise the limits (ulimit -n, ulimit -u)"
         ) from error
     finally:
         mask(getattr(signal, "SIG_SETMASK", 0), before)
@@ -148,8 +149,8 @@ def run_replicas(
     done : callable, optional
         Called without arguments after each finished item.
     shelf : Shelf, optional
-        Where results are kept; what is there already is not computed again, and a `Resumable` task goes on from where it
-        was left.
+        Where results are kept; what is there already is not computed again, and a `Resumable` task goes on
+        from where it was left.
 
     Returns
     -------

@@ -6,11 +6,11 @@
     DIR/checkpoint/running-0007.npz  the state of item 7, saved at an interval
     DIR/checkpoint/finished.json     what was the manifest, while the rest is being removed
 
-Every file is written whole or not at all, so that `kill -9` costs what was done since the last one and no more. When the study
-has finished they are removed, and the folder if it is then empty.
+Every file is written whole or not at all, so that `kill -9` costs what was done since the last one and no
+more. When the study has finished they are removed, and the folder if it is then empty.
 
-A folder of this name that no run of ours has made is refused. Only files with the names above are ever removed, one by one, and never
-what a link leads to.
+A folder of this name that no run of ours has made is refused. Only files with the names above are ever
+removed, one by one, and never what a link leads to.
 """
 
 from __future__ import annotations
@@ -142,7 +142,8 @@ def _words(value: Any) -> str:
 def unfinished_run(out: Path) -> CheckpointError:
     """Return what is said where an unfinished run is in the way."""
     return CheckpointError(
-        f"{out} holds an unfinished run; add --resume to go on with it or --force to begin anew, or give another folder with --out"
+        f"{out} holds an unfinished run; add --resume to go on with it or --force to begin anew, or give "
+        "another folder with --out"
     )
 
 
@@ -167,7 +168,8 @@ class Journal:
     Attributes
     ----------
     own : set of str
-        Files in the output folder that this run may replace: those of an earlier one, and what it has written itself.
+        Files in the output folder that this run may replace: those of an earlier one, and what it has written
+        itself.
     """
 
     def __init__(
@@ -202,7 +204,8 @@ class Journal:
         OutputError
             If another run writes into the folder, or it is not ours.
         CheckpointError
-            If there is nothing to resume, or something else; or an unfinished run where none is to be resumed.
+            If there is nothing to resume, or something else; or an unfinished run where none is to be
+            resumed.
         """
         with _said():
             if os.path.lexists(self.shelf.folder):
@@ -234,8 +237,8 @@ class Journal:
     def _require_ours(self) -> None:
         """Refuse a folder with files but without a manifest of ours, unless a run of ours was just about to write it.
 
-        Refuse one of ours, too, in which something that is no file has the name of one of ours, so that nothing is written
-        to where a link leads.
+        Refuse one of ours, too, in which something that is no file has the name of one of ours, so that
+        nothing is written to where a link leads.
         """
         for path in self.shelf.folder.iterdir():
             own = OURS.fullmatch(path.name) or path in (
@@ -255,12 +258,13 @@ class Journal:
             names = {name for name in names - {"lock"} if not NAME.fullmatch(name)}
         if self._manifest_path.name in names:
             raise OutputError(
-                f"{self._manifest_path} cannot be understood, so {self.shelf.folder} is not of a run of hardspheres; give another "
-                "folder with --out"
+                f"{self._manifest_path} cannot be understood, so {self.shelf.folder} is not of a run of "
+                "hardspheres; give another folder with --out"
             )
         if names:
             raise OutputError(
-                f"{self.shelf.folder} is not of a run of hardspheres: it holds {min(names)}; give another folder with --out"
+                f"{self.shelf.folder} is not of a run of hardspheres: it holds {min(names)}; give another "
+                "folder with --out"
             )
 
     def unfinished(self) -> bool:
@@ -289,8 +293,8 @@ class Journal:
             old, new = before["options"].get(name), now["options"].get(name)
             if old != new:
                 raise CheckpointError(
-                    f"{self.out} holds an unfinished run with {name} {_words(old)}, not {_words(new)}; resume it with the "
-                    "options that it was begun with"
+                    f"{self.out} holds an unfinished run with {name} {_words(old)}, not {_words(new)}; "
+                    "resume it with the options that it was begun with"
                 )
 
     @contextlib.contextmanager
@@ -302,8 +306,8 @@ class Journal:
         Parameters
         ----------
         claim : callable, optional
-            Called before a run begins, with the files of an unfinished run that it takes the place of; returns all that it
-            may replace, or raises.
+            Called before a run begins, with the files of an unfinished run that it takes the place of;
+            returns all that it may replace, or raises.
 
         Raises
         ------

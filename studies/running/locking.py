@@ -22,7 +22,8 @@ class Lock:
     Parameters
     ----------
     path : Path
-        A file in an existing folder, made where it is missing. It may be removed while the lock is held. No link is followed.
+        A file in an existing folder, made where it is missing. It may be removed while the lock is held. No
+        link is followed.
     """
 
     MARK = b"held by the run of hardspheres that writes here\n"

@@ -1,8 +1,8 @@
 """Work that can be left at any moment and taken up again, with the same result to the last bit.
 
-A `Resumable` task keeps everything that it has reached in a state of plain values, estimators and simulations, and pauses
-wherever that state is complete. `perform` saves it at an interval, and when it is asked to stop. Nothing that it computes
-may depend on where it paused.
+A `Resumable` task keeps everything that it has reached in a state of plain values, estimators and
+simulations, and pauses wherever that state is complete. `perform` saves it at an interval, and when it is
+asked to stop. Nothing that it computes may depend on where it paused.
 """
 
 from __future__ import annotations

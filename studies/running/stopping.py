@@ -19,8 +19,8 @@ STOPPING = [
 def signals_held() -> Iterator[Callable[[], bool]]:
     """Hold SIGINT, SIGTERM and SIGHUP back while the context lasts; they take effect when it ends.
 
-    A second Ctrl-C takes effect at once. Signals that are ignored stay so, and outside the main thread, where Python
-    delivers none, nothing is held.
+    A second Ctrl-C takes effect at once. Signals that are ignored stay so, and outside the main thread, where
+    Python delivers none, nothing is held.
 
     Yields
     ------

@@ -1,8 +1,8 @@
 """Speed against error: the engine, the plain solver and two time-stepping programs on the same gases in one run.
 
-Few particles are compared with the trajectory at 50 digits (`studies.validation.accuracy_few`), many with exact
-values of the pressure and the mean free path (`studies.validation.accuracy_long`). Everything is timed in turn
-on one core.
+Few particles are compared with the trajectory at 50 digits (`studies.validation.accuracy_few`), many with
+exact values of the pressure and the mean free path (`studies.validation.accuracy_long`). Everything is timed
+in turn on one core.
 """
 
 from __future__ import annotations
@@ -108,15 +108,18 @@ class Accuracy:
         for eta in self.packing_fractions:
             if eta > limit:
                 raise hs.SceneError(
-                    f"packing fraction {eta:g} is above {limit:g}, where the pressure is not known well enough; ask for less"
+                    f"packing fraction {eta:g} is above {limit:g}, where the pressure is not known well "
+                    "enough; ask for less"
                 )
             if eta < 1e-4:
                 raise hs.SceneError(
-                    f"packing fraction {eta:g}: particles so rare take time steps for ever to meet; ask for at least 1e-4"
+                    f"packing fraction {eta:g}: particles so rare take time steps for ever to meet; ask for "
+                    "at least 1e-4"
                 )
         if self.n < 200:
             raise hs.SceneError(
-                f"--n {self.n} is too few for an exact pressure, whose finite-size correction is known from 200 particles on"
+                f"--n {self.n} is too few for an exact pressure, whose finite-size correction is known from "
+                "200 particles on"
             )
 
     def fluid(self, eta: float, n: int) -> Fluid:
@@ -411,16 +414,16 @@ def _trajectory_answers(state: Compared) -> list[str]:
     floor, at = rounding_floor(error / dt, state.trajectory_curve(BACK_UP).error[-1] * back_up.dt[-1])
     if floor < error:
         said += (
-            f"; the error falls as dt^{bounce.order:.2g}, and the rounding of so many steps ends that at about "
-            f"{floor:.0e} near dt = {at:.0e} (extrapolated)"
+            f"; the error falls as dt^{bounce.order:.2g}, and the rounding of so many steps ends that at "
+            f"about {floor:.0e} near dt = {at:.0e} (extrapolated)"
         )
     best = int(np.argmin(back_up.error))
     backed = f"with back-up at best {back_up.error[best]:.1e} in the worst scene, with dt = {back_up.dt[best]:g} in "
     backed += f"{back_up.seconds[best] / seconds:.2g} times the engine's time"
     if best < len(back_up.dt) - 1:
         backed += (
-            f"; no time step reaches less than {back_up.error[best] / worst:.2g} times the engine's worst: longer ones take "
-            "another course in some scenes, shorter ones round more often"
+            f"; no time step reaches less than {back_up.error[best] / worst:.2g} times the engine's worst: "
+            "longer ones take another course in some scenes, shorter ones round more often"
         )
     return [text, said, backed]
 
@@ -431,9 +434,10 @@ def _horizon_answer(state: Compared) -> str:
     expected = state.expected_horizon
     words = f", {expected:.2g} by the Lyapunov exponent {lyapunov_exponent(eta, dim):.3g}"
     return (
-        f"the engine stays on the true trajectory (to {LOST:g} diameters) for {state.horizon:.3g} collisions per particle"
-        f"{words if math.isfinite(expected) else ''}; its error grows by exp({state.growth:.3g} s); it missed {missed} of {true} "
-        f"collisions beside the oracle, {long.missed * long.audited:.0f} of {long.audited:.0f} in the long run"
+        f"the engine stays on the true trajectory (to {LOST:g} diameters) for {state.horizon:.3g} collisions "
+        f"per particle{words if math.isfinite(expected) else ''}; its error grows by exp({state.growth:.3g} "
+        f"s); it missed {missed} of {true} collisions beside the oracle, {long.missed * long.audited:.0f} of "
+        f"{long.audited:.0f} in the long run"
     )
 
 
@@ -443,8 +447,8 @@ def _fairness(state: Compared) -> str:
     ratio = test / state.engine_test
     verdict = "fair" if ratio < FAIR else "NOT fair: a better program would be faster"
     return (
-        f"time of a neighbour test: engine {state.engine_test * 1e9:.2g} ns, time stepping {test * 1e9:.2g} ns (longest steps, "
-        f"which do little else), {ratio:.2g} times ({verdict})"
+        f"time of a neighbour test: engine {state.engine_test * 1e9:.2g} ns, time stepping {test * 1e9:.2g} "
+        f"ns (longest steps, which do little else), {ratio:.2g} times ({verdict})"
     )
 
 
@@ -523,16 +527,16 @@ def _state_summary(state: Compared) -> dict[str, Any]:
 def _in_words(study: Accuracy) -> str:
     kind = "spheres" if study.dim == 3 else "discs"
     return (
-        f"hard {kind}, periodic box: {FEW} for the distance from the true trajectory, {study.n} for everything else; packing "
-        f"fraction {', '.join(f'{eta:g}' for eta in study.packing_fractions)}"
+        f"hard {kind}, periodic box: {FEW} for the distance from the true trajectory, {study.n} for "
+        f"everything else; packing fraction {', '.join(f'{eta:g}' for eta in study.packing_fractions)}"
     )
 
 
 def _print(screen: Screen, study: Accuracy, compared: Sequence[Compared], summary: dict[str, Any]) -> None:
     kind = "spheres" if study.dim == 3 else "discs"
     screen.say(
-        f"{FEW} hard {kind} beside the trajectory at 50 digits, {study.n} against exact pressure and mean free path; "
-        "processor time in us per true collision"
+        f"{FEW} hard {kind} beside the trajectory at 50 digits, {study.n} against exact pressure and mean "
+        "free path; processor time in us per true collision"
     )
     header = [
         "",
@@ -552,12 +556,12 @@ def _print(screen: Screen, study: Accuracy, compared: Sequence[Compared], summar
         screen.table(f"packing fraction {state.fluid.packing_fraction:g}", header, rows, keys=2)
     screen.say()
     screen.say(
-        f"trajectory: rms distance from the true one after {COLLISIONS_PER_PARTICLE:g} collision per particle, in diameters, "
-        "median and worst of the scenes"
+        f"trajectory: rms distance from the true one after {COLLISIONS_PER_PARTICLE:g} collision per "
+        "particle, in diameters, median and worst of the scenes"
     )
     screen.say(
-        "missed: pairs that come and go within one step or are not seen at all, per true collision; overlap: the deepest, in diameters; "
-        "Z - 1, mean free path: relative error"
+        "missed: pairs that come and go within one step or are not seen at all, per true collision; "
+        "overlap: the deepest, in diameters; Z - 1, mean free path: relative error"
     )
     drift = max(
         row["energy_drift"]

@@ -42,7 +42,8 @@ class Curve:
     Attributes
     ----------
     dt, error, noise, seconds : sequences of float
-        Time steps, descending; errors without sign and their standard errors; processor time per true collision.
+        Time steps, descending; errors without sign and their standard errors; processor time per true
+        collision.
     """
 
     dt: Sequence[float]
@@ -79,8 +80,9 @@ class Curve:
     def need(self, error: float) -> Need | None:
         """Return what an error no larger than this needs, None where too little is seen to tell.
 
-        Between measured steps the logarithms are interpolated. Where the error drowns in noise, the longest step that is good
-        enough for certain (to two standard errors) counts; beyond all of them the error follows `order` and the time 1/dt.
+        Between measured steps the logarithms are interpolated. Where the error drowns in noise, the longest
+        step that is good enough for certain (to two standard errors) counts; beyond all of them the error
+        follows `order` and the time 1/dt.
         """
         seen = self.seen
         for long, short in itertools.pairwise(seen):

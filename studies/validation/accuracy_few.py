@@ -198,8 +198,8 @@ class Horizon:
     error : (k,) array
         Distance of the engine's particles from the oracle's, as in `Few`.
     missed, collisions : int
-        By how many collisions the engine's count was off while the error was below `CERTAIN`, the sum over the moments
-        looked at; and how many true ones there were until then.
+        By how many collisions the engine's count was off while the error was below `CERTAIN`, the sum over
+        the moments looked at; and how many true ones there were until then.
     """
 
     s: FloatArray

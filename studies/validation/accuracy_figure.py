@@ -40,7 +40,8 @@ def figure(compared: Sequence[Compared]) -> Figure:
     Parameters
     ----------
     compared : sequence of Compared
-        By ascending packing fraction: filled marks and full lines for the last, open ones and dashes for the others.
+        By ascending packing fraction: filled marks and full lines for the last, open ones and dashes for the
+        others.
 
     Returns
     -------

@@ -29,8 +29,8 @@ BLOCKS = 32
 SETTLE = 2.0  # collisions per particle in which a stepper finds its own steady state
 MOST_COLLISIONS = 400.0  # per particle
 PILOT_STEPS = 60
-# Seconds that decide how long runs are, so that their results do not depend on the machine's speed: of a collision in the
-# engine, of a particle's flight and of a test of a pair in a step.
+# Seconds that decide how long runs are, so that their results do not depend on the machine's speed: of a
+# collision in the engine, of a particle's flight and of a test of a pair in a step.
 ENGINE_COST, FLIGHT_COST, TEST_COST = 1.5e-6, 2.5e-9, 4.5e-9
 AUDIT_STEPS = 4000
 AUDIT_COLLISIONS = 100_000
@@ -190,8 +190,8 @@ def long_runs(scene: hs.Scene, steps: Sequence[float], seconds: float) -> dict[M
     steps : sequence of float
         Time steps.
     seconds : float
-        Processor time for each time step and method, roughly, as a usual machine would need; the engine gets twice that.
-        None runs for more than `MOST_COLLISIONS` per particle.
+        Processor time for each time step and method, roughly, as a usual machine would need; the engine gets
+        twice that. None runs for more than `MOST_COLLISIONS` per particle.
 
     Returns
     -------
@@ -283,7 +283,8 @@ def _audit_engine(scene: hs.Scene, rate: float) -> tuple[float, float]:
 def passed_through(states: Iterable[tuple[FloatArray, FloatArray]], scene: hs.Scene, window: float) -> int:
     """Count the pairs that pass through each other between neighbouring states.
 
-    Only of two particles that kept their velocities through a window is the flight known, so those are looked at.
+    Only of two particles that kept their velocities through a window is the flight known, so those are looked
+    at.
 
     Parameters
     ----------
@@ -312,8 +313,8 @@ def passed_through(states: Iterable[tuple[FloatArray, FloatArray]], scene: hs.Sc
 def engine_test_seconds(scene: hs.Scene, repeats: int = 5) -> float:
     """Return the engine's processor time per pair that it looks at, from complete searches of the scene.
 
-    A simulation that has just been made searches for all next events at its first step. Pairs: those of each particle with
-    the half of the cells around it, and for neighbour lists every particle with its list.
+    A simulation that has just been made searches for all next events at its first step. Pairs: those of each
+    particle with the half of the cells around it, and for neighbour lists every particle with its list.
     """
     taken = []
     for _ in range(repeats):

@@ -350,13 +350,15 @@ def _nothing() -> None:
 
 FAMILIES: dict[str, Family] = {
     "spheres": Family(
-        f"{SPHERES} spheres in equilibrium, packing fraction {ETA:g}, periodic box, 320 collisions per particle",
+        f"{SPHERES} spheres in equilibrium, packing fraction {ETA:g}, periodic box, 320 collisions per "
+        "particle",
         _spheres,
         _load_spheres,
         _sphere_truths(),
     ),
     "mixture": Family(
-        "48 spheres in equilibrium, masses 1:10, diameters 1:2, packing fraction 0.1, 256 collisions per particle",
+        "48 spheres in equilibrium, masses 1:10, diameters 1:2, packing fraction 0.1, 256 collisions per "
+        "particle",
         _mixture,
         _load_mixture,
         {"Z of a mixture, virial - rates": (0.0, "exact")},
@@ -380,7 +382,8 @@ FAMILIES: dict[str, Family] = {
         {},
     ),
     "temperatures": Family(
-        f"{REPLICAS} gases of 120 spheres, masses 1:4, diameters 1:2, temperatures 3:1, packing fraction 0.01",
+        f"{REPLICAS} gases of 120 spheres, masses 1:4, diameters 1:2, temperatures 3:1, packing fraction "
+        "0.01",
         _temperatures,
         _load_temperatures,
         {},

@@ -1,7 +1,7 @@
 """The true trajectory to fifty digits: the plain solver of `hardspheres.reference`, told by double precision whom to look at.
 
-Every number that enters the trajectory is computed with `mpmath` and 50 digits. Double precision only leaves out pairs that
-cannot be next: those whose estimated time of contact lies well behind the earliest one.
+Every number that enters the trajectory is computed with `mpmath` and 50 digits. Double precision only leaves
+out pairs that cannot be next: those whose estimated time of contact lies well behind the earliest one.
 """
 
 from __future__ import annotations
@@ -45,7 +45,8 @@ class Oracle(ReferenceSimulation):
         alike = np.ptp(scene.radii) == 0.0 and np.ptp(scene.masses) == 0.0
         if not (alike and scene.periodic.all() and scene.box.min() > 4.01 * scene.radii[0]):
             raise hs.SceneError(
-                "the oracle follows one kind of particle in a periodic box longer than two diameters; ask for more particles"
+                "the oracle follows one kind of particle in a periodic box longer than two diameters; ask "
+                "for more particles"
             )
         with mpmath.workdps(DIGITS):
             super().__init__(scene, mpmath.mpf, mpmath.sqrt)

@@ -107,8 +107,8 @@ def growth_exponent(values: Floats) -> float:
     Returns
     -------
     exponent : float
-        log10 of the root mean square change over ten samples to that over one; NaN where there are not twenty samples, or
-        nothing has changed. With 100 samples of a random walk it scatters by about 0.08.
+        log10 of the root mean square change over ten samples to that over one; NaN where there are not twenty
+        samples, or nothing has changed. With 100 samples of a random walk it scatters by about 0.08.
     """
     course = np.concatenate(([0.0], values))
     if len(values) < 20:
@@ -189,7 +189,8 @@ def soak(study: Soak, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any]
     summary : dict
         The content of summary.json.
     sound : bool
-        Whether energy and momentum were conserved, nobody overlapped, no event was late and no memory was lost.
+        Whether energy and momentum were conserved, nobody overlapped, no event was late and no memory was
+        lost.
 
     Raises
     ------
@@ -309,8 +310,8 @@ def _print(
     screen.table("", header, rows)
     screen.say()
     screen.say(
-        "energy, momentum: largest change, relative, and of sum m |v|, and how it grows with the number n of collisions "
-        "(random walk: n^0.5, drift: n^1)"
+        "energy, momentum: largest change, relative, and of sum m |v|, and how it grows with the number n "
+        "of collisions (random walk: n^0.5, drift: n^1)"
     )
     screen.say("overlap: deepest, in contact distances")
     screen.say("late: events executed after their time; memory: most that the process grew once it was warm")

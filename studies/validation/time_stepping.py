@@ -1,11 +1,12 @@
 """Hard spheres by time steps: the two programs that people write before they follow events, made as fast as such programs are.
 
 `BOUNCE`: move everybody by dt; whoever then overlaps and approaches exchanges momentum where it is.
-`BACK_UP`: the same, but such a pair first goes back to the moment of its contact within the step, collides there, and flies on.
+`BACK_UP`: the same, but such a pair first goes back to the moment of its contact within the step, collides
+there, and flies on.
 
-Both collide by `hardspheres.collision`'s rule, so energy and momentum are as exact as the engine's; what is not is where and
-whether particles collide. Pairs that could overlap soon come from cells and are kept in a list until somebody may have flown
-half the list's margin. They know one kind of sphere in a periodic box.
+Both collide by `hardspheres.collision`'s rule, so energy and momentum are as exact as the engine's; what is
+not is where and whether particles collide. Pairs that could overlap soon come from cells and are kept in a
+list until somebody may have flown half the list's margin. They know one kind of sphere in a periodic box.
 """
 
 from __future__ import annotations
@@ -36,7 +37,8 @@ entry: Any = compiler.entry
 # What `_advance` adds up.
 COLLISIONS, VIRIAL, MISSED, TESTS = range(4)
 DONE, NO_ROOM, NO_MARGIN = range(3)  # what it returns
-# Costs in ns that `best_margin` weighs: of a pair in the list and in the cells, and of a particle when lists are made.
+# Costs in ns that `best_margin` weighs: of a pair in the list and in the cells, and of a particle when lists
+# are made.
 LISTED, SEARCHED, SORTED = 1.5, 1.5, 40.0
 
 
@@ -44,8 +46,8 @@ LISTED, SEARCHED, SORTED = 1.5, 1.5, 40.0
 def _find_pairs(x, y, z, n, box, cells, reach, room, first, second, order, start, places):  # type: ignore[no-untyped-def]
     """List all pairs nearer than `reach`; returns how many pairs were looked at and how many are listed, -1 if too many.
 
-    Particles are sorted into cells at least `reach` wide, so that those of three cells in a row along z stand together. With
-    fewer than three cells along an axis every pair is looked at.
+    Particles are sorted into cells at least `reach` wide, so that those of three cells in a row along z stand
+    together. With fewer than three cells along an axis every pair is looked at.
     """
     lx, ly, lz = box
     cx, cy, cz = cells
@@ -140,7 +142,8 @@ def _find_pairs(x, y, z, n, box, cells, reach, room, first, second, order, start
 def _advance(state, box, cells, sigma, margin, dt, steps, back_up, audit, scratch, ids, total):  # type: ignore[no-untyped-def]
     """Do so many steps of dt; `total` gets what happened. Returns DONE or what it was short of.
 
-    With `audit` pairs are counted that came from outside and passed each other within one step: they recede when they are seen.
+    With `audit` pairs are counted that came from outside and passed each other within one step: they recede
+    when they are seen.
     """
     n = state.shape[1]
     room = ids.shape[1] - 1

@@ -111,8 +111,8 @@ def keeping(shelf: Shelf) -> contextlib.AbstractContextManager[None]:
 def kept(function: Callable[P, T]) -> Callable[P, T]:
     """Return a function that takes from the shelf what the same call gave in a run that was interrupted.
 
-    Cases come in the same order every time, so a call is known by its number; within one others are not counted. Outside of
-    `keeping` the function is as it was.
+    Cases come in the same order every time, so a call is known by its number; within one others are not
+    counted. Outside of `keeping` the function is as it was.
 
     Parameters
     ----------

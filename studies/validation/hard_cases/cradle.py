@@ -1,9 +1,9 @@
 """Touching balls: Newton's cradle, and impacts on several balls at once.
 
-When several pairs touch at one moment, the engine lets them collide one after the other, by (time, lower id, higher id). A
-cradle has one outcome whatever the order. A ball that hits two at once, or a rack of balls, has not: hard spheres do not say
-what simultaneous impacts do, the limits from either side differ, and the documented order is a choice. What is exact then is
-that choice, momentum and energy.
+When several pairs touch at one moment, the engine lets them collide one after the other, by (time, lower id,
+higher id). A cradle has one outcome whatever the order. A ball that hits two at once, or a rack of balls, has
+not: hard spheres do not say what simultaneous impacts do, the limits from either side differ, and the
+documented order is a choice. What is exact then is that choice, momentum and energy.
 """
 
 from __future__ import annotations
@@ -68,7 +68,8 @@ def outcome(name: str, scene: hs.Scene, until: float) -> Case:
     simulation = hs.Simulation(scene)
     simulation.run(time=until)
     off = float(np.abs(simulation.velocities - velocities).max())
-    # Touching discs that part at no speed may, by a rounding, approach at 1e-17: one more collision, of no consequence.
+    # Touching discs that part at no speed may, by a rounding, approach at 1e-17: one more collision, of no
+    # consequence.
     return Case(
         name,
         f"{pairs} collisions in the order (time, lower id, higher id), in rationals",

@@ -101,7 +101,8 @@ def cases(size: Size) -> Iterator[Case]:
     simulation.run(time=0.999 * wait)
     simulation.run(collisions=1)
     off = abs(simulation.time / wait - 1.0)
-    # Both places, up to 128, are rounded at each epoch's end, always by the same as their steps are; they are 10 apart at first.
+    # Both places, up to 128, are rounded at each epoch's end, always by the same as their steps are; they are
+    # 10 apart at first.
     epochs = wait / float(simulation.status()["epoch_length"])
     yield Case(
         f"two slow spheres meet after time {wait:.0e}",

@@ -40,9 +40,10 @@ def in_equilibrium(box: tuple[float, ...], rng: np.random.Generator) -> hs.Scene
 def two_spheres(box: tuple[float, ...], time: float, runs: int) -> Iterator[Case]:
     """Measure the rates of two spheres in a hard box.
 
-    The ensemble is stationary, so that the mean number of collisions in a fixed time is exact however short that is. The other way
-    round, the time of a fixed number of collisions, misleads: the two can bounce to and fro past each other for very long, these
-    rare flights are missing in most samples, and the rate then looks too high, by several of its too small standard errors.
+    The ensemble is stationary, so that the mean number of collisions in a fixed time is exact however short
+    that is. The other way round, the time of a fixed number of collisions, misleads: the two can bounce to
+    and fro past each other for very long, these rare flights are missing in most samples, and the rate then
+    looks too high, by several of its too small standard errors.
 
     Parameters
     ----------
@@ -112,9 +113,9 @@ def rods(n: int, walls: bool, seed: int) -> hs.Scene:
 def tonks(n: int, walls: bool, time: float) -> Iterator[Case]:
     """Count the collisions of rods (Tonks 1936, doi:10.1103/PhysRev.50.955).
 
-    Equal rods exchange velocities, so less their lengths they are points that pass through each other: each pair of points on a ring
-    of length L - N sigma meets whenever their distance is a multiple of it, each point between walls hits one whenever it has flown
-    that far.
+    Equal rods exchange velocities, so less their lengths they are points that pass through each other: each
+    pair of points on a ring of length L - N sigma meets whenever their distance is a multiple of it, each
+    point between walls hits one whenever it has flown that far.
     """
     scene = rods(n, walls, 5)
     simulation = hs.Simulation(scene)
@@ -135,7 +136,8 @@ def tonks(n: int, walls: bool, time: float) -> Iterator[Case]:
         yield counted(f"{n} rods {where}, time {time:g}", pairs, simulation.collisions, "collisions")
     speeds = [np.sort(np.abs(v[:, 1])) for v in (scene.velocities, simulation.velocities)]
     off = float(np.abs(speeds[0] - speeds[1]).max())
-    # Rods exchange the same ten numbers over and over, and roundings of equal numbers are equal: they add up, one a collision.
+    # Rods exchange the same ten numbers over and over, and roundings of equal numbers are equal: they add up,
+    # one a collision.
     allowed = max(1e-11, EPS * 2.0 * simulation.collisions / n)
     yield Case(f"{n} rods {where}, velocities", "the first ones, permuted", f"off by {off:.1e}", off, allowed)
 

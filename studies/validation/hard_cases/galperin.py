@@ -1,8 +1,8 @@
 """Galperin's billiard: two balls and a wall that count out the digits of pi.
 
-A light ball rests near a wall and a heavy one, 100^k times its mass, comes in along the line. They hit each other, and the
-light one the wall, floor(pi 10^k) times in all (G. Galperin, Regul. Chaotic Dyn. 8, 375 (2003),
-doi:10.1070/RD2003v008n04ABEH000252): one collision too many or too few is seen at once.
+A light ball rests near a wall and a heavy one, 100^k times its mass, comes in along the line. They hit each
+other, and the light one the wall, floor(pi 10^k) times in all (G. Galperin, Regul. Chaotic Dyn. 8, 375
+(2003), doi:10.1070/RD2003v008n04ABEH000252): one collision too many or too few is seen at once.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
 """Spheres that just touch, or just miss; and how exactly contacts are found from far away.
 
-Two spheres pass at an impact parameter sigma (1 - 10^-k): they meet, at a time that goes with the square root of 10^-k; at
-sigma (1 + 10^-k) they do not. Whether they do is decided by the plain solver with 50 digits, from the same float64 numbers. Then
-the error of the contact distance against the distance of the start: a few roundings of that distance (Bannerman, Strobl,
-Formella and Poeschel 2014, doi:10.1007/s40571-014-0021-8), and not of its square.
+Two spheres pass at an impact parameter sigma (1 - 10^-k): they meet, at a time that goes with the square root
+of 10^-k; at sigma (1 + 10^-k) they do not. Whether they do is decided by the plain solver with 50 digits,
+from the same float64 numbers. Then the error of the contact distance against the distance of the start: a few
+roundings of that distance (Bannerman, Strobl, Formella and Poeschel 2014, doi:10.1007/s40571-014-0021-8), and
+not of its square.
 """
 
 from __future__ import annotations
@@ -92,7 +93,8 @@ def cases(size: Size) -> Iterator[Case]:
             truth = meets(scene)
             hits += truth
             wrong = truth != (simulation.collisions > 0)
-            # Nearer than one rounding of the distance flown, the separation itself is not known well enough: shown, not held against us.
+            # Nearer than one rounding of the distance flown, the separation itself is not known well enough:
+            # shown, not held against us.
             unclear += wrong and abs(depth(scene)) < FAR * EPS
             missed += wrong and truth and abs(depth(scene)) >= FAR * EPS
             phantom += wrong and not truth and abs(depth(scene)) >= FAR * EPS

@@ -44,11 +44,12 @@ def cluster(dim: int) -> hs.Scene:
 def pressed(dim: int, gap: float, collisions: int) -> Case:
     """Measure Z of a crystal against its limit at close packing.
 
-    There the free volume is a polytope that shrinks with the gap, so that Z_MD (1 - eta/eta_cp) -> d, for any N (Salsburg and
-    Wood 1962, doi:10.1063/1.1733163). The run is long enough for about 1 %.
+    There the free volume is a polytope that shrinks with the gap, so that Z_MD (1 - eta/eta_cp) -> d, for any
+    N (Salsburg and Wood 1962, doi:10.1063/1.1733163). The run is long enough for about 1 %.
 
-    Bonds that hardly turn keep some of their roundings, too: discs next to close packing lose energy always, 0.08 roundings / N for
-    each collision, where it is a random walk elsewhere. So `hardspheres.Simulation.check` is the measure of what is conserved.
+    Bonds that hardly turn keep some of their roundings, too: discs next to close packing lose energy always,
+    0.08 roundings / N for each collision, where it is a random walk elsewhere. So
+    `hardspheres.Simulation.check` is the measure of what is conserved.
     """
     simulation = hs.Simulation(crystal(dim, gap))
     simulation.run(collisions=collisions // 4)

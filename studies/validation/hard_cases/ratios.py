@@ -1,10 +1,11 @@
 """Masses, diameters and speeds many orders of magnitude apart in one gas.
 
-Exact are energy, momentum, and that nothing overlaps; nearby, while chaos has not yet amplified a rounding, also the events
-themselves, which the plain solver with 50 digits gives. The depth of the worst overlap says how exact contacts are: about a
-rounding of the time within an epoch, times the speed. Epochs become shorter where light particles become much faster than
-anybody was at the start, though only when one ends: within the one in which a light particle is squeezed between heavy ones, its
-contacts are off by as much as it has become faster.
+Exact are energy, momentum, and that nothing overlaps; nearby, while chaos has not yet amplified a rounding,
+also the events themselves, which the plain solver with 50 digits gives. The depth of the worst overlap says
+how exact contacts are: about a rounding of the time within an epoch, times the speed. Epochs become shorter
+where light particles become much faster than anybody was at the start, though only when one ends: within the
+one in which a light particle is squeezed between heavy ones, its contacts are off by as much as it has become
+faster.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ from hardspheres.reference import ReferenceSimulation
 from studies.validation.hard_cases.case import EPS, Case, Size, kept, pick
 
 TITLE = "Wide ratios of mass, diameter and speed"
-DRIFT = 1e-12  # of energy and momentum, or ten roundings times the root of the number of collisions, over N: a random walk
+# of energy and momentum, or ten roundings times the root of the number of collisions, over N: a random walk
+DRIFT = 1e-12
 OVERLAP = 1e-11  # diameters
 AGREED = 1e-6  # deviation from the oracle up to which events are compared
 

@@ -1,8 +1,9 @@
 """Loschmidt's reversal: run, turn every velocity round, come back, and see how far from the start that is.
 
-In exact arithmetic, to the start. Every rounding grows by exp(lambda) for each collision per particle, lambda the largest Lyapunov
-exponent, so that the logarithm of the error is a straight line of slope lambda: no engine in float64 can do better, and one with a
-flaw would lie above the line. The exponent is measured beside it in tangent space.
+In exact arithmetic, to the start. Every rounding grows by exp(lambda) for each collision per particle, lambda
+the largest Lyapunov exponent, so that the logarithm of the error is a straight line of slope lambda: no
+engine in float64 can do better, and one with a flaw would lie above the line. The exponent is measured beside
+it in tangent space.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """What cannot matter: units, names, mirrors, the origin, and a common velocity.
 
-Lengths and times scaled by powers of two must give the same bits. All else changes roundings, which chaos amplifies: the events are
-the same up to half the horizon of float64 (17 collisions per particle at packing fraction 0.2), and afterwards the statistics are.
+Lengths and times scaled by powers of two must give the same bits. All else changes roundings, which chaos
+amplifies: the events are the same up to half the horizon of float64 (17 collisions per particle at packing
+fraction 0.2), and afterwards the statistics are.
 """
 
 from __future__ import annotations

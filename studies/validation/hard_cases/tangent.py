@@ -18,9 +18,10 @@ Floats = NDArray[np.float64]
 class Tangent:
     """A deviation of infinitesimal size, flown and collided with its trajectory.
 
-    In a collision the neighbour's spheres touch earlier or later by dt = -(n.dr)/(n.v), with n along r = x_i - x_j, v the relative
-    velocity before it. Places then change by the difference of the velocities times dt, and velocities as the rule of
-    collision does when r turns by dr + v dt (Dellago, Posch and Hoover 1996, doi:10.1103/PhysRevE.53.1485).
+    In a collision the neighbour's spheres touch earlier or later by dt = -(n.dr)/(n.v), with n along r = x_i
+    - x_j, v the relative velocity before it. Places then change by the difference of the velocities times dt,
+    and velocities as the rule of collision does when r turns by dr + v dt (Dellago, Posch and Hoover 1996,
+    doi:10.1103/PhysRevE.53.1485).
 
     Parameters
     ----------
