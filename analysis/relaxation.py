@@ -489,7 +489,7 @@ class RelaxationCurve(Estimator):
 
     @property
     def equilibrium_checks(self) -> list[TheoryCheck]:
-        """The last sample beside equilibrium: a2, temperatures of species and along the initially warmest axis.
+        """The last sample beside equilibrium: a2, temperatures of species and along the hottest initial axis.
 
         A mixture is in equilibrium when each species is: a2 and H of all particles together, in units of
         their own kT/m, hardly depend on a difference of temperature between species. The expected values are

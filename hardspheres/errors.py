@@ -6,7 +6,7 @@ class HardSpheresError(Exception):
 
 
 class SceneError(HardSpheresError, ValueError):
-    """A scene that cannot be: bad shapes, values, overlaps or box. The message names value, place and remedy."""
+    """An invalid scene: shapes, values, overlaps or box. The message names value, place and remedy."""
 
 
 class SimulationError(HardSpheresError, RuntimeError):

@@ -1,8 +1,8 @@
-r"""The time of contact of two spheres that grow: what dense random starts are made with.
+r"""The time of contact of two growing spheres, for dense random starts.
 
-Lubachevsky and Stillinger (J. Stat. Phys. 60, 561 (1990), doi:10.1007/BF01025983) let spheres fly and collide
-while their diameters grow linearly in time. The contact distance of a pair is then :math:`\sigma + g t`, and
-the two touch when
+Lubachevsky and Stillinger (J. Stat. Phys. 60, 561 (1990), doi:10.1007/BF01025983) let spheres move and
+collide while their diameters grow linearly in time. The contact distance of a pair is then :math:`\sigma + g
+t`, and the two touch when
 
 .. math:: |\mathbf r + \mathbf v t|^2 = (\sigma + g t)^2, \qquad a t^2 + 2 b t + c = 0,
 
@@ -13,23 +13,24 @@ last term has a minus sign; Lagrange's identity holds for these too, and turns t
 
 .. math:: D = |\sigma \mathbf v - g \mathbf r|^2 - |\mathbf r \times \mathbf v|^2 ,
 
-in which nothing cancels between spheres far apart. Which root is the contact, with :math:`c > 0` before it?
+in which no large terms cancel for spheres far apart. Which root is the contact, with :math:`c > 0` before it?
 
-- :math:`b < 0`, the surfaces approach: :math:`t = c / (-b + \sqrt D)`, the first root, which subtracts
-  nothing. Only for :math:`a > 0` can :math:`D` be negative, a miss.
+- :math:`b < 0`, the surfaces approach: :math:`t = c / (-b + \sqrt D)`, the first root, without cancellation.
+  Only for :math:`a > 0` can :math:`D` be negative, a miss.
 - :math:`b \ge 0` and :math:`a \ge 0`: never.
-- :math:`b \ge 0` and :math:`a < 0`: the surfaces part, but they grow faster than the spheres fly. The roots
-  have opposite signs, and the positive one is :math:`t = (b + \sqrt D) / (-a)`.
+- :math:`b \ge 0` and :math:`a < 0`: the surfaces separate, but the contact distance grows faster than the
+  centres separate in the long run. The roots have opposite signs, and the positive one is :math:`t = (b +
+  \sqrt D) / (-a)`.
 
 Touching spheres (:math:`c \le 0`, by a rounding) collide now if :math:`b < 0`. If :math:`b \ge 0` and
-:math:`a < 0`, the last formula still says when they meet again; where rounding leaves :math:`D < 0`, it says
-when they cease to part, :math:`b / (-a)`.
+:math:`a < 0`, the last formula still gives their next contact; where rounding leaves :math:`D < 0`, it gives
+the time at which they cease to separate, :math:`b / (-a)`.
 
-In the collision the relative velocity of the *surfaces* along the line of centres turns round: from
+In the collision the relative velocity of the *surfaces* along the line of centres is reversed: from
 :math:`v_n - g < 0` to :math:`g - v_n`, so the centres then part with :math:`v_n' = 2 g - v_n > g`. That is
-`hardspheres.collision.impulse` with :math:`b = \mathbf r \cdot \mathbf v - |\mathbf r| g`. Momentum is kept;
-kinetic energy grows, as in any gas that is compressed. At a wall the surface of a sphere of radius :math:`R`
-comes nearer by :math:`\dot R` too, and is sent back in the same way.
+`hardspheres.collision.impulse` with :math:`b = \mathbf r \cdot \mathbf v - |\mathbf r| g`. Momentum is
+conserved; kinetic energy grows, as in any gas that is compressed. At a wall the surface of a sphere of radius
+:math:`R` approaches faster by :math:`\dot R`, and is reflected in the same way.
 """
 
 from typing import Any
@@ -90,5 +91,5 @@ def growing_contact_time(a: Number, b: Number, c: Number, root: Number) -> Numbe
 
 
 def rebound_from_wall(toward: Number, growth: Number) -> Number:
-    """Speed away from the wall of a sphere that came with speed `toward` while its radius grows at rate `growth`."""
+    """Speed away from the wall after a collision; incoming speed `toward`, rate of radius `growth`."""
     return toward + 2 * growth

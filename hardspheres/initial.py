@@ -1,4 +1,4 @@
-"""Scenes to start from: particles on a lattice or placed at random, with velocities drawn from the same seed."""
+"""Initial scenes: particles on a lattice or at random, with velocities drawn from the same seed."""
 
 import itertools
 import math
@@ -24,7 +24,7 @@ Planes = tuple[int, ...]
 
 @dataclass(frozen=True)
 class Lattice:
-    """A lattice as the crossings of equidistant planes: all of them, or every second one like a chessboard.
+    """A lattice as the crossings of equidistant planes: all of them, or every second one as on a chessboard.
 
     Every second crossing of square planes is fcc in 3D, and the triangular lattice in 2D when planes are
     sqrt(3) times as far apart along y.
@@ -72,7 +72,7 @@ def lattice_gas(
     cubic, or square; only the triangular lattice in a periodic box takes the nearest rectangle into which it
     fits undistorted. Between walls the lattice is stretched to fill the box, with all particles a radius or
     more inside. Where the lattice has more sites than particles, vacancies are drawn at random; where
-    particles differ in size or mass, they are dealt out to the sites at random.
+    particles differ in size or mass, they are assigned to the sites at random.
 
     Parameters
     ----------
@@ -196,7 +196,7 @@ def random_gas(
 
 
 def cubic_box(n: int, packing_fraction: float, filled: float, radii: Floats, periodic: Bools) -> Floats:
-    """Return the edges of the cube or square in which particles of this total volume have this packing fraction.
+    """Return the edges of the cube or square that gives this total volume of particles this packing fraction.
 
     Raises
     ------
@@ -319,7 +319,7 @@ def _candidates(lattice: Lattice, n: int, periodic: Bools) -> list[Planes]:
 
 
 def _box(lattice: Lattice, planes: Planes, volume: float, periodic: Bools) -> Floats:
-    """Return a cube (square) of this volume; for a periodic triangular lattice the rectangle that keeps its proportions."""
+    """Return a cube (square) of this volume; for a periodic triangular lattice its undistorted rectangle."""
     dim = len(periodic)
     if not periodic.all():
         return np.full(dim, volume ** (1 / dim))

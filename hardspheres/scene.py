@@ -1,4 +1,4 @@
-"""A scene of hard spheres: who is where, how fast, how large and heavy, in which box. Checked once, then trusted."""
+"""A scene of hard spheres: positions, velocities, radii, masses and box, checked once on construction."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -19,7 +19,7 @@ Array = TypeVar("Array", bound=NDArray[Any])
 BOUNDARIES = ("periodic", "wall")
 AXES = "xyz"
 LEFT_BY_ROUNDING = (
-    1e-6  # of the largest diameter: more than the engine ever leaves, and less than matters to it
+    1e-6  # of the largest diameter: above any overlap that the engine leaves, and too small to affect it
 )
 
 
@@ -28,8 +28,8 @@ class Scene:
     """Hard spheres (or discs) in a box.
 
     All numbers are in any one consistent set of units (reduced units: lengths in diameters, masses in
-    particle masses, kT = 1). Arrays are copied, made read-only and checked once, here; the engine then trusts
-    them.
+    particle masses, kT = 1). Arrays are copied, made read-only and checked once, here; the engine does not
+    check them again.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ class Scene:
         return tuple(getattr(self, name) for name in self.__dataclass_fields__)
 
     def __setstate__(self, state: tuple[Any, ...]) -> None:
-        self._store(*state)  # an unpickled array has forgotten that it is read-only
+        self._store(*state)  # an unpickled array is no longer read-only
 
     @property
     def n(self) -> int:
@@ -169,7 +169,7 @@ class Scene:
 
     @cached_property
     def packing_fraction(self) -> float:
-        """Fraction of the box that the particles fill (area fraction in 2D)."""
+        """Packing fraction: volume of the particles over that of the box (areas in 2D)."""
         return float(np.sum(sphere_volume(self.radii, self.dim))) / self.volume
 
     @property
@@ -179,17 +179,17 @@ class Scene:
 
     @cached_property
     def kinetic_energy(self) -> float:
-        """Kinetic energy, the motion of the whole included."""
+        """Kinetic energy, including the common motion."""
         return kinetic_energy(self.velocities, self.masses)
 
     @cached_property
     def thermal_energy(self) -> float:
-        """Kinetic energy less that of the common motion along periodic axes, sum of P_k^2 / 2M (see `thermal_energy`)."""
+        """Kinetic energy less the common motion along periodic axes, sum of P_k^2 / 2M; see `thermal_energy`."""
         return thermal_energy(self.velocities, self.masses, self.periodic)
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Free momenta: d N less the number of periodic axes; d for a single particle."""
+        """Translational degrees of freedom: d N less the number of periodic axes; d for a single particle."""
         return degrees_of_freedom(self.n, self.periodic)
 
     @property
@@ -219,7 +219,7 @@ class Scene:
         return Scene(**{name: getattr(self, name) for name in names} | changes)
 
     def with_state(self, positions: Floats, velocities: Floats, radii: Floats | None = None) -> "Scene":
-        """Return the same particles and box in a state that the dynamics has reached, without looking for overlaps.
+        """Return the same particles and box in a state reached by the dynamics, without an overlap search.
 
         The engine leaves contacts that overlap by its rounding (below 1e-11 diameters), which a scene made by
         hand may not have. Numbers are checked as in the constructor, and that centres lie in the box.
@@ -268,7 +268,7 @@ class Scene:
         box: Floats,
         boundary: tuple[str, ...],
     ) -> "Scene":
-        """Return a scene checked as the constructor does, except that contacts may be as the engine left them.
+        """Return a scene checked as by the constructor, with the overlaps allowed that the engine leaves.
 
         Parameters
         ----------
@@ -327,7 +327,7 @@ def total_momentum(velocities: Floats, masses: Floats) -> Floats:
 
 
 def read_only(array: Array) -> Array:
-    """Return the array, locked: it looks like state, and writing to it would do nothing."""
+    """Return the array, read-only: writing to it would not change the scene."""
     array.setflags(write=False)
     return array
 
@@ -338,9 +338,9 @@ def kinetic_energy(velocities: Floats, masses: Floats) -> float:
 
 
 def degrees_of_freedom(n: int, periodic: Bools) -> int:
-    """Free momenta: d N less one for each periodic axis, where the total momentum is conserved.
+    """Degrees of freedom: d N less one for each periodic axis, where the total momentum is conserved.
 
-    A single particle has nothing to move against: all its motion counts as thermal, d degrees of freedom.
+    All motion of a single particle counts as thermal, with d degrees of freedom.
     """
     return len(periodic) * n - (int(np.sum(periodic)) if n > 1 else 0)
 
@@ -349,14 +349,14 @@ def thermal_energy(velocities: Floats, masses: Floats, periodic: Bools) -> float
     """Kinetic energy relative to the common motion along periodic axes.
 
     K_th = K - sum over periodic axes of P_k^2 / 2M, computed as sum of m (v - P/M)^2 / 2, which has no
-    cancellation. A wall does not let the whole move, so its axis keeps all of K; so do all axes for a single
-    particle.
+    cancellation. Momentum normal to a wall is not conserved, so that along wall axes all of K is thermal; so
+    it is on all axes for a single particle.
     """
     return kinetic_energy(velocities - drift(velocities, masses, periodic), masses)
 
 
 def drift(velocities: Floats, masses: Floats, periodic: Bools) -> Floats:
-    """Velocity of the common motion, P/M on periodic axes and zero on others (and for a single particle), shape (d,)."""
+    """Velocity of the common motion, P/M on periodic axes and zero on others (or for one particle), (d,)."""
     if len(masses) == 1:
         return np.zeros(len(periodic))
     return np.where(periodic, total_momentum(velocities, masses) / float(np.sum(masses)), 0.0)
@@ -384,7 +384,8 @@ def boundary_words(boundary: str | Sequence[str], dim: int) -> tuple[str, ...]:
     words = (boundary,) * dim if isinstance(boundary, str) else boundary
     if not isinstance(words, (tuple, list)) or not all(isinstance(w, str) and w in BOUNDARIES for w in words):
         raise SceneError(
-            f'boundary is {boundary!r}; it must be "periodic" or "wall", or a sequence of one of them for each axis'
+            f'boundary is {boundary!r}; it must be "periodic" or "wall", or a sequence of one of them for '
+            "each axis"
         )
     if len(words) != dim:
         raise SceneError(
@@ -558,7 +559,7 @@ def _require_inside(positions: Floats, radii: Floats, box: Floats, periodic: Boo
 def worst_beyond_wall(
     positions: Floats, radii: Floats, box: Floats, periodic: Bools
 ) -> tuple[float, int, int]:
-    """How far a particle reaches beyond a wall at worst, which one, and along which axis; (-inf, 0, 0) without walls."""
+    """Largest reach of a particle beyond a wall, the particle, and the axis; (-inf, 0, 0) without walls."""
     worst = (-math.inf, 0, 0)
     for axis in np.flatnonzero(~periodic):
         beyond = np.maximum(radii - positions[:, axis], positions[:, axis] - (box[axis] - radii))

@@ -1,7 +1,7 @@
-"""Temporary files whose names say who writes them, so that what was left by writers that were killed can be removed, and no more.
+"""Temporary files named after the process that writes them, so that those of killed processes are removed.
 
-Process ids mean something only to processes that see each other: of one machine since it was started, and in
-one container. The name has a digest of that, and files of others are removed by age alone.
+Process ids are comparable only within one machine since its boot, and within one container. The name contains
+a digest of these; files with another digest are removed by age alone.
 """
 
 import contextlib
@@ -25,7 +25,7 @@ def temporary_beside(target: Path) -> Path:
 
 
 def remove_leftovers(folder: Path, now: float) -> None:
-    """Remove what writers that are no more have left in a folder.
+    """Remove temporary files of ended processes from a folder.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def _neighbourhood() -> str:
     try:
         boot = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii")
         container = os.readlink("/proc/self/ns/pid")
-    except OSError:  # then no other process is known to share them
+    except OSError:  # then no other process is known to share ids
         return secrets.token_hex(8)
     return hashlib.sha256(f"{os.uname().nodename} {boot} {container}".encode()).hexdigest()[:16]
 
