@@ -184,7 +184,7 @@ class Scene:
 
     @cached_property
     def thermal_energy(self) -> float:
-        """Kinetic energy less the common motion along periodic axes, sum of P_k^2 / 2M; see `thermal_energy`."""
+        """Kinetic energy without the common motion along periodic axes, sum of P_k^2 / 2M."""
         return thermal_energy(self.velocities, self.masses, self.periodic)
 
     @property

@@ -1,4 +1,4 @@
-"""Where the command line begins, also as `python -m studies`: an interrupt is answered even before anything is loaded."""
+"""Entry point of the command line, also as `python -m studies`; an interrupt works even during imports."""
 
 import os
 import signal

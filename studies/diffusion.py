@@ -95,7 +95,7 @@ class SelfDiffusion:
 
 @dataclass(frozen=True)
 class Slope:
-    """Where the slope of the mean square displacement is taken, and how long to measure; all in mean free times.
+    """Window of the slope of the mean square displacement, and length of the run, in mean free times.
 
     Attributes
     ----------
@@ -113,7 +113,7 @@ class Slope:
 
     @classmethod
     def of(cls, fluid: Fluid, length: float | None) -> Slope:
-        """Return the slope for a fluid: three times as long as its window by default, at least 200, at most 2000."""
+        """Return the slope for a fluid: by default a run of three windows, at least 200 and at most 2000."""
         needed = DISCS
         if fluid.dim == 3:
             edge = (fluid.n / (fluid.packing_fraction / float(theory.packing_fraction(1.0, 1.0, 3)))) ** (

@@ -1,4 +1,4 @@
-"""What estimators warn of while a study runs, said in the study's words: the quantity, and the option that helps."""
+"""Warnings of estimators during a study, reworded for its user: the quantity, and the option that helps."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ OURS = ("analysis.", "hardspheres.")
 
 @dataclass
 class Notices:
-    """What was noticed.
+    """Warnings collected during a run.
 
     Attributes
     ----------
@@ -33,12 +33,12 @@ class Notices:
 
     @contextmanager
     def of(self, quantity: str) -> Iterator[None]:
-        """Take in what our own estimators warn of while the context lasts; warnings of anybody else pass on.
+        """Collect warnings of this package's estimators while the context lasts; others pass through.
 
         Parameters
         ----------
         quantity : str
-            What is measured meanwhile.
+            What is measured in the context.
         """
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
@@ -55,7 +55,7 @@ class Notices:
 
 
 def too_short(times: float, length: float) -> list[str]:
-    """Return what to say of a run that should have been so many times longer; nothing where it is long enough.
+    """Return what to say of a run that is too short by this factor; nothing where it is long enough.
 
     Parameters
     ----------

@@ -164,7 +164,7 @@ class ReplicaResult:
 
 @dataclass
 class _Relaxing:
-    """A replica on its way: `curve` and `film` have seen `done` moments, `written` of which are in the trajectory."""
+    """A replica in progress: `curve` and `film` have `done` samples, and the trajectory `written` of them."""
 
     simulation: hs.Simulation
     curve: RelaxationCurve = field(default_factory=RelaxationCurve)
@@ -562,7 +562,7 @@ def _thermal(curve: RelaxationCurve) -> dict[str, Any]:
 
 
 def _say_dominant(screen: Screen, curve: RelaxationCurve, reference: Comparison) -> None:
-    """Say where the theory's own uncertainty hides what was measured, if that is at more than a quarter of the points."""
+    """Report where the theory's uncertainty exceeds the measurement's, if at over a quarter of the points."""
     for name, title in (("a2", "a2"), ("ks", "KS"), ("h", "H - Heq")):
         uncertainty, error = getattr(reference, f"{name}_uncertainty"), getattr(curve, f"{name}_error")
         known = np.isfinite(getattr(reference, f"{name}_z"))
@@ -591,7 +591,10 @@ def _say_thermal(screen: Screen, curve: RelaxationCurve) -> None:
 
 def _theory_name(study: Thermalisation, curve: RelaxationCurve, reference: Comparison | None) -> str:
     if reference is None and curve.starts_from_beams:
-        return "T_par/T: Boltzmann equation, two beams, dilute gas; at equilibrium a2 and H - Heq vanish and KS is noise"
+        return (
+            "T_par/T: Boltzmann equation, two beams, dilute gas; "
+            "at equilibrium a2 and H - Heq vanish and KS is noise"
+        )
     if reference is None:
         return "none for this start; at equilibrium a2 and H - Heq vanish and KS is noise"
     if study.recipe.velocities == "maxwell":

@@ -224,7 +224,10 @@ def _verdict(found: Mapping[str, Any], plan: Plan) -> str:
         f"{found['replicas']} replicas, {collisions['study']:.3g} collisions, {spent['study']:.0f} s on one "
         f"core; the pilot took {spent['pilot']:.0f} s, chose that number, and is not in the result"
     )
-    text = f"{found['number']}: relative standard error {found['relative_error']:.2g}, asked for {found['asked']:.2g}"
+    text = (
+        f"{found['number']}: relative standard error {found['relative_error']:.2g}, "
+        f"asked for {found['asked']:.2g}"
+    )
     if found["reached"]:
         return f"{text}: reached with {cost}"
     if plan.needed > plan.allowed:

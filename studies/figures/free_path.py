@@ -1,4 +1,4 @@
-"""The picture of free paths: their mean against packing fraction, how they are distributed, and lambda(v)."""
+"""Figure of free paths: their mean against packing fraction, their distribution, and lambda(v)."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def _draw_means(axes: Axes, states: Sequence[FreePathState]) -> None:
 
 
 def _draw_mean_residuals(axes: Axes, states: Sequence[FreePathState]) -> None:
-    """Draw measured over expected mean free path, less 1, with the theory's uncertainty as bars of its own."""
+    """Draw measured over expected mean free path, less 1, with the theory's uncertainty as bars."""
     eta = np.array([state.fluid.packing_fraction for state in states])
     axes.axhline(0.0, color=COLOURS["theory"], lw=1.2)
     largest, kinds = 0.0, len(states[0].labels)
@@ -130,7 +130,7 @@ def _draw_mean_residuals(axes: Axes, states: Sequence[FreePathState]) -> None:
 
 
 def _draw_survival(axes: Axes, below: Axes, states: Sequence[FreePathState], shades: FloatArray) -> None:
-    """Draw how large a part of the flights is longer than x of their means, over the law of a thin gas."""
+    """Draw the survival function of free paths over that of a dilute gas."""
     x = np.linspace(0.0, 5.4, 120)
     axes.plot(x, np.exp(-x), color=COLOURS["band"], lw=1.0, ls=(0, (4, 2)), label="exponential")
     below.axhline(0.0, color=COLOURS["theory"], lw=1.2)
@@ -151,7 +151,7 @@ def _draw_survival(axes: Axes, below: Axes, states: Sequence[FreePathState], sha
             )
     axes.set_yscale("log")
     axes.set_title("Free paths longer than x")
-    axes.set_ylabel("part of the flights")
+    axes.set_ylabel("fraction of the flights")
     axes.legend(fontsize=7.5)
     below.set_xlabel("x / mean free path")
     below.set_ylabel("ratio to theory \u2212 1\nin per cent", fontsize=8.5)

@@ -1,4 +1,4 @@
-"""The picture of the suite: how far each measured Z is from its theory, with both uncertainties."""
+"""Figure of the suite: deviation of each measured Z from its theory, with both uncertainties."""
 
 from __future__ import annotations
 
@@ -67,7 +67,13 @@ def _draw(axes: Axes, states: Sequence[State], by_name: bool) -> None:
     width = 0.03 * (float(np.ptp(places)) if len(states) > 1 else 1.0)
     axes.axhline(0.0, color=COLOURS["theory"], lw=1.2)
     axes.bar(
-        places, 2 * uncertainty, 2 * width, -uncertainty, color=COLOURS["band"], alpha=0.4, label="uncertainty of theory"
+        places,
+        2 * uncertainty,
+        2 * width,
+        -uncertainty,
+        color=COLOURS["band"],
+        alpha=0.4,
+        label="uncertainty of theory",
     )
     largest = float(uncertainty.max())
     for way, (mark, colour) in MARKS.items():

@@ -48,14 +48,14 @@ def _known(name: str) -> type | None:
 
 
 def _contents(value: Any) -> dict[str, Any]:
-    """Return what an object consists of; what it has derived and kept stays behind."""
+    """Return the fields of an object, without cached values."""
     if is_dataclass(value):
         return {field.name: getattr(value, field.name) for field in fields(value)}
     return dict(vars(value))
 
 
 class _Encoder:
-    """Turns values into a tree for JSON and a list of arrays."""
+    """Converts values to a tree for JSON and a list of arrays."""
 
     def __init__(self) -> None:
         self.arrays: list[NDArray[Any]] = []
@@ -193,7 +193,7 @@ def decode(members: Arrays) -> Any:
 
 
 def write(path: Path, value: Any, *, durable: bool = True) -> None:
-    """Write a value into a file, which a crash leaves either old or new, see `encode` and `write_archive`.
+    """Write a value to a file atomically, see `encode` and `write_archive`.
 
     Raises
     ------

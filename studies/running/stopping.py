@@ -1,4 +1,4 @@
-"""Ctrl-C, SIGTERM and SIGHUP wait for a moment at which all that was done can be saved."""
+"""Ctrl-C, SIGTERM and SIGHUP are deferred until the state can be saved."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def signals_held() -> Iterator[Callable[[], bool]]:
     Yields
     ------
     callable
-        Says whether a signal is waiting.
+        Returns whether a signal is pending.
     """
     waiting: list[int] = []
     if threading.current_thread() is not threading.main_thread():

@@ -1,4 +1,4 @@
-"""Speed against error: the engine, the plain solver and two time-stepping programs on the same gases in one run.
+"""Speed against error: the engine, the reference solver and two time-stepping programs on the same gases.
 
 Few particles are compared with the trajectory at 50 digits (`studies.validation.accuracy_few`), many with
 exact values of the pressure and the mean free path (`studies.validation.accuracy_long`). Everything is timed
@@ -113,8 +113,8 @@ class Accuracy:
                 )
             if eta < 1e-4:
                 raise hs.SceneError(
-                    f"packing fraction {eta:g}: particles so rare take time steps for ever to meet; ask for "
-                    "at least 1e-4"
+                    f"packing fraction {eta:g}: in so dilute a gas time steps take too long to a collision; "
+                    "ask for at least 1e-4"
                 )
         if self.n < 200:
             raise hs.SceneError(
@@ -144,7 +144,7 @@ class Compared:
     exact : Exact
         What the long runs should give.
     engine_test : float
-        The engine's processor time per pair it looks at.
+        The engine's processor time per pair tested.
     """
 
     fluid: Fluid
@@ -232,7 +232,7 @@ class Compared:
 
 @dataclass(frozen=True)
 class _Large:
-    """What the gas of many particles gives at one packing fraction, see `Compared`."""
+    """Results of the gas of many particles at one packing fraction, see `Compared`."""
 
     long: dict[Method, Long]
     exact: Exact
@@ -241,7 +241,7 @@ class _Large:
 
 @dataclass(frozen=True)
 class Parts:
-    """A part of the work, for `run_replicas`: one scene of few particles, or the long runs at one packing fraction.
+    """Part of the work, for `run_replicas`: one scene of few particles, or the long runs of one density.
 
     Attributes
     ----------
@@ -275,7 +275,7 @@ class Parts:
 def compare(
     study: Accuracy, done: Callable[[], None] | None = None, shelf: Shelf | None = None
 ) -> list[Compared]:
-    """Run all methods at every packing fraction, on one core, so that nothing disturbs what is timed.
+    """Run all methods at every packing fraction, on one core, for undisturbed timing.
 
     Parameters
     ----------
@@ -378,7 +378,7 @@ def accuracy(study: Accuracy, out: OutputFolder, screen: Screen) -> tuple[dict[s
 
 
 def answers(state: Compared) -> list[str]:
-    """Return what one packing fraction says, in sentences."""
+    """Return the results at one packing fraction, in sentences."""
     sentences = [
         _pressure_answer(state),
         *_trajectory_answers(state),
@@ -407,10 +407,14 @@ def _trajectory_answers(state: Compared) -> list[str]:
     engine = state.engine_few
     worst, seconds = max(engine.trajectory), float(np.median(engine.seconds))
     text = f"trajectory after {COLLISIONS_PER_PARTICLE:g} collision per particle: the engine is "
-    text += f"{np.median(engine.trajectory):.1e} diameters off, in the worst of {len(engine.trajectory)} scenes {worst:.1e}"
+    text += f"{np.median(engine.trajectory):.1e} diameters off, "
+    text += f"in the worst of {len(engine.trajectory)} scenes {worst:.1e}"
     bounce, back_up = state.trajectory_curve(BOUNCE), state.trajectory_curve(BACK_UP, worst=True)
     error, dt = bounce.error[-1], bounce.dt[-1]
-    said = f"bouncing balls are {error:.1e} off with dt = {dt:g}, in {bounce.seconds[-1] / seconds:.2g} times the engine's time"
+    said = (
+        f"bouncing balls are {error:.1e} off with dt = {dt:g}, "
+        f"in {bounce.seconds[-1] / seconds:.2g} times the engine's time"
+    )
     floor, at = rounding_floor(error / dt, state.trajectory_curve(BACK_UP).error[-1] * back_up.dt[-1])
     if floor < error:
         said += (
@@ -418,12 +422,14 @@ def _trajectory_answers(state: Compared) -> list[str]:
             f"about {floor:.0e} near dt = {at:.0e} (extrapolated)"
         )
     best = int(np.argmin(back_up.error))
-    backed = f"with back-up at best {back_up.error[best]:.1e} in the worst scene, with dt = {back_up.dt[best]:g} in "
-    backed += f"{back_up.seconds[best] / seconds:.2g} times the engine's time"
+    backed = (
+        f"with back-up at best {back_up.error[best]:.1e} in the worst scene, with dt = {back_up.dt[best]:g} "
+        f"in {back_up.seconds[best] / seconds:.2g} times the engine's time"
+    )
     if best < len(back_up.dt) - 1:
         backed += (
             f"; no time step reaches less than {back_up.error[best] / worst:.2g} times the engine's worst: "
-            "longer ones take another course in some scenes, shorter ones round more often"
+            "longer ones change the sequence of collisions in some scenes, shorter ones round more often"
         )
     return [text, said, backed]
 
@@ -569,7 +575,9 @@ def _print(screen: Screen, study: Accuracy, compared: Sequence[Compared], summar
         for row in state["rows"]
         if not math.isnan(row["energy_drift"])
     )
-    screen.say(f"energy: no method lost more than {drift:.0e} of it, so energy says nothing about the rest")
+    screen.say(
+        f"energy: no method lost more than {drift:.0e} of it, so energy is no measure of the other errors"
+    )
     screen.say()
     for sentence in summary["answers"]:
         screen.say(sentence)

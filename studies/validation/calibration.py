@@ -1,8 +1,8 @@
-"""Are the error bars right? Every estimator over many independent short runs, beside what it should have measured.
+"""Calibration of error bars: every estimator over many independent short runs, beside the true value.
 
 (value - truth) / standard error should follow Student's t with the degrees of freedom that the estimator
-quotes. The truth is exact or theory where there is one that is much better than a single run, else the mean
-of all runs, which tests the spread and shape but not the value.
+quotes. The true value is exact, or from a theory much more precise than a single run; otherwise it is the
+mean of all runs, which tests spread and shape but not the value.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class Row:
     pulls : (R,) array
         (value - truth) / standard error.
     result : Calibration
-        What they say.
+        The test of these pulls.
     """
 
     family: str

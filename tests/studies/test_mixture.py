@@ -1,4 +1,4 @@
-"""Two temperatures become one, end to end: physics in standard errors, with siblings that must fail, files."""
+"""Temperature equilibration, end to end: physics in standard errors, with siblings that must fail, files."""
 
 import csv
 import json
