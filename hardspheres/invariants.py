@@ -45,7 +45,7 @@ def verify(sim: "Simulation", engine: "Engine") -> None:
     """
     _counters_make_sense(engine)
     _energy_and_momentum_are_kept(sim)
-    _nobody_overlaps(sim)
+    _no_overlaps(sim)
     if not engine._afresh:  # otherwise everything else is computed from the rows before the next event
         search = _Search(engine)
         if engine.arrays.counter[engine.layout.WINDOW_BUCKETS] == 0:
@@ -134,7 +134,7 @@ def _energy_and_momentum_are_kept(sim: "Simulation") -> None:
         )
 
 
-def _nobody_overlaps(sim: "Simulation") -> None:
+def _no_overlaps(sim: "Simulation") -> None:
     allowed = max(1e-11, contact_tolerance(sim.scene.box) / float(sim.scene.radii.min()))
     overlap = sim.worst_overlap
     _require(overlap <= allowed, f"particles overlap by {overlap:.3g} diameters; {allowed:.3g} is allowed")

@@ -255,7 +255,7 @@ class Result:
         by_temperature = abs(float(trapezoid(shifted - expected, span) / (span[-1] - span[0])))
         densities, diameters, _ = _species(self.scene)
         g = float(theory.mixture_contact_values(densities, diameters, self.scene.dim).max())
-        doubt = mean * math.hypot(
+        uncertainty = mean * math.hypot(
             theory.mixture_contact_uncertainty(diameters, self.scene.dim) * (1.0 - 1.0 / g),
             1.0 / self.scene.n,
         )
@@ -264,7 +264,7 @@ class Result:
             "Enskog",
             self._late_rate,
             mean,
-            math.hypot(doubt, by_temperature),
+            math.hypot(uncertainty, by_temperature),
         )
 
     def _rates(self, temperatures: FloatArray) -> FloatArray:
@@ -439,7 +439,7 @@ def _print(
     values, errors = result.decay.temperatures, result.decay.temperatures_error
     rows = []
     for k, moment in enumerate(result.time):
-        z, doubt = result.deviations[k], result.theory_difference_error[k]
+        z, uncertainty = result.deviations[k], result.theory_difference_error[k]
         rows.append(
             [
                 f"{moment:.4g}",
@@ -447,9 +447,9 @@ def _print(
                 _text(values[k, 0], errors[k, 0]),
                 _text(values[k, 1], errors[k, 1]),
                 _text(result.difference[k], result.difference_error[k]),
-                _text(result.theory_difference[k], doubt),
+                _text(result.theory_difference[k], uncertainty),
                 f"{z:+.1f}" if math.isfinite(z) else "",
-                "u" if k and doubt > 2.0 * result.difference_error[k] else "",
+                "u" if k and uncertainty > 2.0 * result.difference_error[k] else "",
             ]
         )
     screen.table("", ["time", "s", "T1", "T2", "T1 - T2", "theory", "z", ""], rows)

@@ -498,7 +498,7 @@ def _row(state: Compared, key: Method) -> dict[str, Any]:
 def _state_summary(state: Compared) -> dict[str, Any]:
     return {
         "packing_fraction": state.fluid.packing_fraction,
-        "exact": {"z": state.exact.z, "z_minus_1_relative_uncertainty": state.exact.z_doubt},
+        "exact": {"z": state.exact.z, "z_minus_1_relative_uncertainty": state.exact.z_uncertainty},
         "engine": {
             "pressure_error": estimate_json(state.engine_long.pressure),
             "free_path_error": estimate_json(state.engine_long.free_path),

@@ -103,16 +103,16 @@ class Exact:
 
     Attributes
     ----------
-    z, z_doubt : float
+    z, z_uncertainty : float
         Compressibility factor and its uncertainty, relative to Z - 1.
-    rate, rate_doubt : float
+    rate, rate_uncertainty : float
         Collisions per particle and time, and its relative uncertainty.
     """
 
     z: float
-    z_doubt: float
+    z_uncertainty: float
     rate: float
-    rate_doubt: float
+    rate_uncertainty: float
 
     @classmethod
     def of(cls, scene: hs.Scene) -> Exact:
@@ -245,16 +245,16 @@ def _result(each: _Clocked, scene: hs.Scene, exact: Exact) -> Long:
     return Long(
         float(np.median(each.cpu)) / true_collisions,
         int(rows[:, 1].sum()),
-        _doubted(pressure, exact.z_doubt),
-        _doubted(path, exact.rate_doubt),
+        _with_uncertainty(pressure, exact.z_uncertainty),
+        _with_uncertainty(path, exact.rate_uncertainty),
         abs(each.runner.drift()),
         each.overlap,
     )
 
 
-def _doubted(estimate: Estimate, doubt: float) -> Estimate:
+def _with_uncertainty(estimate: Estimate, uncertainty: float) -> Estimate:
     """Return an estimate with another relative uncertainty in its error."""
-    error = math.hypot(estimate.standard_error, doubt)
+    error = math.hypot(estimate.standard_error, uncertainty)
     return Estimate(estimate.value, error, estimate.n_effective, estimate.degrees_of_freedom)
 
 

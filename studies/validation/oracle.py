@@ -98,11 +98,11 @@ class Oracle(ReferenceSimulation):
         axes = itertools.combinations(range(r.shape[1]), 2)
         cross2 = sum((r[:, a] * u[:, c] - r[:, c] * u[:, a]) ** 2 for a, c in axes)
         d = speed2 * self._sigma**2 - cross2
-        doubt = GRAZING * speed2 * rr
-        meets = (b < 0.0) & (d > -doubt)
+        margin = GRAZING * speed2 * rr
+        meets = (b < 0.0) & (d > -margin)
         gap = np.maximum(rr - self._sigma**2, 0.0)
         wait = np.where(meets, gap / np.where(meets, np.sqrt(np.maximum(d, 0.0)) - b, 1.0), np.inf)
-        return np.where(np.abs(d) < doubt, wait * (1.0 - 1e-5), wait)
+        return np.where(np.abs(d) < margin, wait * (1.0 - 1e-5), wait)
 
     def _contact(self, i: int, j: int) -> Any:
         """Time until i touches the nearest image of j, with all digits."""
