@@ -321,7 +321,7 @@ class EnergyDistribution(_Histogram):
         self._temperature = 1.0
 
     def add(self, frame: Frame) -> Self:
-        """Take in one frame; see `SpeedDistribution`."""
+        """Add one frame; see `SpeedDistribution`."""
         if self._counts is None:
             self._temperature = reduced_velocities(frame)[1]
         return super().add(frame)

@@ -3,7 +3,7 @@
 The rows are the canonical state (`hardspheres.kernel`), so pending events, neighbour lists and windows are
 not stored: they are computed again from the rows. Stored are the scene that the simulation began with (from
 which shells and windows follow), the present length of its epochs, the state that `kernel.layout` names, the
-clock, and where the tallies began. Every number is checked before a kernel sees it.
+clock, and where the tallies began. Every number is checked before kernels use it.
 
 A checkpoint of another version of the package is accepted if the version of the format is the same. That
 version changes with the content of the file and with every change to the bits of a trajectory.
@@ -184,7 +184,7 @@ def _read_about(arrays: Arrays) -> dict[str, Any]:
     if not _is_list(about.get("boundary"), str, str, str) and not _is_list(about.get("boundary"), str, str):
         raise CheckpointError("its boundary is not a list of words")
     if not _is_list(clock, int, float) or not _is_list(since, int, float, int, int):
-        raise CheckpointError("its clock or the beginning of its tallies is not what it should be")
+        raise CheckpointError("its clock or the start of its tallies is invalid")
     if not _is_list([about.get("epoch_length")], float):
         raise CheckpointError("its epoch has no length")
     return dict(about)

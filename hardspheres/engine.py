@@ -50,7 +50,7 @@ def aligned(size: int, dtype: type) -> Any:
 
 
 def image_shifts(cells: Any, widths: Any) -> Any:
-    """Return the shifts of bounds in each image: minus, no, or plus a box along each axis (two bits of the code)."""
+    """Return the shifts of bounds by image: minus, no, or plus a box along each axis (two bits each)."""
     shifts = aligned(64, np.int64)
     ends = shifts.view(np.uint8).reshape(64, 8)
     for code in range(64):
@@ -424,7 +424,7 @@ class Engine:
         return self.with_epochs(length)
 
     def with_epochs(self, length: float) -> "Engine":
-        """Return this engine, at the beginning of an epoch, with epochs of another length, a power of two times this one.
+        """Return this engine, at the start of an epoch, with epochs longer or shorter by a power of two.
 
         Rows and times are unchanged; counts of epochs are converted to the new length.
         """
@@ -452,7 +452,7 @@ class Engine:
         return other
 
     def run(self, stop_epoch: int, stop_time: float, stop_pairs: int, budget: int) -> bool:
-        """Execute events up to a time or a number of pair collisions; False where the budget of work ran out first."""
+        """Execute events up to a time or a number of pair collisions; False if the budget ran out first."""
         # An interrupt before the result is known costs only a new search.
         afresh, self._afresh = self._afresh, True
         status = self.kernels.run(

@@ -10,7 +10,7 @@ class SceneError(HardSpheresError, ValueError):
 
 
 class SimulationError(HardSpheresError, RuntimeError):
-    """A run that cannot go on: nothing left to collide, or time that stands still."""
+    """A run that cannot continue: no collision to come, or time does not advance."""
 
 
 class InvariantError(HardSpheresError, AssertionError):

@@ -51,7 +51,7 @@ def verify(sim: "Simulation", engine: "Engine") -> None:
         if engine.arrays.counter[engine.layout.WINDOW_BUCKETS] == 0:
             search.lists_are_complete()
         if sim.scene.n <= ALL_PAIRS_UP_TO:
-            search.nothing_is_forgotten()
+            search.no_event_is_missing()
 
 
 def _require(holds: Any, sentence: str) -> None:
@@ -268,7 +268,7 @@ class _Search:
 
     # Pending events.
 
-    def nothing_is_forgotten(self) -> None:
+    def no_event_is_missing(self) -> None:
         """Compare the stored events with all coming ones."""
         if self.arrays.counter[self.at.WINDOW_BUCKETS]:
             self._windows()

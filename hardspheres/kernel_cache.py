@@ -121,7 +121,7 @@ def _folder(folder: Path) -> Path:
     Raises
     ------
     _Unsafe
-        If anybody else can change what is in it, or could.
+        If another user can change its content, or could.
     OSError
         If it cannot be made or written.
     """

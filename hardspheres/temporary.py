@@ -47,7 +47,7 @@ def remove_leftovers(folder: Path, now: float) -> None:
 
 
 def _neighbourhood() -> str:
-    """Return digits that processes have in common if they see each other's ids, and only then."""
+    """Return digits that are equal for two processes exactly if their ids are comparable."""
     try:
         boot = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii")
         container = os.readlink("/proc/self/ns/pid")

@@ -5,7 +5,7 @@ import signal
 
 
 def _leave(*_: object) -> None:
-    """Answer an interrupt at once, whatever is being imported; there is nothing to save yet."""
+    """Exit at once on an interrupt, also during imports; there is nothing to save yet."""
     os.write(2, b"interrupted\n")
     os._exit(130)
 

@@ -775,7 +775,7 @@ def _folder(
     from studies.report import OutputFolder
 
     if resume and force:
-        raise OptionError("--resume goes on with a run and --force replaces it; give one of them")
+        raise OptionError("--resume continues a run and --force replaces it; give one of them")
     path = out or Path("runs") / f"{study}-{which}"
     return OutputFolder(path, checkpoint_every=checkpoint_every, resume=resume, force=force)
 

@@ -183,7 +183,7 @@ def _mean_free_time(fluid: Fluid) -> float:
 
 @dataclass
 class _Walking:
-    """A replica on its way: after `done` moments, close ones in `near`, those for the slope in `far`."""
+    """A replica in progress: after `done` moments, close ones in `near`, those for the slope in `far`."""
 
     simulation: hs.Simulation
     near: Diffusion
@@ -542,7 +542,7 @@ def _print(
     else:
         screen.say("in 2D diffusion has no infinite limit: D grows as the logarithm of the box")
     screen.say(
-        "Enskog's theory leaves out correlated collisions: its uncertainty is what it is known to miss; "
+        "Enskog's theory leaves out correlated collisions: its uncertainty is its known systematic error; "
         f"{Z_MEANS}"
     )
     for state in states:

@@ -147,7 +147,7 @@ class _Run:
 
 @dataclass
 class _Equilibrating:
-    """A replica on its way: measured `done` times, or settling still where that is None."""
+    """A replica in progress: measured `done` times, or still equilibrating where that is None."""
 
     simulation: hs.Simulation
     decay: TemperatureEquilibration
@@ -201,7 +201,7 @@ class Result:
     scene : Scene
         Of one of them.
     labels : list of str
-        What tells the species apart.
+        Labels of the species.
     """
 
     def __init__(
@@ -455,8 +455,8 @@ def _print(
     screen.table("", ["time", "s", "T1", "T2", "T1 - T2", "theory", "z", ""], rows)
     screen.say()
     screen.say(
-        "theory: two Maxwellians, exact at the start; its uncertainty in parentheses is what it is known "
-        "to miss later, when the species are no longer Maxwellian and the difference decays more slowly"
+        "theory: two Maxwellians, exact at the start; its uncertainty in parentheses is its known systematic "
+        "error later, when the species are no longer Maxwellian and the difference decays more slowly"
     )
     screen.say(f"{Z_MEANS}; errors from the spread of replicas")
     if any(row[-1] for row in rows):

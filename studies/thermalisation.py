@@ -570,8 +570,8 @@ def _say_dominant(screen: Screen, curve: RelaxationCurve, reference: Comparison)
         if 4 * len(hidden) > known.sum():
             screen.say(
                 f"{title}: the theory's uncertainty exceeds two standard errors at {len(hidden)} of "
-                f"{known.sum()} points, {hidden[0]:.4g} <= s <= {hidden[-1]:.4g}; z is small there whatever "
-                "was measured"
+                f"{known.sum()} points, {hidden[0]:.4g} <= s <= {hidden[-1]:.4g}; z is small there for "
+                "any measurement"
             )
 
 

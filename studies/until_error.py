@@ -1,8 +1,8 @@
-"""A study that is asked for a precision: a pilot says how many replicas that takes, and all of them are run.
+"""A study with a target precision: a pilot determines the number of replicas, and all of them are run.
 
-A run that watches its own error and stops when it likes what it sees stops too early, when the error happens
-to look small. Here the pilot alone decides; its gases are not those of the study, and nothing that it
-measured enters the result.
+A run that stops as soon as its own error is small enough is biased: it stops too early where the error
+happens to be underestimated. Here only the pilot decides; its gases are not those of the study, and its
+measurements are not part of the result.
 """
 
 from __future__ import annotations

@@ -117,7 +117,7 @@ def compressibility_from_rate(
     Parameters
     ----------
     pair_rates : (..., k, k) array_like
-        Gamma_ij [1/time], symmetric; counts of unlike pairs stand in both places and are used once.
+        Gamma_ij [1/time], symmetric; each unlike pair is in both entries and is used once.
     diameters, masses : (k,) array_like
         Per species.
     temperature : float

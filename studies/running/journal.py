@@ -142,7 +142,7 @@ def _words(value: Any) -> str:
 def unfinished_run(out: Path) -> CheckpointError:
     """Return the message for an unfinished run that is in the way."""
     return CheckpointError(
-        f"{out} holds an unfinished run; add --resume to go on with it or --force to begin anew, or give "
+        f"{out} holds an unfinished run; add --resume to continue it or --force to start again, or give "
         "another folder with --out"
     )
 
@@ -159,9 +159,9 @@ class Journal:
     every : float
         Seconds of wall time between two states of an item that is running.
     resume : bool
-        Whether to go on with what is there.
+        Whether to continue the run in the folder.
     force : bool, default False
-        Whether to begin anew where there is something to resume.
+        Whether to start again where there is something to resume.
     place : Path, optional
         The output folder with its whole path, where `out` is how it is called.
 
@@ -294,7 +294,7 @@ class Journal:
             if old != new:
                 raise CheckpointError(
                     f"{self.out} holds an unfinished run with {name} {_words(old)}, not {_words(new)}; "
-                    "resume it with the options that it was begun with"
+                    "resume it with its original options"
                 )
 
     @contextlib.contextmanager
@@ -329,7 +329,7 @@ class Journal:
         except BaseException as error:
             if self._manifest_path.exists():
                 error.add_note(
-                    f"what was done is kept in {self.out / FOLDER}: the same command with --resume goes on"
+                    f"what was done is kept in {self.out / FOLDER}: the same command with --resume continues"
                 )
             raise
         finally:

@@ -147,7 +147,7 @@ def in_blocks(state: Measuring, ends: Sequence[int], add: Callable[[], object]) 
     Parameters
     ----------
     state : Measuring
-        Where to go on.
+        The state to continue from.
     ends : sequence of int
         Ascending.
     add : callable

@@ -566,7 +566,7 @@ def _print(screen: Screen, study: Accuracy, compared: Sequence[Compared], summar
         "particle, in diameters, median and worst of the scenes"
     )
     screen.say(
-        "missed: pairs that come and go within one step or are not seen at all, per true collision; "
+        "missed: pairs that pass through each other within a step or are not detected, per true collision; "
         "overlap: the deepest, in diameters; Z - 1, mean free path: relative error"
     )
     drift = max(

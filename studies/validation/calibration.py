@@ -52,8 +52,7 @@ class Calibrations:
         """Raise SceneError for options that make no sense."""
         if self.runs < FEWEST_RUNS:
             raise hs.SceneError(
-                f"--runs {self.runs} cannot tell a wrong error bar from a right one; ask for at least "
-                f"{FEWEST_RUNS}"
+                f"--runs {self.runs} are too few to detect a wrong error bar; ask for at least {FEWEST_RUNS}"
             )
 
 

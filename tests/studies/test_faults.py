@@ -40,7 +40,7 @@ ALONE = [*THERMALISE, "--workers", "1"]
 THERMALISE += ["--workers", "2"]
 OFTEN = ["--checkpoint-every", "0"]
 HUNG_UP = "hung up, as a terminal does when it is closed"
-KEPT = "the same command with --resume goes on"
+KEPT = "the same command with --resume continues"
 
 
 def start(*options, **more):

@@ -31,7 +31,7 @@ Floats = NDArray[np.float64]
 
 
 def gas(dim: int, masses: Floats, radii: Floats, packing_fraction: float, boundary: str) -> hs.Scene:
-    """Return a gas at random places with Maxwell velocities (see `hardspheres.random_gas`)."""
+    """Return a gas at random positions with Maxwell velocities (see `hardspheres.random_gas`)."""
     return hs.random_gas(
         n=len(radii),
         packing_fraction=packing_fraction,
