@@ -1,4 +1,4 @@
-"""Two species of different temperatures come to one, beside kinetic theory."""
+"""Temperature equilibration of two species, beside kinetic theory."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ class Mixture:
             )
 
     def start(self, seed: np.random.SeedSequence) -> hs.Scene:
-        """Return a fluid that has settled at one temperature, with new velocities of two.
+        """Return a fluid equilibrated at one temperature, with new velocities of two temperatures.
 
         Raises
         ------
@@ -136,7 +136,7 @@ def _species(scene: hs.Scene) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 @dataclass(frozen=True)
 class _Run:
-    """What one replica hands back."""
+    """Result of one replica."""
 
     decay: TemperatureEquilibration
     labels: list[str]
@@ -174,7 +174,7 @@ class Equilibrations(Resumable[np.random.SeedSequence, _Equilibrating, _Run]):
         return _Equilibrating(hs.Simulation(self.study.fluid.scene(item)), TemperatureEquilibration())
 
     def steps(self, item: np.random.SeedSequence, state: _Equilibrating) -> Iterator[None]:
-        """Let it settle, then give it two temperatures and watch them."""
+        """Equilibrate, then draw velocities of two temperatures and measure."""
         if state.done is None:
             yield from until(state.simulation, self.study.fluid.settled)
             state.simulation = hs.Simulation(self.study.heated(state.simulation, item))
@@ -237,7 +237,7 @@ class Result:
 
     @property
     def rate(self) -> TheoryCheck:
-        """Decay rate of the temperature difference over the first relaxation time, or what there is of it."""
+        """Decay rate of the temperature difference over the first relaxation time, or the run if shorter."""
         return self.decay.check((0.0, float(self.time[min(SAMPLES, len(self.time) - 1)])))
 
     @property
@@ -281,7 +281,7 @@ class Result:
 
     @property
     def checks(self) -> list[TheoryCheck]:
-        """What was measured beside theory, but for the curve itself; without a rate that is lost in noise."""
+        """Measured numbers beside theory, except the curve; without a rate that is lost in noise."""
         found = []
         for name in ("rate", "collision_rate"):
             try:

@@ -1,4 +1,4 @@
-"""A gas thermalises: from a start far from equilibrium to Maxwell and Boltzmann, beside the theory."""
+"""Thermalisation: relaxation from a state far from equilibrium to Maxwell-Boltzmann, beside theory."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class Recipe:
 
     @property
     def placement(self) -> str:
-        """Where the particles start: "file", "random" or "lattice"."""
+        """Initial positions: "file", "random" or "lattice"."""
         if self.base is not None:
             return "file"
         return "lattice" if is_dense(self.dim, self.packing_fraction) else "random"
@@ -139,7 +139,7 @@ class _Film:
 
 @dataclass(frozen=True)
 class ReplicaResult:
-    """What one replica hands back.
+    """Result of one replica.
 
     Attributes
     ----------
@@ -273,7 +273,7 @@ class Thermalisation:
     frames: int = 21
     animate: bool = False
     source: str | None = None
-    notes: tuple[str, ...] = ()  # what was not taken from the source as it stands
+    notes: tuple[str, ...] = ()  # everything in the source that was changed or not used
 
     @classmethod
     def from_file(
@@ -294,7 +294,7 @@ class Thermalisation:
         path : str
             Any file that ASE reads.
         reading : Reading
-            How to take what the file leaves open.
+            How to interpret what is ambiguous in the file.
         velocities : str, optional
             Draw velocities, whatever the file has.
         temperature : float, optional
@@ -305,7 +305,7 @@ class Thermalisation:
         Raises
         ------
         TrajectoryError, SceneError
-            If the file gives no legal scene.
+            If the file gives no valid scene.
         """
         scene, notes = read_scene(path, replace(reading, velocities=velocities is None))
         keep = velocities is None and bool(np.any(scene.velocities))
@@ -542,7 +542,7 @@ def _summary(
 
 
 def _thermal(curve: RelaxationCurve) -> dict[str, Any]:
-    """Return whether the gas is thermal at the end, and what tells."""
+    """Report whether the gas is in equilibrium at the end, and by which numbers."""
     late = [check.quantity for check in curve.not_thermal]
     return {
         "s": float(curve.s[-1]),
@@ -583,10 +583,10 @@ def _say_thermal(screen: Screen, curve: RelaxationCurve) -> None:
             f"{check.quantity} = {check.measured}, at equilibrium {check.expected:.4f} (z = {check.z:+.1f})"
             for check in late
         )
-        screen.say(f"not thermal yet {end}: {told}")
+        screen.say(f"not in equilibrium yet {end}: {told}")
     else:
         told = ", ".join(f"{check.quantity} = {check.measured}" for check in checks)
-        screen.say(f"{end} this gas cannot be told from a thermal one: {told}")
+        screen.say(f"{end} this gas is indistinguishable from one in equilibrium: {told}")
 
 
 def _theory_name(study: Thermalisation, curve: RelaxationCurve, reference: Comparison | None) -> str:

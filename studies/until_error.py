@@ -27,7 +27,7 @@ MOST = 1000
 """A study is not made longer than this many times the pilot."""
 PILOT = 20  # replicas at most
 LEAST = 4  # replicas at least: errors come from their spread
-CONFIDENCE = 0.9  # that the true spread is no larger than what the pilot lets one expect
+CONFIDENCE = 0.9  # that the true spread is no larger than its bound from the pilot
 
 Study = Any  # a dataclass with replicas and seed
 Run = Callable[[Study, OutputFolder, Screen], tuple[dict[str, Any], bool]]
@@ -43,7 +43,7 @@ class Number:
 
 
 def main_numbers(summary: Mapping[str, Any]) -> list[Number]:
-    """Return what a study's precision is measured by.
+    """Return the main numbers of a study, by which its precision is measured.
 
     Z from the virial, D of this box or the mean free paths at each packing fraction; the decay rate of the
     temperature difference, or that of a2.
@@ -91,7 +91,7 @@ def _number(name: str, found: Mapping[str, float]) -> Number:
 
 @dataclass(frozen=True)
 class Plan:
-    """How many replicas a precision takes.
+    """The number of replicas for a precision.
 
     Attributes
     ----------
@@ -112,8 +112,8 @@ class Plan:
         """Return the plan that follows from a pilot of so many replicas.
 
         The error falls as the root of their number. The pilot's own error s is uncertain: f s^2 / sigma^2
-        follows chi-square with its f degrees of freedom, and the upper bound of sigma at `CONFIDENCE` stands
-        in for s.
+        follows chi-square with its f degrees of freedom, and the upper bound of sigma at `CONFIDENCE` is used
+        in place of s.
         """
 
         def careful(number: Number) -> float:
@@ -131,10 +131,10 @@ class Plan:
 
 
 class _Quiet(Screen):
-    """A screen that shows progress and says nothing."""
+    """A screen that shows progress and prints nothing."""
 
     def say(self, text: str = "") -> None:
-        """Say nothing."""
+        """Print nothing."""
 
     def table(self, *_: Any, **__: Any) -> None:
         """Show nothing."""
@@ -214,7 +214,7 @@ def _scratch() -> Iterator[OutputFolder]:
 
 
 def _core_seconds(summary: Mapping[str, Any]) -> float:
-    """Processor time of the replicas, as far as the wall tells."""
+    """Processor time of the replicas, estimated from wall time."""
     return float(summary["collisions"] / summary["collisions_per_second_and_core"])
 
 
@@ -235,4 +235,4 @@ def _verdict(found: Mapping[str, Any], plan: Plan) -> str:
             f"{text}: NOT reached: that needs about {plan.needed} replicas, and no more than {plan.allowed} "
             f"({MOST} times the pilot) are run; ask for more --replicas or longer ones. Spent: {cost}"
         )
-    return f"{text}: just missed, as an error that is itself uncertain will sometimes do; {cost}"
+    return f"{text}: just missed, as expected now and then since the error is itself uncertain; {cost}"
