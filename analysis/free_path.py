@@ -57,12 +57,12 @@ class FreePath(Estimator):
     >>> print(free_path.mean_free_path[0])  # doctest: +SKIP
     0.9093(11)
 
-    The mean free path is all path flown over all ends of flights, unbiased in a block of any length.
-    Everything about single flights is from those that ended in a block, each with its whole length: unbiased
-    in a steady state (`hardspheres.free_paths.FreePaths` says why). Paths are measured in the frame of the
-    box, so theory holds for gases at rest. All results are ratios of sums over blocks, with errors from
-    blocks of automatic length (`series.estimate_from_series`, which also warns of too few blocks and of a
-    drift): give 100 blocks or more. Memory does not grow beyond 256 rows of histograms.
+    The mean free path is all path flown over all ends of flights, unbiased in a block of any length. Everything about
+    single flights is from those that ended in a block, each with its whole length: unbiased in a steady state
+    (`hardspheres.free_paths.FreePaths` says why). Paths are measured in the frame of the box, so theory holds for gases
+    at rest. All results are ratios of sums over blocks, with errors from blocks of automatic length
+    (`series.estimate_from_series`, which also warns of too few blocks and of a drift): give 100 blocks or more. Memory
+    does not grow beyond 256 rows of histograms.
 
     Results come for each species, in the order of `Scene.species`.
 
@@ -130,8 +130,8 @@ class FreePath(Estimator):
         self._first += int(free_paths.first_flights.sum())
         if self._first > 1e-3 * self._ends:
             message = (
-                f"{self._first} of {self._ends} flights began before the simulation and are left out, long "
-                "ones most of all; let every particle collide before the first sim.reset_tallies()"
+                f"{self._first} of {self._ends} flights began before the simulation and are left out, long ones most "
+                "of all; let every particle collide before the first sim.reset_tallies()"
             )
             warnings.warn(FirstFlightsWarning(message), stacklevel=2)
         parts = {
@@ -215,8 +215,8 @@ class FreePath(Estimator):
     def collision_rates(self) -> list[list[Estimate]]:
         """nu_ij, how often a particle of species i meets one of species j, [1/time]; k lists of k.
 
-        Collisions of unlike particles are the same in nu_ij and nu_ji: rho_i nu_ij = rho_j nu_ji. Of fewer
-        than 10 collisions the error is Poisson's at least, that of one where none was seen.
+        Collisions of unlike particles are the same in nu_ij and nu_ji: rho_i nu_ij = rho_j nu_ji. Of fewer than 10 collisions
+        the error is Poisson's at least, that of one where none was seen.
         """
         time, pairs = self._rows("time")[:, 0], self._rows("pairs")
         kinds = range(len(self._particles))
@@ -286,8 +286,8 @@ class FreePath(Estimator):
         Returns
         -------
         list of Estimate
-            One for each x. Between the edges of the engine's bins, 1/16 to 1/32 of x apart, the logarithm is
-            taken as linear: a relative bias below 1e-4. The error bars know that the mean is measured too.
+            One for each x. Between the edges of the engine's bins, 1/16 to 1/32 of x apart, the logarithm is taken as
+            linear: a relative bias below 1e-4. The error bars know that the mean is measured too.
         """
         kind = self._species(species)
         edges = self._edges[of][kind][:-1] if self._edges else np.zeros(1)
@@ -319,8 +319,7 @@ class FreePath(Estimator):
         Returns
         -------
         edges : (b + 1,) array
-            Bins of speed, a quarter of sqrt(kT/m) wide, [length/time]; from the first with 100 flights to the
-            last.
+            Bins of speed, a quarter of sqrt(kT/m) wide, [length/time]; from the first with 100 flights to the last.
         paths : list of Estimate
             One for each bin, [length]; NaN for bins between that fewer than 10 blocks have flights in.
         """
@@ -391,9 +390,9 @@ class FreePath(Estimator):
     def predictions(self) -> dict[str, list[Prediction]]:
         """Theory of "mean free path" and "mean free time" of each species, and of "nu i-j" as a list of one.
 
-        `theory.finite_size_mixture_rates`, exact in the velocities of N particles at fixed energy and
-        momentum; the path is `theory.finite_mean_speed` over the rate. Between walls the change that the
-        volume excluded by walls would make, and 1/N, are uncertain.
+        `theory.finite_size_mixture_rates`, exact in the velocities of N particles at fixed energy and momentum; the path is
+        `theory.finite_mean_speed` over the rate. Between walls the change that the volume excluded by walls would make, and
+        1/N, are uncertain.
         """
         scene, kinds = self.scene, range(len(self._particles))
         dim, freedom = scene.dim, scene.degrees_of_freedom
@@ -432,9 +431,8 @@ class FreePath(Estimator):
     def checks(self) -> list[TheoryCheck]:
         """Means, rates between species and moments of each species beside theory, then Z from the rate.
 
-        The moments are those of the dilute gas, whose uncertainty eta (and 1/N) is what a denser one may
-        differ by. Between two walls and periodic along another axis momentum is conserved in part: m/M of the
-        particle is uncertain.
+        The moments are those of the dilute gas, whose uncertainty eta (and 1/N) is what a denser one may differ by.
+        Between two walls and periodic along another axis momentum is conserved in part: m/M of the particle is uncertain.
         """
         with warnings.catch_warnings():
             warnings.simplefilter(
