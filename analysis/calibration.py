@@ -56,7 +56,7 @@ class Calibration:
 
 
 def calibrate(estimates: Sequence[Estimate], truth: float, uncertainty: float = 0.0) -> Calibration:
-    """Return how well the error bars of independent runs cover a known truth.
+    """Return how well the error bars of independent runs cover a known true value.
 
     Parameters
     ----------

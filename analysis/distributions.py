@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from analysis import theory
+from analysis.correlation_times import FrameWeights
 from analysis.estimator import PALETTE, Estimator, axes_or_new
-from analysis.memory import FrameWeights
 from analysis.reduced import reduced_velocities, species_labels
 from analysis.statistics import ChiSquare
 
@@ -134,9 +134,9 @@ class _Histogram(Estimator):
 
     @property
     def density_error(self) -> FloatArray:
-        """Standard errors of `density`, (k, bins): multinomial, of as many frames as are as good as independent.
+        """Standard errors of `density`, (k, bins): multinomial, by the effective number of frames.
 
-        That is known from the collisions between them, see `memory.FrameWeights`.
+        This number follows from the collisions between frames, see `correlation_times.FrameWeights`.
         """
         share = self._counted() / self._sizes[:, None]
         independent = self._sizes * self._weights.effective / self._frames
@@ -169,9 +169,9 @@ class _Histogram(Estimator):
 
         Bins that expect fewer than 10 counts are joined into the tail. Each species has B - 1 degrees of
         freedom, and one less for all together because the energy is fixed (slightly conservative: the
-        constraint acts on <c^2> exactly). Of frames closer together than four times the longest memory of velocities
-        (`memory.velocity_memory`: 6 collisions per particle in a gas of one species in 3D, thousands where masses are
-        1:1e4) only those that are so far apart are tested; they count as independent.
+        constraint acts on <c^2> exactly). Only frames at least four times the longest velocity correlation
+        time apart are tested (`correlation_times.velocity_correlation_times`: 6 collisions per particle in a
+        gas of one species in 3D, thousands for masses 1:1e4); they count as independent.
         """
         self._counted()
         counts = self._tested
@@ -182,7 +182,7 @@ class _Histogram(Estimator):
             kept = law * size >= 10
             expected = np.append(law[kept] * size, size * (1.0 - law[kept].sum()))
             observed = np.append(row[kept], size - row[kept].sum())
-            if expected[-1] < 10:  # the tail is too thin to stand alone
+            if expected[-1] < 10:  # too few expected counts for a bin of its own
                 expected = np.append(expected[:-2], expected[-2:].sum())
                 observed = np.append(observed[:-2], observed[-2:].sum())
             statistic += float(((observed - expected) ** 2 / expected).sum())
@@ -246,8 +246,9 @@ class SpeedDistribution(_Histogram):
 
     Notes
     -----
-    The particles of a frame count as independent samples; at fixed energy that is right to order 1/N. Frames count by what
-    happened between them (`density_error`, `chi_square`). Unbiased: bins are compared with their exact averages.
+    The particles of a frame count as independent samples; at fixed energy that is right to order 1/N. The
+    correlation of frames is taken into account (`density_error`, `chi_square`). Unbiased: bins are compared
+    with their exact averages.
     """
 
     _quantity = "speed"
@@ -320,7 +321,7 @@ class EnergyDistribution(_Histogram):
         self._temperature = 1.0
 
     def add(self, frame: Frame) -> Self:
-        """Take in one frame; see `SpeedDistribution`."""
+        """Add one frame; see `SpeedDistribution`."""
         if self._counts is None:
             self._temperature = reduced_velocities(frame)[1]
         return super().add(frame)

@@ -1,4 +1,4 @@
-"""The one shape of all estimators: construct with parameters, add frames, read results, plot."""
+"""The interface that all estimators share: construct with parameters, add frames, read results, plot."""
 
 from __future__ import annotations
 
@@ -20,12 +20,15 @@ if TYPE_CHECKING:
 __all__ = ["PALETTE", "Estimator", "NoDataError", "TalliedEstimator", "require_same_simulation", "tallies_of"]
 
 PALETTE = ("#1f77b4", "#c8403f", "#e8b23a", "#3d2466", "#7fc8d8")
-"""Colours of species and of series in all figures, told apart with any colour vision: the least distance in CIELAB is 26 with the
-deuteranopia, protanopia and tritanopia of Machado, Oliveira and Fernandes 2009 (doi 10.1109/TVCG.2009.113)."""
+"""Colours of species and of series in all figures, distinct with any colour vision.
+
+The least distance in CIELAB is 26 under deuteranopia, protanopia and tritanopia as simulated by Machado,
+Oliveira and Fernandes 2009 (doi 10.1109/TVCG.2009.113).
+"""
 
 
 NUMBERS = {"int", "Estimate", "Estimate | None", "ChiSquare"}
-"""Types of the results whose values `repr` tells."""
+"""Types of the results whose values `repr` shows."""
 
 
 class NoDataError(HardSpheresError, RuntimeError):
@@ -36,19 +39,19 @@ class Estimator(ABC):
     """Base of all estimators.
 
     Subclasses take their parameters in the constructor, accumulate in `add`, and offer results as read-only
-    properties, which raise `NoDataError` before there is anything to tell.
+    properties, which raise `NoDataError` until there are enough data.
     """
 
     @abstractmethod
     def add(self, frame: Any) -> Self:
-        """Take in one frame and return the estimator itself, so that calls chain."""
+        """Add one frame and return the estimator itself, so that calls chain."""
 
     @abstractmethod
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the results beside their theory into `ax`, or into a new figure, and return the Axes."""
 
     def __repr__(self) -> str:
-        """Return its name and its results: the values of those that are one number, else the names of those that are there."""
+        """Return the class name with the values of scalar results, or else the names of available results."""
         numbers, names, missing = [], [], False
         for name in dict.fromkeys(name for kind in reversed(type(self).__mro__) for name in vars(kind)):
             result = getattr(type(self), name)
@@ -56,7 +59,7 @@ class Estimator(ABC):
                 continue
             try:
                 with warnings.catch_warnings():
-                    warnings.simplefilter("ignore")  # whoever asks for the result itself is warned
+                    warnings.simplefilter("ignore")  # reading the result itself gives the warning
                     value = getattr(self, name)
             except (HardSpheresError, ValueError) as error:
                 missing |= isinstance(error, NoDataError)
@@ -75,7 +78,7 @@ class Estimator(ABC):
 
 
 class TalliedEstimator(Estimator):
-    """Base of estimators of what the engine counts: a block is what was counted from one frame to the next."""
+    """Base of estimators of what the engine counts: a block lies between one frame and the next."""
 
     scene: Scene
     _followed: Scene | None = None  # where the simulation started whose frames have come
@@ -89,21 +92,21 @@ class TalliedEstimator(Estimator):
         )
         if of_frame != own:
             raise ValueError(
-                f"the frame has {of_frame[0]} particles of each species in {of_frame[1]} dimensions; the scene has "
-                f"{own[0]} in {own[1]}"
+                f"the frame has {of_frame[0]} particles of each species in {of_frame[1]} dimensions; "
+                f"the scene has {own[0]} in {own[1]}"
             )
         if self._followed is None or self._before is None:
             return tallies
         require_same_simulation(self._followed, frame)
         if not frame.time > self._before[0]:
             raise ValueError(
-                f"the frame is at time {frame.time:g}, the one before at {self._before[0]:g}; add each frame once, in "
-                "the order of time"
+                f"the frame is at time {frame.time:g}, the one before at {self._before[0]:g}; add each frame once, "
+                "in the order of time"
             )
         return tallies
 
     def _since_last(self, frame: Frame, counted: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        """Return what was counted since the last frame, given what was since the start; None at the first one."""
+        """Return what was counted since the last frame, given the counts since the start; None at the first."""
         before, self._before = self._before, counted
         if self._followed is None:
             self._followed = frame.scene
@@ -123,7 +126,7 @@ def tallies_of(frame: Frame) -> Tallies:
 
 
 def require_same_simulation(start: Scene, frame: Frame) -> None:
-    """Raise ValueError unless the simulation of a frame started from this scene, which decides all that it does."""
+    """Raise ValueError unless the simulation of a frame started from this scene."""
     if frame.scene is start:
         return
     arrays = ("positions", "velocities", "radii", "masses", "box")
@@ -131,7 +134,8 @@ def require_same_simulation(start: Scene, frame: Frame) -> None:
         np.array_equal(getattr(frame.scene, name), getattr(start, name)) for name in arrays
     ):
         raise ValueError(
-            "the frame is of another simulation than the one before; each simulation needs an estimator of its own"
+            "the frame is of another simulation than the one before; each simulation needs an estimator of "
+            "its own"
         )
 
 

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from analysis import theory
+from analysis.correlation_times import LONG_RUN, velocity_correlation_times, warn_if_frozen
 from analysis.estimator import PALETTE, TalliedEstimator, axes_or_new
-from analysis.memory import FORGOTTEN, velocity_memory, warn_if_frozen
 from analysis.pressure import Pressure
 from analysis.reduced import species_labels
 from analysis.series import BlockSeries, estimate_from_series
@@ -78,7 +78,7 @@ class FreePath(TalliedEstimator):
         first = np.unique(scene.species, return_index=True)[1]
         self._particles = np.bincount(scene.species)
         self._diameters, self._masses = 2.0 * scene.radii[first], scene.masses[first]
-        self._memory = velocity_memory(scene)
+        self._memory = velocity_correlation_times(scene)
         self._blocks = BlockSeries(ROWS)
         self._edges: dict[str, FloatArray] = {}
         self._columns: dict[str, tuple[int, tuple[int, ...]]] = {}
@@ -171,10 +171,10 @@ class FreePath(TalliedEstimator):
         return np.concatenate([self._column(rows, name) for name in names], axis=1)
 
     def _estimate(self, rows: FloatArray, statistic: Callable[[FloatArray], FloatArray]) -> Estimate:
-        """Return a function of the mean row; warn where a species has not forgotten its velocities (`analysis.memory`)."""
+        """Return a function of the mean row; warn where a species has not forgotten its velocities (`analysis.correlation_times`)."""
         per_row = float(self._rows("ends").sum(axis=1).mean()) * self._blocks.samples_per_row / self.scene.n
         memory = float(self._memory.max())
-        if per_row * len(rows) < FORGOTTEN * memory:
+        if per_row * len(rows) < LONG_RUN * memory:
             warn_if_frozen(self.scene, per_row * len(rows))
             memory = 0.0
         return estimate_from_series(

@@ -72,7 +72,7 @@ class BondOrder(Estimator):
         return bool(self._last > CRYSTAL[self._dim])
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the order of every frame against s, over the line that tells a crystal."""
+        """Draw the order of every frame against s, with the threshold of a crystal."""
         values = self.values
         axes = axes_or_new(ax)
         axes.axhline(CRYSTAL[self._dim], color="0.4", lw=1.5, label="crystalline above")

@@ -16,8 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis import theory
+from analysis.correlation_times import (
+    LONG_RUN,
+    velocity_correlation_times,
+    virial_block_length,
+    warn_if_frozen,
+)
 from analysis.estimator import PALETTE, TalliedEstimator, axes_or_new
-from analysis.memory import FORGOTTEN, remembered, velocity_memory, warn_if_frozen
 from analysis.order import CRYSTAL
 from analysis.series import BlockSeries, equilibration, estimate_from_series
 from analysis.statistics import Estimate, TheoryCheck
@@ -91,7 +96,7 @@ class Pressure(TalliedEstimator):
     V the volume of the box. All results are ratios of sums over blocks, with errors from blocks of automatic
     length (`series.estimate_from_series`, which also warns of too few blocks and of a drift): give 100 blocks
     or more, each of at least some collisions per particle. Blocks are no shorter than a dense fluid remembers
-    (`memory.remembered`: 300 collisions per particle at packing fraction 0.49), which no short series shows.
+    (`correlation_times.virial_block_length`: 300 collisions per particle at packing fraction 0.49), which no short series shows.
     Memory does not grow beyond `series.BlockSeries`.
 
     Parameters
@@ -112,7 +117,7 @@ class Pressure(TalliedEstimator):
         self._species, first = np.unique(scene.species, return_index=True)
         self._diameters, self._masses = 2.0 * scene.radii[first], scene.masses[first]
         momentum = np.where(scene.periodic, scene.momentum, 0.0) if scene.n > 1 else np.zeros(scene.dim)
-        self._remembered = remembered(scene.packing_fraction, scene.dim)
+        self._remembered = virial_block_length(scene.packing_fraction, scene.dim)
         self._common_motion = np.outer(momentum, momentum) / float(scene.masses.sum())
 
     # Collecting ---------------------------------------------------------------------------------------------
@@ -177,15 +182,15 @@ class Pressure(TalliedEstimator):
         return equilibration(trace / rows[:, 0]).start
 
     def _from_blocks(self, statistic: Callable[[FloatArray], FloatArray]) -> Estimate:
-        """Return a function of the mean row, with blocks as long as the fluid remembers (`analysis.memory`)."""
+        """Return a function of the mean row, with blocks as long as the fluid remembers (`analysis.correlation_times`)."""
         rows = self._rows()
         per_row = (
             2.0 * float(rows[:, -1].mean()) * self._blocks.samples_per_row / self.scene.n
         )  # collisions per particle
         longest = self._remembered
         if len(self._species) > 1:
-            slowest = float(velocity_memory(self.scene).max())
-            if per_row * len(rows) < FORGOTTEN * slowest:
+            slowest = float(velocity_correlation_times(self.scene).max())
+            if per_row * len(rows) < LONG_RUN * slowest:
                 warn_if_frozen(self.scene, per_row * len(rows))
             else:
                 longest = max(longest, slowest)

@@ -49,7 +49,7 @@ def reduced_velocities(frame: Frame) -> tuple[FloatArray, float]:
 
 
 def species_labels(frame: Frame) -> list[str]:
-    """Return one label per species of a frame's scene, with the mass and diameter that tell it apart."""
+    """Return one label per species of a frame's scene, with its mass and diameter."""
     scene = frame.scene
     kinds, first = np.unique(scene.species, return_index=True)
     if len(kinds) == 1:

@@ -51,7 +51,7 @@ class _Replica:
     counts: list[NDArray[np.uint32]]  # S x (k, B) speed histogram
     labels: list[str]
     thermal: FloatArray  # (k,) sqrt(kT/m)
-    free_momenta: int
+    degrees_of_freedom: int
     momentum_shares: FloatArray  # (k,) share of one particle's energy that a conserved momentum takes
 
 
@@ -66,8 +66,8 @@ class Comparison:
     a2_uncertainty, ks_uncertainty, h_uncertainty : (S,) arrays
         Its standard uncertainty u.
     a2_z, ks_z, h_z : (S,) arrays
-        Deviations (measured - theory)/sqrt(standard error^2 + u^2) as normal deviates, see `Estimate.z`; NaN where
-        either is unknown or nothing fluctuates.
+        Deviations (measured - theory)/sqrt(standard error^2 + u^2) as normal deviates, see `Estimate.z`; NaN
+        where either is unknown or nothing fluctuates.
     chi_square : ChiSquare or None
         All points of a2 together, with their covariance; None with too few replicas.
     """
@@ -88,9 +88,8 @@ class RelaxationCurve(Estimator):
     """Relaxation of the velocity distribution against s = 2 n_coll/N, averaged over replicas.
 
     Add the frames of one replica in the order of s, then those of the next; a frame that does not advance in
-    s begins a new replica. All replicas must be sampled at the same s. Keeps moments and histograms, not
-    frames, and can be pickled, so that each replica may be measured in a process of its own and merged
-    afterwards.
+    s begins a new replica. All replicas must be sampled at the same s. It keeps moments and histograms, not
+    frames, and can be pickled: replicas may be measured in separate processes and merged afterwards.
 
     Notes
     -----
@@ -237,10 +236,10 @@ class RelaxationCurve(Estimator):
         return self._replicas[0].thermal.copy()
 
     @property
-    def free_momenta(self) -> int:
-        """Number of free momenta D of one replica."""
+    def degrees_of_freedom(self) -> int:
+        """Number of translational degrees of freedom D of one replica."""
         self._require(bool(self._replicas), "replicas", "add(frame)")
-        return self._replicas[0].free_momenta
+        return self._replicas[0].degrees_of_freedom
 
     @property
     def s(self) -> FloatArray:
@@ -278,7 +277,8 @@ class RelaxationCurve(Estimator):
     def a2_error(self) -> FloatArray:
         """Standard error of `a2`, (S,).
 
-        Of a single replica: the noise of N independent Maxwellian particles, which is too large early.
+        For a single replica, the noise of N independent Maxwellian particles, which is too large at early
+        times.
         """
         return self._error(self.a2_samples, 2)
 
@@ -327,7 +327,8 @@ class RelaxationCurve(Estimator):
     def temperature_by_species_error(self) -> FloatArray:
         """Standard errors of `temperature_by_species`, (S, k).
 
-        Of a single replica: the noise of independent Maxwellian particles, sqrt(2/(d N_i)), too large early.
+        For a single replica, the noise of independent Maxwellian particles, sqrt(2/(d N_i)), too large at
+        early times.
         """
         powers = np.array([replica.powers for replica in self._ready()])[..., 0] / self.dim
         if len(powers) > 1:
@@ -345,7 +346,7 @@ class RelaxationCurve(Estimator):
         return np.asarray(np.einsum("rsaa->sa", self._tensors()) / self.n_replicas)
 
     def temperature_along(self, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the temperature along a direction over the mean of all directions, T_par/T, with its standard error.
+        """Return T_par/T, the temperature along a direction over the mean of all, with its standard error.
 
         Parameters
         ----------
@@ -368,10 +369,10 @@ class RelaxationCurve(Estimator):
 
     @property
     def preferred_direction(self) -> FloatArray | None:
-        """The direction along which the first sample is warmest, (d,), None where no start prefers one.
+        """The direction of the highest temperature in the first sample, (d,); None if it is isotropic.
 
-        It does where the temperature along it is over 1.3 times the mean, and over 5 standard errors above it, which are
-        sqrt(2 / n) of n particles in equilibrium.
+        The sample counts as anisotropic if the temperature along that direction exceeds the mean by 30 % and
+        by 5 standard errors, sqrt(2 / n) each for n particles in equilibrium.
         """
         first = self._tensors()[:, 0].mean(axis=0)
         values, vectors = np.linalg.eigh(first)
@@ -488,20 +489,23 @@ class RelaxationCurve(Estimator):
 
     @property
     def equilibrium_checks(self) -> list[TheoryCheck]:
-        """The last sample beside equilibrium: a2, the temperature of each species, and along the warmest direction at first.
+        """The last sample beside equilibrium: a2, temperatures of species and along the hottest initial axis.
 
-        A mixture is thermal when its species are: a2 and H of all particles together, in units of their own kT/m, hardly see
-        species of two temperatures. Expected are the exact values of N particles of fixed energy.
+        A mixture is in equilibrium when each species is: a2 and H of all particles together, in units of
+        their own kT/m, hardly depend on a difference of temperature between species. The expected values are
+        the exact ones for N particles of fixed energy.
         """
         self._ready()
         freedom = self.n_replicas - 1.0 if self.n_replicas > 1 else math.inf
 
-        def check(name: str, value: float, error: float, expected: float, doubt: float = 0.0) -> TheoryCheck:
+        def check(
+            name: str, value: float, error: float, expected: float, uncertainty: float = 0.0
+        ) -> TheoryCheck:
             measured = Estimate(float(value), float(error), self.n_replicas, freedom)
-            return TheoryCheck(name, "equilibrium", measured, expected, doubt)
+            return TheoryCheck(name, "equilibrium", measured, expected, uncertainty)
 
         sizes, kept = self._replicas[0].sizes, 1.0 - self._replicas[0].momentum_shares
-        whole, free = self.dim * self.n_per_replica, self.free_momenta
+        whole, free = self.dim * self.n_per_replica, self.degrees_of_freedom
         # the mean of `theory.finite_energy_law`; `theory.equilibrium_a2` where masses are equal
         a2 = float(sizes @ kept**2) / self.n_per_replica * whole**2 / (free * (free + 2.0)) - 1.0
         checks = [check("a2", self.a2[-1], self.a2_error[-1], a2)]
@@ -516,13 +520,13 @@ class RelaxationCurve(Estimator):
 
     @property
     def not_thermal(self) -> list[TheoryCheck]:
-        """Those of `equilibrium_checks` that a gas at equilibrium would fail once in 100 times, all together."""
+        """The `equilibrium_checks` that fail; at equilibrium any of them does so in 1 % of all runs."""
         checks = self.equilibrium_checks
         return [check for check in checks if check.p_value < 0.01 / len(checks)]
 
     @property
     def starts_from_equal_speeds(self) -> bool:
-        """Whether the gas is of one species and starts with equal speeds that favour no axis."""
+        """Whether the gas is of one species and starts with equal speeds in isotropic directions."""
         replicas = self._ready()
         if len(replicas[0].sizes) > 1 or replicas[0].s[0] > 0.0:
             return False
@@ -537,7 +541,7 @@ class RelaxationCurve(Estimator):
 
         The relative decay rate is not constant, so the number depends on the window; the mean over it is
         ln[(a2(s1) - a_eq)/(a2(s2) - a_eq)]/(s2 - s1), a_eq = `theory.equilibrium_a2`, from the two ends
-        alone. The points between add next to nothing: the noise of a2 forgets as fast as a2 decays, and a
+        alone. The points between add very little: the noise of a2 decorrelates as fast as a2 decays, and a
         straight line through all of them has the same standard error within 5 % but a value that depends on
         how they are spaced. From equal speeds and over (2, 5) theory says 0.4355 in 3D, 0.3797 in 2D
         (`theory.equal_speeds_decay_rate`).
@@ -568,12 +572,12 @@ class RelaxationCurve(Estimator):
         length = float(s[ends[1]] - s[ends[0]])
         if not length > 0.0:
             raise ValueError(f"window = {window}; expected s1 < s2")
-        excess = self.a2_samples[:, ends] - theory.equilibrium_a2(self.free_momenta)
+        excess = self.a2_samples[:, ends] - theory.equilibrium_a2(self.degrees_of_freedom)
         noise = theory.cumulant_noise(self.n_per_replica * self.n_replicas, self.dim)
         mean, error = (
             excess.mean(axis=0),
             np.maximum(self.a2_error[ends], noise),
-        )  # few replicas may underrate it
+        )  # the error from few replicas may be too small
         if np.any(np.abs(mean) < 3.0 * error) or mean[0] * mean[1] < 0.0:
             raise ValueError(
                 f"a2 is lost in the noise within the window {window}: {mean[0]:.2g} and {mean[1]:.2g} with "
@@ -586,7 +590,7 @@ class RelaxationCurve(Estimator):
         return estimate_from_jackknife(excess, rate)
 
     def compare(self, start: Literal["equal speeds", "equilibrium"] = "equal speeds") -> Comparison:
-        """Compare with theory, point by point and a2 as a whole.
+        """Compare with theory: every point of all three curves, and a2 with all its points together.
 
         Parameters
         ----------
@@ -609,7 +613,7 @@ class RelaxationCurve(Estimator):
         if start == "equal speeds":
             known = s <= 10.0
             table = theory.boltzmann_equal_speeds(np.where(known, s, 0.0), self.dim)
-            finite = theory.finite_size_relaxation(table.a2, -2.0 / (self.dim + 2), self.free_momenta)
+            finite = theory.finite_size_relaxation(table.a2, -2.0 / (self.dim + 2), self.degrees_of_freedom)
             a2, a2_uncertainty = finite.value, np.hypot(table.a2_error, finite.uncertainty)
             ks, ks_uncertainty = (
                 table.ks,
@@ -621,7 +625,10 @@ class RelaxationCurve(Estimator):
             fluctuates = known & (s > 0.0)
         else:
             known = fluctuates = np.ones(len(s), dtype=bool)
-            a2, a2_uncertainty = np.full(len(s), theory.equilibrium_a2(self.free_momenta)), np.zeros(len(s))
+            a2, a2_uncertainty = (
+                np.full(len(s), theory.equilibrium_a2(self.degrees_of_freedom)),
+                np.zeros(len(s)),
+            )
             ks, ks_uncertainty = (
                 np.full(len(s), floor),
                 np.full(len(s), 0.3 * floor),

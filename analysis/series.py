@@ -1,7 +1,8 @@
 """Correlated time series: autocorrelation time, blocks of automatic length, equilibration, drift.
 
 A series holds samples in the order of time, equally spaced. The correlation time tau is in samples and in
-Sokal's convention, tau = 1/2 + sum of rho(k) over k >= 1: n samples are worth n / 2 tau independent ones.
+Sokal's convention, tau = 1/2 + sum of rho(k) over k >= 1: n samples are equivalent to n / 2 tau independent
+ones.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ class SeriesWarning(UserWarning):
     Attributes
     ----------
     estimate : Estimate
-        The best that can be said all the same; its error is a lower bound.
+        The best estimate available; its error is a lower bound.
     """
 
     def __init__(self, message: str, estimate: Estimate) -> None:
@@ -83,12 +84,12 @@ def autocorrelation_time(series: ArrayLike) -> Estimate:
     Returns
     -------
     Estimate
-        At least 1/2. Its standard error is sqrt((4/n) (W + 1/2 - 2.2 tau + 0.3/tau)) tau, which is Bartlett's (J.
-        R. Stat. Soc. Suppl. 8, 27 (1946), doi 10.2307/2983611) for an exponential autocorrelation and a window
-        of 5 tau; the usual sqrt(2 (2W + 1) / n) tau leaves out that the variance is estimated too, and is a
-        third too large. Bias: the window cuts off about exp(-5)
-        of an exponential, and the mean being that of the sample lowers tau by about 2 tau^2/n, so that a
-        series of fewer than some 100 tau gives too small a value. `n_effective` is n / 2 tau.
+        At least 1/2. Its standard error is sqrt((4/n) (W + 1/2 - 2.2 tau + 0.3/tau)) tau, which is Bartlett's
+        (J. R. Stat. Soc. Suppl. 8, 27 (1946), doi 10.2307/2983611) for an exponential autocorrelation and a
+        window of 5 tau; the usual sqrt(2 (2W + 1) / n) tau neglects that the variance is estimated too, and
+        is a third too large. Bias: the window cuts off about exp(-5) of an exponential, and the use of the
+        sample mean lowers tau by about 2 tau^2/n, so that a series of fewer than some 100 tau gives too small
+        a value. `n_effective` is n / 2 tau.
 
     Raises
     ------
@@ -121,11 +122,11 @@ def _series(series: ArrayLike) -> FloatArray:
 
 
 def block_length(series: ArrayLike) -> int:
-    """Return how many samples a block needs so that blocks are as good as independent.
+    """Return how many samples a block needs so that blocks are practically independent.
 
-    The variance of the mean from blocks of B samples is too small by (tau - 1/4 tau) / B of itself for an
-    exponential autocorrelation; B makes that 5 %, half of it in the standard error. A tau within two standard
-    errors of 1/2, sqrt(3.5/n) each, is taken for 1/2: such a series counts as uncorrelated, B = 1.
+    For an exponential autocorrelation the variance of the mean from blocks of B samples is too small by the
+    relative amount (tau - 1/4 tau) / B; B is chosen to make that 5 %, or 2.5 % of the standard error. If tau
+    is within two standard errors, sqrt(3.5/n) each, of 1/2, the series counts as uncorrelated and B = 1.
 
     Parameters
     ----------
@@ -147,10 +148,11 @@ def estimate_from_series(
     """Return the mean of a correlated series, or a function of its means, with an error from blocks.
 
     The series is cut into M blocks of automatic length (`block_length`: 20 correlation times by Sokal's
-    window, but no less than `shortest`; some 24 to 48 blocks where the series is long enough for more), and the blocks are taken as
-    independent (Flyvbjerg and Petersen, J. Chem. Phys. 91, 461 (1989), doi 10.1063/1.457480). (value - truth)
-    / standard_error follows Student's t with M - 1 degrees of freedom. A nonlinear function, such as a ratio,
-    comes from the jackknife over the same blocks, its bias of order 1/M removed.
+    window, but no less than `shortest`; some 24 to 48 blocks where the series is long enough for more), and
+    the blocks are taken as independent (Flyvbjerg and Petersen, J. Chem. Phys. 91, 461 (1989), doi
+    10.1063/1.457480). (value - truth) / standard_error follows Student's t with M - 1 degrees of freedom. A
+    nonlinear function, such as a ratio, comes from the jackknife over the same blocks, its bias of order 1/M
+    removed.
 
     Parameters
     ----------
@@ -161,15 +163,15 @@ def estimate_from_series(
         Maps means of shape (..., p) to (...); needed for a series of shape (n, p). The ratio of two sums is
         ``lambda mean: mean[..., 0] / mean[..., 1]``.
     shortest : int, default 1
-        Least number of samples in a block, for a correlation that is known to be too weak and too long for
-        the series to show it.
+        Least number of samples in a block, for a correlation known to be too weak and too long to be detected
+        in the series.
 
     Returns
     -------
     Estimate
-        `n_effective` is the number of independent samples that would give the same error, at most n.
-        Bias: the error is too small by up to 2.5 %, in a series of fewer than 100 samples by more, since
-        a weak correlation cannot be seen there.
+        `n_effective` is the number of independent samples that would give the same error, at most n. Bias:
+        the error is too small by up to 2.5 %, in a series of fewer than 100 samples by more, since a weak
+        correlation cannot be detected there.
 
     Warns
     -----
@@ -177,9 +179,9 @@ def estimate_from_series(
         With fewer than 8 blocks; the error is then from 8 shorter ones, or from single samples, and a lower
         bound.
     DriftWarning
-        If there are fewer than 8 blocks because of the start only, so that dropping it by the rule of
-        `equilibration` would double the number of independent samples; or if the blocks have a trend that
-        chance would give once in 10 000 series. Both warnings carry the estimate.
+        If there are fewer than 8 blocks only because the start is not equilibrated: dropping it by the rule
+        of `equilibration` would double the number of independent samples. Or if the blocks show a trend whose
+        probability by chance is below 1e-4. Both warnings carry the estimate.
 
     Raises
     ------
@@ -217,9 +219,8 @@ def estimate_from_series(
     settled = equilibration(pseudo, candidates=20) if too_short and n >= 16 else None
     if settled is not None and settled.n_effective > 2.0 * whole.n_effective:
         message = (
-            f"the first {settled.start} of {n} samples are unlike the rest ({estimate} with them); discard "
-            "them, or "
-            "equilibrate longer"
+            f"the first {settled.start} of {n} samples are unlike the rest ({estimate} with them); "
+            "discard them, or equilibrate longer"
         )
         warnings.warn(DriftWarning(message, estimate), stacklevel=2)
     elif too_short:
@@ -252,7 +253,7 @@ def drift_p_value(blocks: ArrayLike) -> float:
     """Return the probability of a trend as strong as this in independent blocks that have none.
 
     Kendall's rank correlation of the block means with time (Biometrika 30, 81 (1938), doi
-    10.1093/biomet/30.1-2.81): a single strange block at the start neither hides a trend nor makes one.
+    10.1093/biomet/30.1-2.81): a single outlying block at the start neither hides a trend nor makes one.
 
     Parameters
     ----------
@@ -269,7 +270,7 @@ def drift_p_value(blocks: ArrayLike) -> float:
 
 @dataclass(frozen=True)
 class Equilibration:
-    """Where a series has come to equilibrium.
+    """From where on a series is in equilibrium.
 
     Attributes
     ----------
@@ -280,8 +281,8 @@ class Equilibration:
     n_effective : float
         Independent samples in what is kept.
     reached : bool
-        False when more than 40 % of the series would go, or fewer than 20 independent samples stay: then the
-        series may never have come to equilibrium, and `start` means nothing.
+        False when more than 40 % of the series would be discarded, or fewer than 20 independent samples
+        remain: the series may then never have reached equilibrium, and `start` has no meaning.
     """
 
     start: int
@@ -294,8 +295,8 @@ def equilibration(series: ArrayLike, candidates: int = 50) -> Equilibration:
     """Return how much of the start of a series to discard.
 
     The rule: keep what has the most independent samples, start = argmax over t0 of (n - t0) / 2 tau(t0)
-    (Chodera, J. Chem. Theory Comput. 12, 1799 (2016), doi 10.1021/acs.jctc.5b00784). A start far from
-    equilibrium looks like a long correlation, so that dropping it gains more than it costs.
+    (Chodera, J. Chem. Theory Comput. 12, 1799 (2016), doi 10.1021/acs.jctc.5b00784). An initial part far from
+    equilibrium raises tau, so that dropping it increases that number.
 
     Parameters
     ----------
@@ -308,8 +309,8 @@ def equilibration(series: ArrayLike, candidates: int = 50) -> Equilibration:
     -------
     Equilibration
         Bias: of an exponential approach about a third of a standard error of the mean is left; in a series
-        that is steady from the start the rule drops some per cent by chance. A drift slower than the series
-        is not seen here but by `estimate_from_series`.
+        that is stationary from the start the rule drops a few per cent by chance. A drift slower than the
+        series is not detected here but by `estimate_from_series`.
 
     Raises
     ------
@@ -329,12 +330,12 @@ def equilibration(series: ArrayLike, candidates: int = 50) -> Equilibration:
 
 
 class BlockSeries:
-    """A series of any length in a bounded memory: when it is full, neighbours are joined in pairs.
+    """A series of any length in bounded memory: when it is full, adjacent rows are averaged in pairs.
 
     Parameters
     ----------
     capacity : int, default 1024
-        Most rows kept; even, at least 16. After n samples between half of it and all of it are held, each the
+        Most rows kept; even, at least 16. A long series fills between half and all of them; each row is the
         mean of the same number of samples, a power of two.
 
     Notes

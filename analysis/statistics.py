@@ -44,12 +44,12 @@ class Estimate:
     value : float
         The estimate, in the units of what was measured.
     standard_error : float
-        One standard error of `value`, same units; NaN where the data cannot tell (a single replica).
+        One standard error of `value`, same units; NaN where it cannot be estimated (a single replica).
     n_effective : float
-        How many independent samples stand behind the standard error.
+        Number of independent samples on which the standard error rests.
     degrees_of_freedom : float
-        Of the standard error itself: (value - truth) / standard_error follows Student's t with as many.
-        Infinite where the error is known rather than estimated.
+        Of the standard error: (value - truth) / standard_error follows Student's t with this many. Infinite
+        where the error is known rather than estimated.
 
     Examples
     --------
@@ -123,8 +123,8 @@ class Estimate:
         Returns
         -------
         float
-            The number that a standard normal variable exceeds as often as chance exceeds `deviation` with these degrees of
-            freedom, see `deviates`: with two replicas 10 standard errors are z = 1.8.
+            The standard normal deviate of the same tail probability as `deviation` with these degrees of
+            freedom, see `deviates`: with two replicas, 10 standard errors give z = 1.8.
         """
         return float(deviates(self.value - theory, self.standard_error, uncertainty, self.degrees_of_freedom))
 
@@ -139,7 +139,7 @@ class Estimate:
         Returns
         -------
         float
-            Of as large a `z` either way; NaN where the errors are unknown.
+            Two-sided probability of |z| at least as large; NaN where the errors are unknown.
         """
         return float(2.0 * special.ndtr(-abs(self.z(theory, uncertainty))))
 
@@ -176,8 +176,9 @@ def normal_deviate(t: ArrayLike, degrees_of_freedom: ArrayLike) -> FloatArray:
     Returns
     -------
     array
-        Of the sign of t; NaN where t or the degrees of freedom are. Beyond double precision's smallest probability by
-        Wallace's approximation (Ann. Math. Stat. 30, 1121 (1959), doi 10.1214/aoms/1177706095), good to 1e-2 there.
+        With the sign of t; NaN where t or the degrees of freedom are. Where the probability is below the
+        range of double precision, Wallace's approximation is used (Ann. Math. Stat. 30, 1121 (1959), doi
+        10.1214/aoms/1177706095), accurate to 1e-2 there.
     """
     size, freedom = np.broadcast_arrays(np.abs(np.asarray(t, float)), np.asarray(degrees_of_freedom, float))
     known = np.isposinf(freedom)
@@ -194,10 +195,11 @@ def deviates(
 ) -> FloatArray:
     """Return deviations from theory as normal deviates: `Estimate.z` of whole curves.
 
-    A difference is standard_error t + uncertainty x, t of Student's and x of a normal distribution (Behrens and Fisher:
-    Fisher, Ann. Eugen. 11, 141 (1941), doi 10.1111/j.1469-1809.1941.tb02281.x). Given what chi-square made of the standard
-    error it is normal, so that the probability to exceed it is an integral over chi-square. Welch's degrees of freedom are no
-    substitute: of two replicas that agree by chance they are infinite.
+    A difference is standard_error t + uncertainty x, t of Student's and x of a normal distribution (Behrens
+    and Fisher: Fisher, Ann. Eugen. 11, 141 (1941), doi 10.1111/j.1469-1809.1941.tb02281.x). For a given
+    chi-square of the standard error the difference is normal, so that its tail probability is an integral
+    over chi-square. Welch's degrees of freedom do not serve here: they are infinite for two replicas that
+    agree by chance.
 
     Parameters
     ----------
@@ -278,7 +280,7 @@ class ReplicaWarning(UserWarning):
     Attributes
     ----------
     estimate : Estimate
-        The combination, all the same.
+        The combined estimate, returned in spite of the warning.
     """
 
     def __init__(self, message: str, estimate: Estimate) -> None:
@@ -289,9 +291,9 @@ class ReplicaWarning(UserWarning):
 def combine_replicas(estimates: Sequence[Estimate]) -> Estimate:
     """Return the mean of independent replicas of equal length, each with an error of its own.
 
-    The error is that of their spread, s / sqrt(R) with R - 1 degrees of freedom, which sees what blocks
-    within one replica cannot: a start that has not been forgotten. The replicas' own errors serve as a check:
-    s^2 over their mean square follows Fisher's F when nothing is wrong.
+    The error is that of their spread, s / sqrt(R) with R - 1 degrees of freedom. It includes the effect of
+    different initial states that have not relaxed, which blocks within one replica do not show. The replicas'
+    own errors serve as a check: s^2 over their mean square follows Fisher's F if they are right.
 
     Parameters
     ----------
@@ -305,7 +307,7 @@ def combine_replicas(estimates: Sequence[Estimate]) -> Estimate:
     Warns
     -----
     ReplicaWarning
-        Where chance would spread the replicas as much as this once in 10 000 times.
+        If a spread this large has a probability below 1e-4.
 
     Raises
     ------
@@ -322,8 +324,7 @@ def combine_replicas(estimates: Sequence[Estimate]) -> Estimate:
             warnings.warn(
                 ReplicaWarning(
                     f"{len(own)} replicas spread {math.sqrt(ratio):.2g} times as far as their own errors "
-                    "say: "
-                    "equilibrate longer, or use longer blocks; the error quoted is that of the spread",
+                    "say: equilibrate longer, or use longer blocks; the error quoted is that of the spread",
                     combined,
                 ),
                 stacklevel=2,
@@ -334,10 +335,11 @@ def combine_replicas(estimates: Sequence[Estimate]) -> Estimate:
 def pool_replicas(estimates: Sequence[Estimate]) -> Estimate:
     """Return the mean of independent replicas of equal length with the error that their own errors give.
 
-    For few replicas with good errors of their own, such as blocks of a time series: sqrt(sum of s_r^2) / R has the
-    degrees of freedom of all their blocks, where the spread of R values has only R - 1. Blocks within a replica do not
-    see a start that has not been forgotten; where the replicas spread so much further than their own errors say that
-    `combine_replicas` warns of it, its result is returned, whose error is that of the spread.
+    For few replicas with good errors of their own, such as blocks of a time series: sqrt(sum of s_r^2) / R
+    has the degrees of freedom of all their blocks, where the spread of R values has only R - 1. Blocks within
+    a replica do not show the effect of an initial state that has not relaxed. If the replicas spread so much
+    further than their own errors say that `combine_replicas` warns, its result is returned, with the error of
+    the spread.
 
     Parameters
     ----------
@@ -401,7 +403,7 @@ def estimate_from_blocks(series: ArrayLike, blocks: int = 32) -> Estimate:
     """
     array = np.asarray(series, dtype=np.float64)
     if blocks < 8:
-        raise ValueError(f"blocks = {blocks}; expected at least 8 for an error worth its name")
+        raise ValueError(f"blocks = {blocks}; expected at least 8 for a meaningful standard error")
     if array.ndim != 1 or array.size < 2 * blocks:
         raise ValueError(
             f"series has shape {array.shape}; expected (n,) with n >= {2 * blocks} for {blocks} blocks"
@@ -428,7 +430,7 @@ def jackknife(
 ) -> tuple[FloatArray, FloatArray]:
     """Return a statistic of summed contributions and its standard error by deleting one replica at a time.
 
-    Used for quantities that are defined only for all replicas together, such as H or the Kolmogorov-Smirnov
+    For quantities that are defined only for all replicas together, such as H or the Kolmogorov-Smirnov
     distance of a pooled histogram (Efron and Stein, Ann. Stat. 9, 586 (1981), doi 10.1214/aos/1176345462).
 
     Parameters
@@ -443,8 +445,8 @@ def jackknife(
     value : array
         The statistic of the sum over all replicas. It is not bias-corrected.
     error : array
-        sqrt((R - 1)/R sum_r (theta_r - mean theta)^2); NaN for a single replica. First order: too large by a
-        term of relative order 1/R for smooth statistics.
+        sqrt((R - 1)/R sum_r (theta_r - mean theta)^2); NaN for a single replica. It is first order: for
+        smooth statistics it is too large by a relative term of order 1/R.
     """
     total = contributions.sum(axis=0, dtype=np.float64)
     value = np.asarray(statistic(total), dtype=np.float64)
@@ -484,12 +486,12 @@ def estimate_from_jackknife(samples: FloatArray, statistic: Callable[[FloatArray
 
 @dataclass(frozen=True)
 class TheoryCheck:
-    """One measured number beside one theory.
+    """One measured number compared with one theory.
 
     Attributes
     ----------
     quantity, theory : str
-        What was measured and what it stands beside.
+        What was measured, and the theory that it is compared with.
     measured : Estimate
         The measurement.
     expected, uncertainty : float
@@ -504,7 +506,7 @@ class TheoryCheck:
 
     @property
     def z(self) -> float:
-        """Deviation of the measurement from the theory as a normal deviate, see `Estimate.z`; NaN without a theory."""
+        """Deviation from the theory as a normal deviate, see `Estimate.z`; NaN without a theory."""
         return self.measured.z(self.expected, self.uncertainty)
 
     @property
@@ -514,13 +516,13 @@ class TheoryCheck:
 
     @property
     def better_than_theory(self) -> bool:
-        """Whether u exceeds two standard errors: then the measurement says more than the theory."""
+        """Whether u exceeds two standard errors: the measurement is then more precise than the theory."""
         return self.uncertainty > 2.0 * self.measured.standard_error
 
     def __str__(self) -> str:
         """Return the comparison in one line."""
         if math.isnan(self.expected):
-            return f"{self.quantity} {self.measured}; {self.theory} says nothing here, there is nothing to compare with"
+            return f"{self.quantity} {self.measured}; {self.theory} gives no value here: outside its range"
         expected = Estimate(self.expected, self.uncertainty)
         note = "; the measurement is better than the theory" if self.better_than_theory else ""
         return f"{self.quantity} {self.measured}, {self.theory} {expected}, z = {self.z:+.2f}{note}"

@@ -25,7 +25,7 @@ __all__ = ["ContactSamplingWarning", "PairDistribution"]
 
 FloatArray = NDArray[np.float64]
 
-SPARSE = 10.0  # pairs in a bin, below which blocks may have seen too little to know its variance
+SPARSE = 10.0  # pairs in a bin below which the variance from blocks is not reliable
 
 
 class ContactSamplingWarning(UserWarning):
@@ -54,8 +54,8 @@ class PairDistribution(Estimator):
 
     Notes
     -----
-    Take frames at times that do not know of the collisions, such as ``sim.frames(every=...)``.
-    Right after a collision, as ``sim.frames(collisions_per_particle=...)`` gives them, one pair is always in
+    Take frames at times that are independent of the collisions, such as ``sim.frames(every=...)``. Right
+    after a collision, as ``sim.frames(collisions_per_particle=...)`` gives them, one pair is always in
     contact; where that happened in more than half of the frames, the contact value comes with a
     `ContactSamplingWarning`. Frames a few collisions per particle apart are nearly independent; correlated
     ones are allowed, errors come from blocks (`series.estimate_from_series`) of the frames. Memory does not
@@ -205,7 +205,7 @@ class PairDistribution(Estimator):
         )
 
     def _sparse(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Pairs that were seen, and that would be without any correlation, in each bin; which are sparse (0 or 1)."""
+        """Return pairs observed, pairs expected without correlation, and which bins are sparse (0 or 1)."""
         expected = self._ideal(self._gas()) * self._frames.n_samples
         seen = self._frames.mean * expected
         return seen, expected, np.where(seen < SPARSE, 1.0, 0.0)
@@ -213,8 +213,8 @@ class PairDistribution(Estimator):
     def _sparse_variance(self) -> FloatArray:
         """Return the least variance of g in bins of fewer than `SPARSE` pairs, 0 in others, (pairs, bins).
 
-        Nothing seen is not certainty: a bin that would hold E pairs without any correlation, and was seen to hold n, has
-        Poisson's variance of max(n, E), that is max(n, E)/E^2 of g.
+        A bin without pairs still has an uncertainty: if E pairs are expected without correlation and n were
+        observed, the variance is Poisson's for max(n, E) pairs, or max(n, E)/E^2 of g.
         """
         seen, expected, sparse = self._sparse()
         return np.asarray(sparse * np.maximum(seen, expected) / expected**2)
@@ -222,8 +222,8 @@ class PairDistribution(Estimator):
     def _with_floor(self, estimate: Estimate, weights: FloatArray) -> Estimate:
         """Return a sum of g over bins with no smaller an error than sparse bins leave; weights (pairs, bins).
 
-        As `_sparse_variance`, but with g of all sparse bins of a pair of species together: n/E, at least 1, in place of each
-        bin's own, since a single pair says little of its bin.
+        As `_sparse_variance`, but with g of all sparse bins of a pair of species together: n/E, at least 1,
+        in place of each bin's own, since a single pair is a poor estimate for its bin.
         """
         seen, expected, sparse = self._sparse()
         sparse = np.where(weights != 0.0, sparse, 0.0)
@@ -261,8 +261,7 @@ class PairDistribution(Estimator):
         if self._at_collision > self._frames.n_samples / 2:
             warnings.warn(
                 f"a pair was in contact in {self._at_collision} of {self._frames.n_samples} frames, which "
-                "were taken "
-                "at collisions: g at contact is too large; take frames at equal times",
+                "were taken at collisions: g at contact is too large; take frames at equal times",
                 ContactSamplingWarning,
                 stacklevel=3,
             )
@@ -282,8 +281,8 @@ class PairDistribution(Estimator):
     def contact(self) -> dict[tuple[int, int], Estimate]:
         """g_ij at contact by extrapolation, for each pair of species.
 
-        Bias: what the polynomial does not follow, see `extrapolation_bias`. Where hardly a pair came near contact the
-        error is Poisson's, as of `g_error`.
+        Bias: what the polynomial does not follow, see `extrapolation_bias`. If very few pairs came near
+        contact the error is Poisson's, as for `g_error`.
         """
         values, functional = self._contact_rows(), self._extrapolation(self.degree)
         contacts = {}
@@ -309,8 +308,7 @@ class PairDistribution(Estimator):
     def extrapolation_bias(self) -> float:
         """Uncertainty of Z from the extrapolation: its change with a polynomial one degree higher.
 
-        It holds noise of about the standard error of Z as well, and is an upper estimate while that
-        dominates.
+        It contains noise of about the standard error of Z, and is an upper bound while that dominates.
         """
         mean = self._rows().mean(axis=0) @ np.stack(
             [self._extrapolation(self.degree), self._extrapolation(self.degree + 1)], axis=1
@@ -325,8 +323,8 @@ class PairDistribution(Estimator):
 
         measured = self.compressibility_factor
         name, expected = next(iter(Pressure(self._gas()).predictions.items()))
-        doubt = math.hypot(expected.uncertainty, self.extrapolation_bias)
-        return TheoryCheck("Z from g at contact", name, measured, expected.value, doubt)
+        uncertainty = math.hypot(expected.uncertainty, self.extrapolation_bias)
+        return TheoryCheck("Z from g at contact", name, measured, expected.value, uncertainty)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw g(r) of each pair of species with its standard errors, and theory's contact value.

@@ -1,4 +1,4 @@
-"""How unequal temperatures become equal: between two species, and between directions.
+"""Temperature equilibration between two species, and between directions.
 
 Both estimators average over replicas, independent gases that differ in their random start only; errors come
 from the spread of the replicas. Add the frames of one replica in the order of time, then those of the next; a
@@ -154,7 +154,7 @@ class TemperatureEquilibration(_Replicas):
 
     kT_i = sum over species i of m (v - u)^2 / (d N_i (1 - q_i)), u the common motion along periodic axes, q_i
     = m_i/M times the fraction of periodic axes: at equilibrium of N particles of fixed energy its mean is
-    exactly kT (`theory.finite_energy_law`), so that there is no bias of order 1/N at the end. Theory: two
+    exactly kT (`theory.finite_energy_law`), so that there is no bias of order 1/N in equilibrium. Theory: two
     Maxwellians with a time-dependent temperature each, `theory.temperature_equilibration`, with its known
     deviation as uncertainty; the temperatures it starts from are those measured in the first sample.
 

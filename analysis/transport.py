@@ -24,12 +24,12 @@ __all__ = ["Diffusion", "Moving", "ShortWindowWarning"]
 
 FloatArray = NDArray[np.float64]
 
-WINDOWS = 32  # lags in a run, from which on blocks of origins give the error of its mean
-GROUPS = 64  # of particles, whose spread gives it at longer lags
+WINDOWS = 32  # least length of a run, in lags, for errors from blocks of origins
+GROUPS = 64  # groups of particles whose spread gives the error at longer lags
 
 
 class ShortWindowWarning(UserWarning):
-    """A slope was taken before the momentum of its box had spread: part of D of the infinite fluid is then theory."""
+    """A slope was taken before momentum had spread over the box: part of the result is then from theory."""
 
 
 class Moving(Protocol):
@@ -80,9 +80,9 @@ class Diffusion(Estimator):
     Notes
     -----
     Displacements are relative to the common motion. Each lag has one value per origin, the average over
-    particles. Where the run is `WINDOWS` lags long or longer, its error comes from blocks of origins of automatic length
-    (`series.estimate_from_series`); at longer lags, of which the run holds too few, from the spread of the particles, see
-    `mean_square_displacement_error`.
+    particles. Where the run is `WINDOWS` lags long or longer, its error comes from blocks of origins of
+    automatic length (`series.estimate_from_series`); at longer lags, of which the run holds too few, from the
+    spread of the particles, see `mean_square_displacement_error`.
     """
 
     def __init__(self, points: int = 16, species: int | None = None) -> None:
@@ -104,7 +104,7 @@ class Diffusion(Estimator):
     # Collecting ---------------------------------------------------------------------------------------------
 
     def add(self, frame: Moving) -> Self:
-        """Take in one moment.
+        """Add one sample.
 
         Parameters
         ----------
@@ -145,7 +145,7 @@ class Diffusion(Estimator):
                 self._rows_by_level.append(BlockSeries(256))
                 self._groups_by_level.append(np.zeros((2 * self.points + 1, min(GROUPS, len(x)))))
             self._visit(level, x, v)
-            if self._count == 0:  # the first snapshot serves every level that may come
+            if self._count == 0:  # the first snapshot belongs to every level
                 self._first = (x, v)
                 break
             level, every = level + 1, 2 * every
@@ -173,7 +173,7 @@ class Diffusion(Estimator):
             )
 
     def _visit(self, level: int, x: FloatArray, v: FloatArray) -> None:
-        """Compare with the last snapshots of one level, then become one."""
+        """Correlate a snapshot with the last ones of its level, then store it there."""
         past = self._levels[level]
         if level > 0 and not past and self._first is not None:
             past.append(self._first)
@@ -221,18 +221,20 @@ class Diffusion(Estimator):
     def mean_square_displacement_error(self) -> FloatArray:
         """Standard errors of `mean_square_displacement`, (lags,).
 
-        Where the run holds `WINDOWS` lags or more, from blocks of at least four lags each. A longer lag is seen too seldom
-        for that: there the error is from the spread of `GROUPS` groups of particles, which sees how the origins overlap but
-        not that particles move together; that is taken from the longest lags that have both (Notes).
+        Where the run holds `WINDOWS` lags or more, from blocks of at least four lags each. A longer lag has
+        too few independent origins for that: the error is then from the spread of `GROUPS` groups of
+        particles. It accounts for overlapping origins but not for correlations between particles, which are
+        taken from the longest lags that have both errors (Notes).
 
         Notes
         -----
-        Particles share momentum with their neighbours, which makes the variance of their mean larger than that of as many
-        independent ones: by the ratio of blocks to groups, its mean over the longer half of the lags that have both, and
-        at least 1. Over 60 to 200 runs each of 32 to 108 spheres at packing fractions 0.01 to 0.3 the deviations from the mean
-        of all runs spread 0.8 to 1.3 times as far as these errors, at every lag up to half of the run and beyond; but in short
-        runs of a dilute gas, at lags of 1 to 4 mean free times, where a fixed energy makes the mean steadier than
-        its particles, the errors are up to twice too large.
+        Particles share momentum with their neighbours, which makes the variance of their mean larger than
+        that of as many independent ones: by the ratio of blocks to groups, its mean over the longer half of
+        the lags that have both, and at least 1. Over 60 to 200 runs each of 32 to 108 spheres at packing
+        fractions 0.01 to 0.3 the deviations from the mean of all runs spread 0.8 to 1.3 times as far as these
+        errors, at every lag up to half of the run and beyond; but in short runs of a dilute gas, at lags of 1
+        to 4 mean free times, where the fixed energy reduces fluctuations of the mean, the errors are up to
+        twice too large.
         """
         return self._errors(-1)
 
@@ -261,7 +263,7 @@ class Diffusion(Estimator):
         return np.asarray(np.sqrt(np.where(known, blocks, together * groups)))
 
     def _group_variance(self, level: int, place: int, over: int | None) -> float:
-        """Variance of a column's mean, or of its ratio to another's, as if groups of particles were independent."""
+        """Variance of a column's mean, or of its ratio to another's, for independent groups of particles."""
         sums = self._groups_by_level[level]
         total = sums.sum(axis=1)
         if over is None:
@@ -277,7 +279,7 @@ class Diffusion(Estimator):
         return float((centred @ centred) * count / (count - 1) / scale**2)
 
     def _block_variance(self, level: int, k: int, place: int, over: int | None) -> float:
-        """Variance from blocks of origins, each of four lags or more; NaN where the run has too few of them."""
+        """Variance from blocks of origins, each of four lags or more; NaN where there are too few blocks."""
         series = self._rows_by_level[level]
         rows, shortest = series.rows, math.ceil(4 * k / series.samples_per_row)
         if 4 * len(rows) < WINDOWS * shortest:
@@ -302,8 +304,8 @@ class Diffusion(Estimator):
         D = [MSD(t2) - MSD(t1)] / (2 d (t2 - t1)), by Einstein's relation; the mean over the window of the
         integral of the velocity autocorrelation up to t. From the two ends alone, both seen from the same
         origins, so that the error is right. Bias: at times t the slow tail t^(-d/2) of the autocorrelation is
-        cut off, which makes D too small; `box_window` is late enough for a cubic box. For the infinite fluid see
-        `infinite_diffusion`.
+        cut off, which makes D too small; `box_window` is late enough for a cubic box. For the infinite fluid
+        see `infinite_diffusion`.
 
         Parameters
         ----------
@@ -331,9 +333,10 @@ class Diffusion(Estimator):
     def diffusion_from_velocities(self, until: float) -> Estimate:
         """Return D_L from the integral of the velocity autocorrelation, by Green and Kubo's relation.
 
-        D(t) = (1/d) integral of <v(0).v(t')> from 0 to t = `until`, by Simpson's rule over the lags of one level.
-        Bias: the tail beyond t is cut off, as in `diffusion`, whose value is the mean of D(t) over its window;
-        and, with h the spacing of the level, some (h nu)^4/1000 of Simpson's rule, nu the collision rate.
+        D(t) = (1/d) integral of <v(0).v(t')> from 0 to t = `until`, by Simpson's rule over the lags of one
+        level. Bias: the tail beyond t is cut off, as in `diffusion`, whose value is the mean of D(t) over its
+        window; and, with h the spacing of the level, some (h nu)^4/1000 of Simpson's rule, nu the collision
+        rate.
 
         Parameters
         ----------
@@ -356,7 +359,8 @@ class Diffusion(Estimator):
         last = 2 * round(until / step / 2.0)
         if not (0.0 < until <= longest * (1 + 1e-9) and last >= 2 and len(self._rows_by_level[level]) >= 2):
             raise ValueError(
-                f"until = {until:g}; expected at least {2 * self.spacing:g}, two spacings, and at most {longest:g}"
+                f"until = {until:g}; expected at least {2 * self.spacing:g}, two spacings, and at most "
+                f"{longest:g}"
             )
         weights = np.ones(last + 1)
         weights[1:-1:2], weights[2:-1:2] = 4.0, 2.0
@@ -401,12 +405,12 @@ class Diffusion(Estimator):
 
     @property
     def box_window(self) -> tuple[float, float]:
-        """Where the slope is D of this box, [time]: `theory.periodic_diffusion_window`; in a 3D cube only."""
+        """Lags where the slope is D of this box, [time]: `theory.periodic_diffusion_window`; 3D cube only."""
         return theory.periodic_diffusion_window(*self._cube())
 
     @property
     def periodic_correction(self) -> theory.Prediction:
-        """What the periodic box takes from D (`theory.periodic_diffusion_correction`); in a 3D cube only."""
+        """Reduction of D by the periodic box (`theory.periodic_diffusion_correction`); 3D cube only."""
         return theory.periodic_diffusion_correction(*self._cube())
 
     def infinite_diffusion(self, window: tuple[float, float] | None = None) -> Estimate:
@@ -415,7 +419,8 @@ class Diffusion(Estimator):
         Parameters
         ----------
         window : (float, float), optional
-            As in `diffusion`; `box_window` by default. Of an earlier one the correction has the tail, too.
+            As in `diffusion`; `box_window` by default. For an earlier window the correction includes the
+            missing tail.
 
         Returns
         -------
@@ -436,14 +441,14 @@ class Diffusion(Estimator):
         begin, end = window or needed
         if window is None and end > float(self.lags[-1]):
             raise ValueError(
-                f"the lags reach {self.lags[-1]:.4g}; D of this box is the slope from {begin:.4g} to {end:.4g}: "
-                "run on, or give an earlier window"
+                f"the lags reach {self.lags[-1]:.4g}; D of this box is the slope from {begin:.4g} to "
+                f"{end:.4g}: run longer, or give an earlier window"
             )
         here = self.diffusion((begin, end))
         if begin < 0.9 * needed[0]:
             message = (
-                f"the slope is from {begin:.4g} to {end:.4g}, too early for D of this box, {needed[0]:.4g} to "
-                f"{needed[1]:.4g}: the rest of the tail is theory's"
+                f"the slope is from {begin:.4g} to {end:.4g}, too early for D of this box, {needed[0]:.4g} "
+                f"to {needed[1]:.4g}: theory supplies the rest of the tail"
             )
             warnings.warn(ShortWindowWarning(message), stacklevel=2)
         return with_correction(here, theory.periodic_diffusion_correction(*cube, window=(begin, end)))
@@ -466,13 +471,13 @@ class Diffusion(Estimator):
             float(scene.masses[0]),
             scene.temperature,
         )
-        value, doubt = float(enskog.value), float(enskog.uncertainty)
+        value, uncertainty = float(enskog.value), float(enskog.uncertainty)
         infinite = []
         if self._is_cube():
             measured = self.infinite_diffusion(window)
-            infinite = [TheoryCheck("D of the infinite fluid", "Enskog", measured, value, doubt)]
+            infinite = [TheoryCheck("D of the infinite fluid", "Enskog", measured, value, uncertainty)]
         here = self.diffusion(window or self.box_window)
-        return [TheoryCheck("D in this box", "Enskog", here, value, doubt), *infinite]
+        return [TheoryCheck("D in this box", "Enskog", here, value, uncertainty), *infinite]
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the mean square displacement with its errors, over free flight and Enskog's diffusion.
@@ -511,7 +516,7 @@ class Diffusion(Estimator):
 
 
 def with_correction(here: Estimate, correction: theory.Prediction) -> Estimate:
-    """Return a measured D plus a correction from theory, the uncertainty of which is in the error, and known."""
+    """Return a measured D plus a correction from theory; its uncertainty is part of the standard error."""
     error = math.hypot(here.standard_error, float(correction.uncertainty))
     share = here.standard_error**2 / error**2 if error > 0.0 else 1.0
     freedom = here.degrees_of_freedom / share**2 if share > 0.0 else math.inf

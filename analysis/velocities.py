@@ -1,13 +1,13 @@
-"""How far velocities are from Maxwell and Boltzmann: cumulants, Kolmogorov-Smirnov distance, H.
+"""Deviation of velocities from the Maxwell-Boltzmann law: cumulants, Kolmogorov-Smirnov distance, H.
 
 The distributions themselves are in `analysis.distributions`. All estimators work with reduced velocities c =
 (v - u) sqrt(m/kT), where u is the velocity of the common motion along periodic axes (zero along walls), m the
-particle's own mass and kT = 2 K_th / D the temperature of the whole gas, D its free momenta. At equilibrium
-every component of c is a standard normal number whatever the species. Since the energy of a simulated gas is
-fixed, <c^2> = D/N in every frame: kT is not a parameter that fluctuates, and each statement below says what
-that does to it. A mixture is thermal when each species is and all have one temperature: look at
-`FourthCumulant.by_species` and `temperatures.TemperatureEquilibration` too, since all species together can look Maxwellian
-while their temperatures differ by several per cent.
+particle's own mass and kT = 2 K_th / D the temperature of the whole gas, D its degrees of freedom. At
+equilibrium every component of c is a standard normal number whatever the species. Since the energy of a
+simulated gas is fixed, <c^2> = D/N in every frame: kT does not fluctuate, and each estimator below states the
+consequence. A mixture is in equilibrium when each species is and all have one temperature: use
+`FourthCumulant.by_species` and `temperatures.TemperatureEquilibration` too, since all species together can
+look Maxwellian while their temperatures differ by several per cent.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis import theory
+from analysis.correlation_times import FrameWeights
 from analysis.distributions import ComponentDistribution, EnergyDistribution, SpeedDistribution
 from analysis.estimator import Estimator, axes_or_new
-from analysis.memory import FrameWeights
 from analysis.reduced import reduced_velocities, species_labels
 from analysis.series import BlockSeries, estimate_from_series
 from analysis.statistics import Estimate, estimate_from_replicas
@@ -98,8 +98,8 @@ def ks_distance(speeds: FloatArray, dim: int) -> float:
 def ks_p_value(distance: float, n: int, dim: int, momentum_conserved: bool = True) -> float:
     """Return the probability that a gas at equilibrium lies further from its law than `distance`.
 
-    Kolmogorov's own distribution would be wrong: the scale of the law, kT, is that of the sample. The
-    distribution used is that of 4000 gases with velocities even on the sphere of fixed energy (and zero
+    Kolmogorov's distribution does not apply, since the scale of the law, kT, is taken from the sample. The
+    distribution used is that of 4000 gases with velocities uniform on the sphere of fixed energy (and zero
     momentum in a periodic box), of min(N, 1000) particles of one mass, brought to N by Stephens' factor
     sqrt(N) + 0.12 + 0.11/sqrt(N) (Stephens, J. Am. Stat. Assoc. 69, 730 (1974), doi 10.2307/2286009).
 
@@ -146,9 +146,9 @@ def h_excess(histogram: NDArray[np.generic], probabilities: FloatArray) -> Float
     H is the integral of f ln f over velocities, f isotropic; since <v^2> is conserved, H - H_eq is the
     integral of f ln(f/f_MB). Coarse-grained on bins of probability q_b under Maxwell and Boltzmann's law it
     is sum p_b ln(p_b/q_b) >= 0, here with p_b = n_b/N less (B - 1)/(2N), B the number of occupied bins
-    (Miller 1955, Madow): the leading bias of the plug-in value. Bins that hold a particle now and then leave a
-    rest of it: +0.004 for 60 bins up to 5 thermal speeds and N = 1000. A distribution with a spike, such as equal
-    speeds, has no limit for narrow bins: always state the bins.
+    (Miller 1955, Madow): the leading bias of the plug-in value. Sparsely filled bins leave part of the bias:
+    +0.004 for 60 bins up to 5 thermal speeds and N = 1000. A distribution with a spike, such as equal speeds,
+    has no limit for narrow bins: always state the bins.
 
     Parameters
     ----------
@@ -174,8 +174,8 @@ def h_excess(histogram: NDArray[np.generic], probabilities: FloatArray) -> Float
 def _mean_of_frames(values: FloatArray, effective: float) -> Estimate:
     """Return the mean over frames in the order of time: error from blocks, below 16 frames from the spread.
 
-    Of few frames the spread tells the variance of as many independent ones as there are by the collisions between them, less
-    one: s^2 (n - 1)/n over `effective` - 1, which is s^2/n where all are independent.
+    For few frames the variance is s^2 (n - 1)/n over `effective` - 1, with the effective number of
+    independent frames from `FrameWeights`; it is s^2/n if all are independent.
     """
     if len(values) >= 16:
         return estimate_from_series(values)
@@ -279,8 +279,9 @@ class FourthCumulant(_PerFrame):
         """Mean over frames; the error of one frame is the noise of N particles.
 
         Frames may be correlated: errors come from blocks (`series.estimate_from_series`), with fewer than 16
-        frames from their spread and the collisions between them (`memory.FrameWeights`). A species that has not forgotten
-        its velocities over all frames gives a `memory.FrozenWarning`.
+        frames from their spread and the collisions between them (`correlation_times.FrameWeights`). If the
+        frames span too few velocity correlation times of a species, a `correlation_times.FrozenWarning` is
+        given.
         """
         return self._estimate(self.values, 2)
 

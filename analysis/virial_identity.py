@@ -50,9 +50,9 @@ def virial_identity(start: Frame, end: Frame) -> VirialIdentity:
     """Return both sides of Clausius' virial theorem for a run between walls.
 
     Along every wall axis k, exactly, for any run of any gas: integral of sum m v_k^2 dt + sum over collisions
-    of r_k dp_k = sum over hits of the high wall of (L_k - R_i) J_i - sum over hits of the low wall of R_i J_i
-    + G_k(end) - G_k(start), G_k = sum of m x_k v_k, because the left side less the walls' part is the
-    integral of dG_k/dt (Clausius, Phil. Mag. 40, 122 (1870)).
+    of r_k dp_k = sum over collisions with the high wall of (L_k - R_i) J_i - sum over those with the low wall
+    of R_i J_i + G_k(end) - G_k(start), G_k = sum of m x_k v_k, because the left side less the walls' part is
+    the integral of dG_k/dt (Clausius, Phil. Mag. 40, 122 (1870)).
 
     Parameters
     ----------

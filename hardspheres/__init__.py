@@ -1,7 +1,7 @@
 """Event-driven gases of hard spheres.
 
-Importing this package is cheap: names are loaded when they are first used, so that neither Numba nor ASE nor SciPy is
-loaded before it is needed.
+Importing this package is cheap: names are loaded when they are first used, so that neither Numba nor ASE nor
+SciPy is loaded before it is needed.
 """
 
 import importlib

@@ -1,4 +1,4 @@
-"""`python -m hardspheres`: the console script, found as pip recorded it, since this package imports nothing that is built on it."""
+"""`python -m hardspheres`: the console script, found by its entry point, without an import of `studies`."""
 
 import sys
 from importlib.metadata import entry_points

@@ -1,8 +1,8 @@
-"""Sealed archives: named arrays in one NumPy .npz file, written whole or not at all, and read without trusting a byte.
+"""Sealed archives: named arrays in one NumPy .npz file, written atomically and checked by SHA-256 when read.
 
-The file is a plain zip of .npy members, uncompressed (random digits do not compress), so `numpy.load` opens it too. The comment at
-its end is the SHA-256 of every byte before. Members are float64, int64 or uint8, little-endian; nothing is ever unpickled, and no
-size that the file declares is believed before the bytes are there.
+The file is a plain zip of .npy members, uncompressed (random digits do not compress), so `numpy.load` opens
+it too. The comment at its end is the SHA-256 of every byte before. Members are float64, int64 or uint8,
+little-endian; nothing is ever unpickled, and declared sizes are checked against the bytes in the file.
 """
 
 import contextlib
@@ -31,10 +31,10 @@ MOST_MEMBERS = 100
 
 
 def write_archive(path: str | os.PathLike[str], arrays: Arrays, *, durable: bool = True) -> None:
-    """Write named arrays to a file that a crash leaves either old or new.
+    """Write named arrays to a file atomically: after a crash it is either the old one or the new one.
 
-    They go to a temporary file in the same folder, which is flushed to the disk and renamed. What writers that were killed have
-    left in the folder is removed, see `temporary`.
+    They go to a temporary file in the same folder, which is flushed to the disk and renamed. Temporary files
+    of killed processes in the folder are removed, see `temporary`.
 
     Parameters
     ----------
@@ -43,7 +43,8 @@ def write_archive(path: str | os.PathLike[str], arrays: Arrays, *, durable: bool
     arrays : dict of str to array
         Arrays of float64, int64 or uint8.
     durable : bool, default True
-        Wait for the disk. Without, a power failure may tear the file (its checksum tells); a crash of the process may not.
+        Wait for the disk. Otherwise a power failure may leave an incomplete file (detected by its checksum);
+        a crash of the process cannot.
 
     Raises
     ------
@@ -67,7 +68,8 @@ def write_archive(path: str | os.PathLike[str], arrays: Arrays, *, durable: bool
             _sync_folder(target.parent)
     except OSError as error:
         raise CheckpointError(
-            f"the checkpoint {target} cannot be written: {error.strerror or error}; make room, or give another path"
+            f"the checkpoint {target} cannot be written: {error.strerror or error}; make room, or give "
+            "another path"
         ) from error
     finally:
         with contextlib.suppress(OSError):
@@ -90,7 +92,8 @@ def read_archive(path: str | os.PathLike[str]) -> Arrays:
     Raises
     ------
     CheckpointError
-        When the file cannot be read, is no such archive, is cut short or altered, or holds anything but plain arrays.
+        When the file cannot be read, is no such archive, is cut short or altered, or holds anything but plain
+        arrays.
     """
     source = _as_path(path)
     try:
@@ -106,7 +109,7 @@ def read_archive(path: str | os.PathLike[str]) -> Arrays:
         return _members(content)
     except (
         Exception
-    ) as error:  # a sealed file is ours, or made to deceive: whatever fails in it, it is not to be used
+    ) as error:  # the checksum holds, so the file is ours or forged: on any failure it is refused
         reason = str(error) or type(error).__name__
         raise CheckpointError(
             f"{source} is not a checkpoint as this package writes them: {reason}"
@@ -128,7 +131,7 @@ def _write_members(file: BinaryIO, arrays: Arrays) -> None:
         archive.comment = SEAL + b"0" * DIGEST
         for name, array in arrays.items():
             plain = np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("<"))
-            # Without a time of writing, the same arrays give the same file.
+            # No time stamp: the same arrays give the same file.
             with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as member:
                 np.lib.format.write_array(member, plain, version=(1, 0), allow_pickle=False)
 
@@ -147,7 +150,7 @@ def _seal(file: BinaryIO) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Have the new name on disk too, where the system can do that."""
+    """Flush the folder, so that the new name is on disk too, where the system supports it."""
     with contextlib.suppress(OSError):
         handle = os.open(folder, os.O_RDONLY)
         try:
@@ -171,7 +174,7 @@ def _require_seal(source: Path, content: bytes) -> None:
 
 
 def _members(content: bytes) -> Arrays:
-    """Return the arrays; raises whatever goes wrong."""
+    """Return the arrays; exceptions of any type mean an invalid file."""
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         members = archive.infolist()
         if len(members) > MOST_MEMBERS or len({member.filename for member in members}) < len(members):

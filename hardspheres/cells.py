@@ -1,8 +1,8 @@
-"""Which pairs of points are near: a cell grid in NumPy, for checks and placements outside the event loop.
+"""Pairs of near points by a cell grid in NumPy, for checks and placements outside the event loop.
 
-Cells are never smaller than the cutoff, so every pair closer than it lies in the same or in touching cells. Only occupied
-cells are stored (found through a table, or by bisection where the box is mostly empty), so cost and memory grow with the
-particles and not with the box.
+Cells are never smaller than the cutoff, so every pair closer than it lies in the same or in touching cells.
+Only occupied cells are stored (found through a table, or by bisection where the box is mostly empty), so cost
+and memory grow with the particles and not with the box.
 """
 
 import itertools
@@ -20,7 +20,7 @@ Bools = NDArray[np.bool_]
 CELL_BITS = 62  # of the number of a cell, shared by the axes
 PAIRS_AT_ONCE = 1 << 18  # keeps the working arrays within the processor's cache
 MOST_EMPTY = 8  # cells for each particle up to which a table of all cells is kept
-MOST_PAIRS = 2e8  # more than these come only from particles heaped on one another
+MOST_PAIRS = 2e8  # more than these occur only if particles are piled on one another
 
 
 class CellGrid:
@@ -51,7 +51,7 @@ class CellGrid:
         numbers = numbers[self.order]
         begins = np.flatnonzero(np.diff(numbers, prepend=-1))
         self.cells = numbers[begins]
-        # One cell more than there are, without points, stands for all that are empty.
+        # One extra cell without points represents all empty ones.
         self._first = np.append(begins, 0)
         self._count = np.append(np.diff(np.append(begins, len(points))), 0)
         self.points = points
@@ -75,7 +75,7 @@ class CellGrid:
         return found
 
     def by_cells(self, coordinates: Ints) -> Ints:
-        """Return the order in which neighbours in memory are neighbours in space."""
+        """Return an order of the points in which neighbours in space are near in memory."""
         return np.argsort(self._numbers(coordinates, (0,) * len(self.box)))
 
     def members(self, cell: int) -> Ints:
@@ -84,7 +84,7 @@ class CellGrid:
         return self.order[first : first + self._count[cell]]
 
     def pairs_with(self, coordinates: Ints, offset: tuple[int, ...]) -> Iterator[tuple[Ints, Ints]]:
-        """Yield pairs (which of the cells given, index of a stored point in the cell at this offset from it), in batches.
+        """Yield, in batches, pairs (index into the cells given, index of a point in the cell at this offset).
 
         Over all of `offsets` every near pair comes, twice where a periodic axis has fewer than three cells.
         """
@@ -98,14 +98,14 @@ class CellGrid:
         return sorted(steps, key=lambda step: sum(map(abs, step)))
 
     def pairs(self) -> Iterator[tuple[Ints, Ints]]:
-        """Yield pairs of stored points in the same or touching cells, in batches; some come twice, none with itself."""
+        """Yield, in batches, pairs of different points in the same or adjacent cells; some come twice."""
         place = np.arange(len(self.order))
         last = np.repeat((self._first + self._count)[:-1], self.occupancy)
         for i, slot in _expand(place + 1, last - place - 1):
             yield self.order[i], self.order[slot]
         dim = len(self.box)
         for offset in itertools.product((-1, 0, 1), repeat=dim):
-            if offset <= (0,) * dim:  # half of the neighbours: the other half sees this cell
+            if offset <= (0,) * dim:  # half of the neighbours: the other half is found from their side
                 continue
             for i, slot in _expand(*self._look_up(self._numbers(self._coordinates, offset))):
                 if self.shape.min() < 3:  # a cell may be its own neighbour
@@ -122,7 +122,7 @@ class CellGrid:
             if step:
                 number += step
                 edge = coordinates[axis] == (cells - 1 if step > 0 else 0)
-                # What is negative once stays so: no later axis adds as much as it multiplies.
+                # A negative number stays negative: no later axis adds as much as its factor.
                 number[edge] = number[edge] - step * cells if self.periodic[axis] else -1
         return number
 
@@ -167,7 +167,7 @@ def distances(a: Floats, b: Floats, i: Ints, j: Ints, box: Floats, periodic: Boo
 
 
 def size_classes(radii: Floats) -> list[Ints]:
-    """Divide the particles by octaves of the radius, largest first: within one, sizes differ at most twofold."""
+    """Group the particles by octaves of the radius, largest first: in one, radii differ at most twofold."""
     if radii.min() == radii.max():
         return [np.arange(len(radii))]
     octave = np.floor(np.log2(radii.max() / radii)).astype(np.int64)
@@ -175,7 +175,7 @@ def size_classes(radii: Floats) -> list[Ints]:
 
 
 def most_that_fit(edges: Floats, radius: float) -> int:
-    """Bound a count: no more than this many spheres of at least this radius have their centres in a cell with these edges."""
+    """Bound the number of spheres of at least this radius whose centres fit in a cell with these edges."""
     dim = len(edges)
     one = math.pi ** (dim / 2) / math.gamma(dim / 2 + 1) * radius**dim
     return int(math.prod(edges + 2 * radius) / one) + 1
@@ -198,9 +198,9 @@ def worst_overlap(positions: Floats, radii: Floats, box: Floats, periodic: Bools
     Returns
     -------
     i, j, depth : int, int, float
-        The pair, i < j, and the sum of its radii less its distance: positive for an overlap. (0, 0, -inf) when no two
-        particles are near. Where so many particles share one place that looking at all pairs would never end, the worst
-        among a part of them that cannot all fit.
+        The pair, i < j, and the sum of its radii less its distance: positive for an overlap. (0, 0, -inf)
+        when no two particles are near. If too many particles are near one another for all pairs to be tried,
+        the worst overlap among some of them.
     """
     worst = (0, 0, -math.inf)
     classes = size_classes(radii)
@@ -234,7 +234,7 @@ def _deeper(
     box: Floats,
     periodic: Bools,
 ) -> tuple[int, int, float]:
-    """Return the deeper of the worst overlap so far and the worst of these pairs; of equals the first found."""
+    """Return the deeper of the worst overlap so far and the worst of these pairs; on a tie the first."""
     if not len(i):
         return worst
     depth = radii[i] + radii[j] - distances(positions, positions, i, j, box, periodic)

@@ -1,12 +1,12 @@
-"""Checkpoints: a simulation in a file, to go on from later, elsewhere, to the last bit.
+"""Checkpoints: a simulation in a file, which continues from it bit for bit, later and on any machine.
 
-The rows are the canonical state (`hardspheres.kernel`), so pending events, neighbour lists and windows need not be
-stored: they are found again from the rows. Stored are the scene that the simulation began with (from which shells
-and windows follow), the length of its epochs by now, the state that `kernel.layout` names, the clock, where the
-tallies began, and what was counted before. Every number is checked before a kernel sees it.
+The rows are the canonical state (`hardspheres.kernel`), so pending events, neighbour lists and windows are
+not stored: they are computed again from the rows. Stored are the scene that the simulation began with (from
+which shells and windows follow), the present length of its epochs, the state that `kernel.layout` names, the
+clock, where the tallies began, and what was counted before. Every number is checked before kernels use it.
 
-A checkpoint of another version of the package is taken as long as the version of the format is the same: that version changes
-with the content of the file and with whatever changes the bits of a trajectory.
+A checkpoint of another version of the package is accepted if the version of the format is the same. That
+version changes with the content of the file and with every change to the bits of a trajectory.
 """
 
 import json
@@ -39,7 +39,7 @@ def save(sim: "Simulation", path: str | PathLike[str]) -> None:
     Parameters
     ----------
     sim : Simulation
-        Any; it stays as it is.
+        Any; it is not changed.
     path : path
         The file, replaced whole.
 
@@ -85,7 +85,7 @@ def load(
 
 
 def to_arrays(sim: "Simulation") -> Arrays:
-    """Return what a checkpoint of a simulation consists of (views)."""
+    """Return the arrays of a checkpoint of a simulation (views)."""
     from hardspheres import __version__
 
     sim._engine.keep_clock()
@@ -108,7 +108,7 @@ def to_arrays(sim: "Simulation") -> Arrays:
 def restored(
     cls: "type[AnySimulation]", scene: Scene, arrays: Arrays, log: Any = None, search: str = "auto"
 ) -> "AnySimulation":
-    """Return another simulation in the state that `to_arrays` gave, unchecked: what copies are made of.
+    """Return a new simulation in the state that `to_arrays` gave, unchecked; used for copies.
 
     Parameters
     ----------
@@ -158,17 +158,17 @@ def from_arrays(
     _require_state(engine, arrays, about)
     _take_over(engine, arrays, about)
     _require_as_left(sim)
-    if log is not None:  # after all that may be refused: it begins its file anew
+    if log is not None:  # last, after all checks: it starts its file anew
         engine.sink = sink_of(log, engine.scene.dim)
     return sim
 
 
 def _not_yet(events: Any) -> None:
-    """Stands for the log until the checkpoint has been found to be sound."""
+    """Take the place of the log until the checkpoint has passed its checks."""
 
 
 def _read_about(arrays: Arrays) -> dict[str, Any]:
-    """Return what the file says about itself, every value checked by type and range."""
+    """Return the header of the file, every value checked by type and range."""
     try:
         about = json.loads(arrays["about"].tobytes())
         if about["format"] != FORMAT:
@@ -177,21 +177,21 @@ def _read_about(arrays: Arrays) -> dict[str, Any]:
         raise CheckpointError("it does not say that it is a checkpoint of hardspheres") from None
     if about.get("version") != VERSION:
         raise CheckpointError(
-            f"its format is version {about.get('version')!r}, written by hardspheres {about.get('package')!r}; this one reads "
-            f"version {VERSION}"
+            f"its format is version {about.get('version')!r}, written by hardspheres "
+            f"{about.get('package')!r}; this one reads version {VERSION}"
         )
     clock, since = about.get("clock"), about.get("tallied_since")
     if not _is_list(about.get("boundary"), str, str, str) and not _is_list(about.get("boundary"), str, str):
         raise CheckpointError("its boundary is not a list of words")
     if not _is_list(clock, int, float) or not _is_list(since, int, float, int, int):
-        raise CheckpointError("its clock or the beginning of its tallies is not what it should be")
+        raise CheckpointError("its clock or the start of its tallies is invalid")
     if not _is_list([about.get("epoch_length")], float):
         raise CheckpointError("its epoch has no length")
     return dict(about)
 
 
 def _is_list(values: Any, *types: type) -> bool:
-    """Whether this is a list of these types, whole numbers in the range of counters and others finite and not negative."""
+    """Whether this is a list of these types, with integers in range and floats finite and not negative."""
     if not isinstance(values, list) or [type(value) for value in values] != list(types):
         return False
     return all(isinstance(value, str) or (0 <= value < FOREVER and math.isfinite(value)) for value in values)
@@ -209,7 +209,7 @@ def _scene(arrays: Arrays, about: dict[str, Any]) -> Scene:
 
 
 def _with_epochs(engine: Engine, length: float) -> Engine:
-    """Return the engine with epochs of the length that the file tells, if the simulation can have come to them."""
+    """Return the engine with the epoch length of the file, if runs of this scene can reach that length."""
     usual = engine.length
     mantissa, _ = math.frexp(length)
     if length == usual:
@@ -221,7 +221,7 @@ def _with_epochs(engine: Engine, length: float) -> Engine:
 
 
 def _require_like(arrays: Arrays, fresh: Arrays) -> None:
-    """Require just the arrays that a fresh simulation of the scene has, in type and shape."""
+    """Require exactly the arrays of a fresh simulation of the scene, by name, type and shape."""
     names = {"about", *SCENE, *fresh}
     if set(arrays) != names:
         raise CheckpointError(f"it holds {sorted(set(arrays) ^ names)} too much or too little")
@@ -229,14 +229,15 @@ def _require_like(arrays: Arrays, fresh: Arrays) -> None:
         given = arrays[name]
         if given.dtype != array.dtype or given.shape != array.shape:
             raise CheckpointError(
-                f"{name} is {given.dtype} of shape {given.shape}; this scene has {array.dtype} of shape {array.shape}"
+                f"{name} is {given.dtype} of shape {given.shape}; this scene has {array.dtype} of shape "
+                f"{array.shape}"
             )
         if given.dtype.kind == "f" and not np.isfinite(given).all():
             raise CheckpointError(f"{name} holds a value that is not finite")
 
 
 def _require_state(engine: Engine, arrays: Arrays, about: dict[str, Any]) -> None:
-    """Require rows, clocks and counters that runs of this scene can reach, as far as the kernels rely on it."""
+    """Require rows, clocks and counters that runs of this scene can reach, as far as the kernels need it."""
     at, scene, length = engine.layout, engine.scene, engine.length
     counters = dict(zip(at.STATE_COUNTERS, arrays["counters"].tolist(), strict=True))
     numbers = dict(zip(at.STATE_NUMBERS, arrays["numbers"].tolist(), strict=True))
@@ -260,7 +261,7 @@ def _require_state(engine: Engine, arrays: Arrays, about: dict[str, Any]) -> Non
 
 
 def _require_flights(arrays: Arrays, fresh: Arrays, at: Any, epoch: int, length: float) -> None:
-    """Require flights of the species of the scene, begun before now or, where nobody knows when, as marked at the start."""
+    """Require flights that fit the species of the scene and began before now, or are marked as unknown."""
     flight, began_fresh = (a["flight"].reshape(-1, at.FLIGHT) for a in (arrays, fresh))
     began, began_epoch = flight[:, at.BEGAN], flight[:, at.BEGAN_EPOCH]
     if not np.array_equal(flight[:, at.SPECIES], began_fresh[:, at.SPECIES]) or not np.all(
@@ -274,7 +275,7 @@ def _require_flights(arrays: Arrays, fresh: Arrays, at: Any, epoch: int, length:
 
 
 def _require_rows(scene: Scene, fresh: Any, rows: Any, at: Any, now: float) -> None:
-    """Require times of this epoch, energy as at the start, and places that flights from within the box can reach."""
+    """Require times within this epoch, the initial energy, and positions that particles can have reached."""
     x, v, t = rows[:, at.X : at.X + scene.dim], rows[:, at.V : at.V + scene.dim], rows[:, at.T]
     used = at.T + 1
     if not np.array_equal(rows[:, used:], fresh[:, used:]):
@@ -296,7 +297,7 @@ def _require_rows(scene: Scene, fresh: Any, rows: Any, at: Any, now: float) -> N
 
 
 def _spare(scene: Scene) -> float:
-    """How far a coordinate may be off by rounding, with room to spare."""
+    """Upper bound on the rounding error of a coordinate."""
     return max(4.0 * contact_tolerance(scene.box), LEFT_BY_ROUNDING * 2.0 * float(scene.radii.max()))
 
 

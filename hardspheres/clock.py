@@ -1,10 +1,10 @@
-"""Time as two numbers: whole epochs, a power of two long, and the time within one; so it stays fine however long a run is."""
+"""Time as two numbers, whole epochs and the time within one, so that its resolution never degrades."""
 
 import math
 
 __all__ = ["FOREVER", "carried", "recounted"]
 
-FOREVER = 2**62  # no clock or counter gets that far
+FOREVER = 2**62  # no clock or counter reaches this
 
 
 def carried(epoch: int, moment: float, length: float) -> tuple[int, float]:
@@ -21,7 +21,7 @@ def recounted(epoch: int, moment: float, before: float, length: float) -> tuple[
     epoch, moment : int and float
         Whole epochs, and the time within this one.
     before, length : float
-        How long they were counted, and are to be.
+        Lengths of the old and of the new epochs.
 
     Returns
     -------

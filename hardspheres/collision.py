@@ -1,25 +1,27 @@
 r"""The elastic collision of two spheres of any masses, and the time until they touch.
 
-Two spheres with masses :math:`m_1, m_2` and velocities :math:`\mathbf v_1, \mathbf v_2` touch; the line of centres
-runs along :math:`\mathbf r = \mathbf x_1 - \mathbf x_2`, its unit vector is :math:`\mathbf n = \mathbf r / |\mathbf r|`.
-Smooth spheres push each other along :math:`\mathbf n` only, so each velocity is split in two parts:
+Two spheres with masses :math:`m_1, m_2` and velocities :math:`\mathbf v_1, \mathbf v_2` touch; the line of
+centres runs along :math:`\mathbf r = \mathbf x_1 - \mathbf x_2`, its unit vector is :math:`\mathbf n =
+\mathbf r / |\mathbf r|`. The impulse between smooth spheres acts along :math:`\mathbf n`, so each velocity is
+split in two parts:
 
-1. Across the line of centres nothing acts: :math:`\mathbf v_k - (\mathbf v_k \cdot \mathbf n)\,\mathbf n` stays as it is.
-2. Along it the parts :math:`v_k = \mathbf v_k \cdot \mathbf n` collide as two beads on a wire do. Momentum and kinetic
-   energy are kept,
+1. No force acts perpendicular to the line of centres: :math:`\mathbf v_k - (\mathbf v_k \cdot \mathbf
+   n)\,\mathbf n` is unchanged.
+2. Along it the parts :math:`v_k = \mathbf v_k \cdot \mathbf n` change as in a collision in one dimension.
+   Momentum and kinetic energy are conserved,
 
    .. math:: m_1 v_1 + m_2 v_2 = m_1 v_1' + m_2 v_2', \qquad
              \tfrac12 m_1 v_1^2 + \tfrac12 m_2 v_2^2 = \tfrac12 m_1 v_1'^2 + \tfrac12 m_2 v_2'^2 .
 
-3. Collect each sphere on one side: :math:`m_1 (v_1 - v_1') = m_2 (v_2' - v_2)` and
-   :math:`m_1 (v_1 - v_1')(v_1 + v_1') = m_2 (v_2' - v_2)(v_2' + v_2)`. Dividing (something did change) leaves
-   :math:`v_1 + v_1' = v_2 + v_2'`: the relative velocity along the line of centres turns round.
+3. Collect each sphere on one side: :math:`m_1 (v_1 - v_1') = m_2 (v_2' - v_2)` and :math:`m_1
+   (v_1 - v_1')(v_1 + v_1') = m_2 (v_2' - v_2)(v_2' + v_2)`. Dividing (the velocities did change) leaves
+   :math:`v_1 + v_1' = v_2 + v_2'`: the relative velocity along the line of centres is reversed.
 4. Put :math:`v_2' = v_1 + v_1' - v_2` into the conservation of momentum and solve:
 
    .. math:: v_1' = \frac{(m_1 - m_2) v_1 + 2 m_2 v_2}{m_1 + m_2}, \qquad
              v_2' = \frac{2 m_1 v_1 + (m_2 - m_1) v_2}{m_1 + m_2} .
 
-   This is the rule that the package grew from: `seed_rule`.
+   This is the rule for a collision in one dimension, `one_dimensional_rule`.
 5. The same as an exchange of momentum: :math:`m_1 (v_1' - v_1) = -2 \mu (v_1 - v_2)` with the reduced mass
    :math:`\mu = m_1 m_2 / (m_1 + m_2)`. With :math:`b = \mathbf r \cdot (\mathbf v_1 - \mathbf v_2)`, so that
    :math:`v_1 - v_2 = b / |\mathbf r|`, and :math:`\mathbf n = \mathbf r / |\mathbf r|`,
@@ -28,24 +30,27 @@ Smooth spheres push each other along :math:`\mathbf n` only, so each velocity is
              \mathbf v_1' = \mathbf v_1 + \Delta \mathbf p / m_1, \quad
              \mathbf v_2' = \mathbf v_2 - \Delta \mathbf p / m_2 .
 
-   No square root, no unit vector. The actual :math:`\mathbf r \cdot \mathbf r` stands in it and never the squared contact
-   distance :math:`\sigma^2`: then kinetic energy is kept to a rounding for *any* :math:`\mathbf r`, however the contact was
-   rounded. This form is `impulse`, and the engine runs it; where masses differ, as `impulse_of_masses`.
+   No square root, no unit vector. It contains the actual :math:`\mathbf r \cdot \mathbf r`, not the squared
+   contact distance :math:`\sigma^2`: kinetic energy is then conserved to a rounding for *any* :math:`\mathbf
+   r`, however the contact was rounded. The engine uses this form, `impulse`; where masses differ,
+   `impulse_of_masses`.
 
-When do they touch? In free flight :math:`|\mathbf r + \mathbf v t|^2 = \sigma^2` with :math:`\mathbf v = \mathbf v_1 - \mathbf v_2`
-is :math:`v^2 t^2 + 2 b t + c = 0`, :math:`c = r^2 - \sigma^2`. The first root is :math:`t = (-b - \sqrt D) / v^2` with
-:math:`D = b^2 - v^2 c`; multiplied by :math:`(-b + \sqrt D)` above and below it becomes
+When do they touch? In free flight :math:`|\mathbf r + \mathbf v t|^2 = \sigma^2` with :math:`\mathbf v =
+\mathbf v_1 - \mathbf v_2` is :math:`v^2 t^2 + 2 b t + c = 0`, :math:`c = r^2 - \sigma^2`. The first root is
+:math:`t = (-b - \sqrt D) / v^2` with :math:`D = b^2 - v^2 c`; multiplied by :math:`(-b + \sqrt D)` above and
+below it becomes
 
 .. math:: t = \frac{c}{-b + \sqrt D} ,
 
-which subtracts nothing for approaching spheres (:math:`b < 0`). Bannerman, Strobl, Formella and Poeschel (2014,
-doi:10.1007/s40571-014-0021-8) show that the rule "receding: never; overlapping and approaching: now; else this root" stays
-stable however the rounding falls. Lagrange's identity :math:`b^2 = v^2 r^2 - |\mathbf r \times \mathbf v|^2` turns
-:math:`D` into :math:`v^2 \sigma^2 - |\mathbf r \times \mathbf v|^2`, in which nothing of size :math:`v^2 r^2` cancels: spheres
-a thousand diameters apart find each other as exactly as neighbours do.
+which has no cancellation for approaching spheres (:math:`b < 0`). Bannerman, Strobl, Formella and Poeschel
+(2014, doi:10.1007/s40571-014-0021-8) show that the rule "receding: never; overlapping and approaching: now;
+else this root" stays stable however the rounding falls. Lagrange's identity :math:`b^2 = v^2 r^2 - |\mathbf r
+\times \mathbf v|^2` turns :math:`D` into :math:`v^2 \sigma^2 - |\mathbf r \times \mathbf v|^2`, in which no
+terms of size :math:`v^2 r^2` cancel: contacts of spheres a thousand diameters apart are as accurate as those
+of neighbours.
 
-The functions hold no loops and know no number type: Numba compiles them into the engine, and the reference solver
-feeds them with floats or with 50-digit numbers.
+The functions have no loops and assume no number type: Numba compiles them into the engine, and the reference
+solver calls them with floats or with 50-digit numbers.
 """
 
 from collections.abc import Sequence
@@ -58,13 +63,13 @@ __all__ = [
     "elastic_collision",
     "impulse",
     "impulse_of_masses",
-    "seed_rule",
+    "one_dimensional_rule",
 ]
 
 Number = Any  # float, numpy.float64, mpmath.mpf, fractions.Fraction: anything with + - x / and <
 
 
-def seed_rule(m1: Number, v1: Number, m2: Number, v2: Number) -> tuple[Number, Number]:
+def one_dimensional_rule(m1: Number, v1: Number, m2: Number, v2: Number) -> tuple[Number, Number]:
     """Velocities along the line of centres after the collision (equation 4 of the module's text).
 
     Parameters
@@ -104,11 +109,11 @@ def impulse(b: Number, rr: Number, reduced_mass: Number) -> Number:
 
 
 def impulse_of_masses(b: Number, rr: Number, mass1: Number, mass2: Number) -> Number:
-    """Momentum as `impulse` gives it, in the form that has no favourite rounding for two unequal masses.
+    """Momentum as by `impulse`, in a form whose rounding is symmetric under exchange of unequal masses.
 
-    A reduced mass, computed once for a pair, is off by the same part of a rounding in each of its collisions, and the energy
-    goes one way: by up to 5e-16 / N for each collision. Here each mass is multiplied by b / r.r first, which differs every time,
-    so every rounding does.
+    A reduced mass computed once for a pair has the same rounding error in all its collisions, which makes the
+    energy drift by up to 5e-16 / N per collision. Here each mass is multiplied by b / r.r first, which
+    differs every time, so that the roundings are independent.
 
     Parameters
     ----------
@@ -127,7 +132,7 @@ def impulse_of_masses(b: Number, rr: Number, mass1: Number, mass2: Number) -> Nu
 
 
 def discriminant_2d(x: Number, y: Number, u: Number, v: Number, sigma2: Number) -> Number:
-    """Discriminant v^2 sigma^2 - |r x v|^2 for discs: r = (x, y), velocity (u, v), squared contact distance sigma2."""
+    """Discriminant v^2 sigma^2 - |r x v|^2 for discs: r = (x, y), velocity (u, v), sigma2 = sigma^2."""
     cross = x * v - y * u
     return (u * u + v * v) * sigma2 - cross * cross
 
@@ -157,8 +162,8 @@ def contact_time(b: Number, c: Number, root: Number) -> Number:
     Returns
     -------
     number
-        c / (-b + root) >= 0; 0 for spheres that approach and overlap already; infinity for spheres that recede or miss.
-        The error of the contact distance is a few roundings of the separation.
+        c / (-b + root) >= 0; 0 for spheres that approach and overlap already; infinity for spheres that
+        recede or miss. The error of the contact distance is a few roundings of the separation.
 
     References
     ----------

@@ -1,17 +1,20 @@
-"""Dense random starts: spheres that fly, collide and grow until they fill what was asked for.
+"""Dense random starts: spheres that move, collide and grow up to the packing fraction asked for.
 
-The compression of Lubachevsky and Stillinger (J. Stat. Phys. 60, 561 (1990), doi:10.1007/BF01025983), in the engine that runs
-everything else. Spheres are placed at random where that is easy, get thermal velocities, and all radii grow by a common scale,
-linearly in time, while the box stays as it is. The work is done in stages: at the end of one the kinetic energy, which every
-collision of growing spheres raises, goes back to what it was, and the engine is made anew with lists and cells for the next size.
+The compression of Lubachevsky and Stillinger (J. Stat. Phys. 60, 561 (1990), doi:10.1007/BF01025983), in the
+engine that runs everything else. Spheres are placed at random at a lower density and get thermal velocities;
+then all radii grow by a common scale, linearly in time, in a box of fixed size. Growth proceeds in stages: at
+the end of each the kinetic energy, which every collision of growing spheres raises, is rescaled to its
+initial value, and the engine is built again with lists and cells for the next size.
 
-**How fast.** The rate is gamma, the speed at which a mean diameter grows over the thermal speed. In a thin gas it matters
-little. Near freezing the fluid needs time to follow; beyond it, fast growth gives glass and very slow growth crystals. So gamma
-falls with the pressure from 0.1 to 0.004 and stays there until the spheres jam; others take 0.001 and less to jam slowly (Donev,
-Torquato, Stillinger 2005, doi:10.1016/j.jcp.2004.08.014; Skoge and others 2006, doi:10.1103/PhysRevE.74.041127). Spheres that jam at
+**How fast.** The rate is gamma, the speed at which a mean diameter grows over the thermal speed. In a dilute
+gas it has little effect. Near freezing the fluid needs time to equilibrate; at higher density, fast growth
+gives a glass and very slow growth crystals. So gamma falls with the pressure from 0.1 to 0.004 and stays
+there until the spheres jam; others take 0.001 and less to jam slowly (Donev, Torquato, Stillinger 2005,
+doi:10.1016/j.jcp.2004.08.014; Skoge and others 2006, doi:10.1103/PhysRevE.74.041127). Spheres that jam at
 0.647 with 0.004 do so at 0.649 with 0.001, after four times as many collisions.
 
-All masses are equal meanwhile: where particles are in equilibrium does not depend on their masses, and heavy ones would be slow.
+All masses are equal during growth: equilibrium positions do not depend on masses, and heavy particles would
+relax slowly.
 """
 
 import math
@@ -35,18 +38,19 @@ Floats = NDArray[np.float64]
 
 GROWTH = 0x67726F77  # name of the stream that the velocities of the growth are drawn from
 EASY = {2: 0.40, 3: 0.30}  # packing fraction that random placement reaches at once
-MARGIN = 1e-10  # relative excess of the radii meanwhile, so that the rounding of contacts leaves no overlap
+# relative excess of the radii during growth, so that the rounding of contacts leaves no overlap
+MARGIN = 1e-10
 FASTEST, SLOWEST = 0.1, 0.004  # gamma
 THIN = 5.0  # compressibility factor up to which gamma is the fastest; from there it falls as its inverse cube
 LARGEST_STEP = 0.05  # of the scale in one stage, relative
-PART_OF_GAP = 0.25  # of the room that is left, in one stage: that is 1/Z of a diameter
+PART_OF_GAP = 0.25  # of the remaining gap, in one stage: the gap is 1/Z of a diameter
 JAMMED = 1e5  # compressibility factor at which the growth gives up: 1e-5 of a diameter is left
 RELAXATION = {2: 300, 3: 100}  # collisions per particle at the final size
-ATTEMPTS, HASTE = 3, 3.0  # if the result has ordered, how often to try, each time so much faster
+ATTEMPTS, HASTE = 3, 3.0  # number of attempts if the result orders, and the factor on the rate for each
 ORDERED = {2: 0.5, 3: 0.1}  # psi6, Q6 above which a scene of many particles is no fluid,
 FLUCTUATION = {2: 20.0, 3: 4.0}  # or this over sqrt(N), if more: three times what dense fluids show, or more
 HEXATIC = 0.70  # packing fraction from which discs order by themselves
-SLICE = 0.1  # seconds after which control comes back to Python
+SLICE = 0.1  # seconds after which control returns to Python
 
 
 def compressed_gas(
@@ -63,17 +67,19 @@ def compressed_gas(
 ) -> Scene:
     """Make a dense gas without order: particles placed at random grow to their size while they collide.
 
-    The growth is that of Lubachevsky and Stillinger (1990, doi:10.1007/BF01025983), see `hardspheres.compression`. At full size the
-    particles move on for 100 collisions per particle (300 in 2D). After that the pressure of a fluid shows no drift (up to 0.49 in 3D
-    and 0.68 in 2D); a denser one has no time to forget how it was made. Equal spheres jam near 0.645, discs (in grains of
-    crystal) near 0.88, mixtures as the sizes allow. The box is a cube or square.
+    The growth is that of Lubachevsky and Stillinger (1990, doi:10.1007/BF01025983), see
+    `hardspheres.compression`. At full size the gas relaxes for 100 collisions per particle (300 in 2D). After
+    that the pressure of a fluid shows no drift (up to 0.49 in 3D and 0.68 in 2D); a denser system keeps
+    traces of its preparation. Equal spheres jam near 0.645, discs (in grains of crystal) near 0.88, mixtures
+    as the sizes allow. The box is a cube or square.
 
-    Equal particles in 3D must have stayed fluid or glassy: the scene's bond-orientational order Q6 (`bond_order`) is at
-    most 0.1, or 4/sqrt(n) where that is more. Equal discs must have psi6 of at most 0.5, or 20/sqrt(n), up to a packing fraction
-    of 0.70: from there to 0.72 they turn hexatic and then solid by themselves (Bernard, Krauth 2011,
-    doi:10.1103/PhysRevLett.107.155704), so order is then no fault, and psi6 is not judged. It moves slowly there, over far
-    more than 300 collisions per particle: a scene is neither ordered nor disordered as in equilibrium. With few particles a fluid's order
-    by chance is as large as a crystal's (n < 50 in 3D, n < 400 in 2D), and nothing is refused.
+    Equal particles in 3D must have stayed fluid or glassy: the scene's bond-orientational order Q6
+    (`bond_order`) is at most 0.1, or 4/sqrt(n) where that is more. Equal discs must have psi6 of at most 0.5,
+    or 20/sqrt(n), up to a packing fraction of 0.70: from there to 0.72 they become hexatic and then solid
+    spontaneously (Bernard, Krauth 2011, doi:10.1103/PhysRevLett.107.155704), so that order is expected, and
+    psi6 is not tested. It relaxes slowly there, over far more than 300 collisions per particle: the order of
+    a scene is not that of equilibrium. With few particles a fluid's order by chance is as large as a
+    crystal's (n < 50 in 3D, n < 400 in 2D), and nothing is refused.
 
     Parameters
     ----------
@@ -86,15 +92,15 @@ def compressed_gas(
     boundary : str or sequence of str
         ``"periodic"`` or ``"wall"``, for all axes or one word for each.
     velocities : str
-        ``"maxwell"``, ``"equal-speeds"``, ``"two-temperatures"`` or ``"beams"``; see `draw_velocities`. They are drawn when the
-        growth is over.
+        ``"maxwell"``, ``"equal-speeds"``, ``"two-temperatures"`` or ``"beams"``; see `draw_velocities`. They
+        are drawn when the growth is over.
     temperature : float
         kT, in units of energy.
     radii, masses : float or (n,) array_like
         Radii and masses. The masses play no part in the growth.
     seed : int or numpy.random.SeedSequence
-        Source of all random choices; the same seed gives the same scene. Another choice of velocities leaves the
-        positions as they are.
+        Source of all random choices; the same seed gives the same scene. Another choice of velocities leaves
+        the positions as they are.
 
     Returns
     -------
@@ -104,8 +110,8 @@ def compressed_gas(
     Raises
     ------
     SceneError
-        When an argument is not as above; when the particles jam before (the message gives the packing fraction reached); when
-        equal particles have ordered, also with faster growth.
+        When an argument is not as above; when the particles jam before (the message gives the packing
+        fraction reached); when equal particles have ordered, also with faster growth.
     """
     n, dim, filled, sizes, weights = checked_arguments(n, packing_fraction, dim, radii, masses)
     words = boundary_words(boundary, dim)
@@ -125,15 +131,17 @@ def compressed_gas(
         worst = max(worst, order.value)
     name = "Q6" if dim == 3 else "psi6"
     raise SceneError(
-        f"the particles ordered in each of {ATTEMPTS} attempts, with {name} up to {worst:.3f} at packing fraction "
-        f"{packing_fraction}; take another seed or packing fraction, or lattice_gas where a crystal is wanted"
+        f"the particles ordered in each of {ATTEMPTS} attempts, with {name} up to {worst:.3f} at packing "
+        f"fraction {packing_fraction}; take another seed or packing fraction, or lattice_gas where a crystal "
+        "is wanted"
     )
 
 
 def order_of_crystal(scene: Scene) -> BondOrder | None:
-    """Return the bond order of a scene that is no fluid or glass, and None for one that is or cannot be judged.
+    """Return the bond order of a scene that has ordered; None for one that has not or cannot be judged.
 
-    Judged are equal particles, discs below a packing fraction of 0.70 only; see `compressed_gas` for the limits.
+    Judged are equal particles, discs below a packing fraction of 0.70 only; see `compressed_gas` for the
+    limits.
     """
     if scene.n < 2 or scene.radii.min() < scene.radii.max():
         return None
@@ -147,7 +155,7 @@ def order_of_crystal(scene: Scene) -> BondOrder | None:
 def _start(
     radii: Floats, packing_fraction: float, box: Floats, boundary: tuple[str, ...], seed: Seed
 ) -> Scene:
-    """Particles of half the volume or less, placed at random, with thermal velocities of a diameter in a unit of time."""
+    """Particles of at most half the volume at random positions; thermal velocities, a diameter per time."""
     dim = len(box)
     periodic = np.array([word == "periodic" for word in boundary])
     part = min(EASY[dim], 0.5 * packing_fraction) / packing_fraction
@@ -178,18 +186,18 @@ def _complete(compression: "Compression") -> None:
         radii = compression.scene.radii
         advice = ", or start from lattice_gas if a crystal will do" if radii.min() == radii.max() else ""
         raise SceneError(
-            f"the growth jammed at packing fraction {compression.packing_fraction:.4f} (compressibility factor "
-            f"{compression.pressure:.2g}); ask for less than that{advice}"
+            f"the growth jammed at packing fraction {compression.packing_fraction:.4f} (compressibility "
+            f"factor {compression.pressure:.2g}); ask for less than that{advice}"
         )
 
 
 class Compression:
-    """Spheres on their way to full size.
+    """A compression in progress.
 
     Parameters
     ----------
     scene : Scene
-        Where they start; radii smaller than the full ones, in the same proportions.
+        Initial state; radii smaller than the full ones, in the same proportions.
     radii : (N,) array
         Full radii.
     haste : float
@@ -224,7 +232,7 @@ class Compression:
         return self.scene.packing_fraction
 
     def grow(self) -> None:
-        """Grow for one stage: by a fraction of the room that is left, and not beyond full size."""
+        """Grow for one stage: by a fraction of the remaining gap, at most to full size."""
         gamma = FASTEST * min(1.0, (THIN / self.pressure) ** 3)
         speed = math.sqrt(2.0 * self._energy / (self.scene.dim * self.scene.n))
         rate = max(gamma, SLOWEST) * self._haste * speed / self._diameter
@@ -233,13 +241,13 @@ class Compression:
         self._run(rate, until, (until - self.scale) / rate)
 
     def relax(self, collisions_per_particle: float) -> None:
-        """Let the spheres move at their present size."""
+        """Run at the present size, without growth."""
         pairs = math.ceil(0.5 * collisions_per_particle * self.scene.n)
         self._run(0.0, self.scale, pairs / self._collision_rate, pairs)
 
     @property
     def _collision_rate(self) -> float:
-        """Expected pair collisions in a unit of time: by the pressure, Z - 1 = (sigma/2d) sqrt(pi m/kT) nu, or by theory."""
+        """Expected pair collisions per unit time: by Z - 1 = (sigma/2d) sqrt(pi m/kT) nu, or by theory."""
         scene = self.scene
         speed = math.sqrt(2.0 * self._energy / (scene.dim * scene.n))
         by_pressure = (
@@ -252,7 +260,7 @@ class Compression:
         return 0.5 * scene.n * max(by_pressure, collision_frequency(scene))
 
     def _run(self, rate: float, until: float, duration: float, pairs: int | None = None) -> None:
-        """One stage: the scale grows to `until`, unless there are far more collisions than expected before that."""
+        """One stage: the scale grows to `until`, or less if there are far more collisions than expected."""
         limit = pairs or math.ceil(3.0 * duration * self._collision_rate) + 10 * self.scene.n
         last = self.scene.with_state(self.scene.positions, self.scene.velocities, self._radii * until)
         engine = Engine(last, growth=(self.scale / until, rate / until))
@@ -279,7 +287,7 @@ class Compression:
         return over
 
     def _read(self, engine: Engine, passed: float, moment: float) -> None:
-        """Take the rows, flown to one moment, as the scene; measure the pressure and restore the energy."""
+        """Make the scene from the rows, moved to one time; measure the pressure and restore the energy."""
         at, scene = engine.layout, self.scene
         rows = engine.rows
         velocities = rows[:, at.V : at.V + scene.dim].copy()

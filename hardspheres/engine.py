@@ -1,4 +1,4 @@
-"""The engine's state: a scene turned into the kernels' arrays, with room found for them as it is needed, and the clock."""
+"""The engine's state: the kernels' arrays of a scene, which grow as needed, and the clock."""
 
 import copy
 import math
@@ -28,9 +28,9 @@ from hardspheres.tuning import (
     window_plan,
 )
 
-EVENTS_PER_BUCKET = {False: 8, True: 32}  # more of them, where what they need is fetched ahead
-CACHED = 16000  # particles that the caches of a core hold
-CACHED_AT_ALL = 48000  # particles that those hold which cores share
+EVENTS_PER_BUCKET = {False: 8, True: 32}  # more of them where their data are prefetched
+CACHED = 16000  # particles that fit the caches of a core
+CACHED_AT_ALL = 48000  # particles that fit the caches that cores share
 MOST_ENTRIES = 2**31 - 1  # of a table: its places are kept in 32 bits
 MOST_SEGMENTS = 2**26 - 2  # of windows: their slots have as many bits, see `kernel.dilute.pair_table`
 COLUMN = 3.3  # width of a column of cells along x and z, in the overhang of segments
@@ -53,7 +53,7 @@ def aligned(size: int, dtype: type) -> Any:
 
 
 def image_shifts(cells: Any, widths: Any) -> Any:
-    """Return how far bounding boxes are shifted in each image: -1, 0 or 1 box along each axis (two bits of its code)."""
+    """Return the shifts of bounding boxes by image: -1, 0 or 1 box along each axis (two bits of its code)."""
     shifts = aligned(64, np.int64)
     ends = shifts.view(np.uint8).reshape(64, 8)
     for code in range(64):
@@ -69,14 +69,14 @@ class Engine:
     Parameters
     ----------
     scene : Scene
-        Where to start.
+        Initial state.
     growth : (float, float), optional
-        The radii are those of the scene times a scale: its value at the start, and how much it grows in a unit of time. It
-        must not pass 1, which is what the lists are made for.
+        The radii are those of the scene times a scale: its initial value, and its rate of growth. It must not
+        exceed 1, for which the lists are made.
     flights : bool
         Tally free flights.
     logs : bool
-        Have room for the events' log, which `sink` takes; needs `flights`.
+        Keep a log of events, which `sink` receives; needs `flights`.
     search : str
         One of `tuning.SEARCHES`; spheres that grow have lists.
 
@@ -87,11 +87,12 @@ class Engine:
     layout : module
         Those names, for this kind of scene.
     flights : FlightTallies or None
-        What the tallies of flights mean.
+        The layout of the tallies of flights.
     sink : callable or None
-        Takes chunks of the events' log; to be set by whoever has one.
+        Receives chunks of the event log; set by the owner of one.
     now : (int, float)
-        The time: whole epochs, and the time within this one. Where a run was asked to stop, or at the last event.
+        The time: whole epochs, and the time within this one. It is the end of the last run, or that of its
+        last event.
     since : (int, float, int, int)
         Where the tallies began: epoch, time within it, pair collisions, wall collisions.
     earlier : array
@@ -132,7 +133,8 @@ class Engine:
         row[n * at.ROW :] = math.nan
         table = row[: n * at.ROW].reshape(n, at.ROW)
         table[:, at.X : at.X + dim] = scene.positions
-        # Without negative zeros, which a sum with a zero keeps or loses depending on its order. No collision makes one.
+        # Without negative zeros: a sum with zero keeps or loses their sign depending on its order. No
+        # collision creates one.
         table[:, at.V : at.V + dim] = scene.velocities + 0.0
         if sizes:
             table[:, at.RADIUS] = scene.radii
@@ -210,7 +212,7 @@ class Engine:
         number[at.CUTOFF] = (
             2.0 * shell * (1.0 + SLACK) + rounding + (2.0 * scene.radii[0] if one_size else 0.0)
         )
-        # Where more than one image of a pair can matter, lists say which one they mean.
+        # Where more than one image of a pair can matter, lists store the image index.
         few = bool(np.any(np.array(cells)[scene.periodic] < 3))
         count[at.IMAGES] = int(few or shell > widest_shell_of_one_image(scene))
         lanes = at.CELL_LANES
@@ -352,7 +354,7 @@ class Engine:
         }
 
     def _columns(self, count: Any) -> dict[str, Any]:
-        """Return the table of columns of cells: those one cell beyond a wall are all one, which is empty."""
+        """Return the table of columns of cells; all those one cell beyond a wall are one empty column."""
         nx, _, nz = count[self.layout.CELLS : self.layout.CELLS + 3].tolist()
         x, z = (np.arange(-1, cells + 1) for cells in (nx, nz))
         periodic = dict(enumerate(self.scene.periodic.tolist()))
@@ -387,12 +389,12 @@ class Engine:
 
     @property
     def last_event(self) -> tuple[int, float]:
-        """When the last event was: its epoch, and the time within that one."""
+        """Time of the last event: its epoch, and the time within that one."""
         at, arrays = self.layout, self.arrays
         return int(arrays.counter[at.EPOCH]), max(float(arrays.number[at.NOW]), 0.0)
 
     def keep_clock(self) -> None:
-        """Set the time to that of the last event, where that is later than what was asked for before."""
+        """Set the time to that of the last event, if that is later."""
         self.now = max(self.now, self.last_event)
 
     @property
@@ -404,7 +406,8 @@ class Engine:
     def tallied(self) -> Any:
         """Return what was tallied since `since`, in one row.
 
-        Virial and kinetic tensor, (d, d) each; wall impulses, and these times radii, (d, 2) each: `simulation.Tallies`.
+        Virial and kinetic tensor, (d, d) each; wall impulses, and these times radii, (d, 2) each: as in
+        `simulation.Tallies`.
         """
         at, dim = self.layout, self.scene.dim
         v = self.rows[:, at.V : at.V + dim].copy()
@@ -413,9 +416,10 @@ class Engine:
         return row
 
     def tallied_by_events(self) -> Any:
-        """Return the same but for what all particles have to be asked for.
+        """Return what `tallied` does, less the part of the kinetic tensor that needs all velocities.
 
-        Integral of K from t0 to t1 = K(t1) (t1 - t0) - sum over events of dK (t - t0): the first term is missing.
+        The integral of K from t0 to t1 is K(t1) (t1 - t0) - sum over events of dK (t - t0): the first term is
+        missing.
         """
         at, total, dim = self.layout, self.arrays.total, self.scene.dim
         epoch, moment, *_ = self.since
@@ -440,32 +444,33 @@ class Engine:
 
     @property
     def due(self) -> float:
-        """Length that epochs ought to have from now on, by the mean square speed at the beginning of this one."""
+        """Length of epochs from now on, by the mean square speed at the beginning of this one."""
         at, number, epoch = self.layout, self.arrays.number, int(self.arrays.counter[self.layout.EPOCH])
         length, v2 = self.length, float(number[at.MEAN_SQUARE])
         if v2 >= number[at.UPPER_MEAN_SQUARE]:
             return epoch_length_at(self.scene, v2)
         if v2 < number[at.LOWER_MEAN_SQUARE] and epoch % 16 == 0:
             longest = min(epoch_length_at(self.scene, v2), epoch_length(self.scene))
-            return min(longest, length * (epoch & -epoch))  # it begins where a longer one would
+            return min(longest, length * (epoch & -epoch))  # it begins at a multiple of the longer one
         return length
 
     def in_pace(self) -> "Engine":
-        """Return this engine, or one with other epochs where the last one left particles behind that are far faster or slower."""
+        """Return this engine, or one with another epoch length if speeds have changed much."""
         length = self.due
         if length == self.length:
             return self
         if recounted(self.last_event[0], 0.0, self.length, length)[0] >= FOREVER:
             epoch, moment = self.now
             raise SimulationError(
-                f"at a time of {epoch * self.length + moment:.3g} particles have become so fast that it can no longer be counted"
+                f"at time {epoch * self.length + moment:.3g} particles have become so fast that epochs can "
+                "no longer be counted"
             )
         return self.with_epochs(length)
 
     def with_epochs(self, length: float) -> "Engine":
-        """Return this engine, at the beginning of an epoch, with epochs of another length, a power of two times this one.
+        """Return this engine, at the start of an epoch, with epochs longer or shorter by a power of two.
 
-        Rows and times stay; what counts epochs is counted in the new ones.
+        Rows and times are unchanged; counts of epochs are converted to the new length.
         """
         at, old, before = self.layout, self.arrays, self.length
         number, count, total, flight = (a.copy() for a in (old.number, old.counter, old.total, old.flight))
@@ -491,8 +496,8 @@ class Engine:
         return other
 
     def run(self, stop_epoch: int, stop_time: float, stop_pairs: int, budget: int) -> bool:
-        """Execute events up to a time or a number of pair collisions; False where the budget of work ran out first."""
-        # An interrupt before the result is known costs a new search and no more.
+        """Execute events up to a time or a number of pair collisions; False if the budget ran out first."""
+        # An interrupt before the result is known costs only a new search.
         afresh, self._afresh = self._afresh, True
         status = self.kernels.run(
             self.arrays, self.cells, self.blocks, afresh, stop_epoch, stop_time, stop_pairs, budget
@@ -510,13 +515,13 @@ class Engine:
         if status == self.kernels.STANDS_STILL:
             raise SimulationError(
                 f"time stands still: {1000 * self.scene.n} events without progress at "
-                f"{self.arrays.counter[self.layout.PAIRS]} collisions; the particles touch on all sides (a jammed packing), "
-                "so give them room"
+                f"{self.arrays.counter[self.layout.PAIRS]} collisions; the particles touch on all sides (a "
+                "jammed packing), so give them room"
             )
         return bool(status == self.kernels.DONE)
 
     def hand_over_log(self) -> None:
-        """Hand the events in the buffer over, in a chunk of their own; at most once, whatever becomes of them."""
+        """Pass the buffered events to the sink, in a chunk of their own; at most once, also on failure."""
         at, arrays = self.layout, self.arrays
         logged = int(arrays.counter[at.LOGGED])
         if self.sink is not None and logged:
@@ -530,7 +535,7 @@ class Engine:
         return self.arrays.row.reshape(-1, self.layout.ROW)[: self.scene.n]
 
     def state(self) -> dict[str, Any]:
-        """Return the arrays from which everything else can be found again (views): see `kernel.layout`."""
+        """Return the arrays from which everything else can be computed (views): see `kernel.layout`."""
         at = self.layout
         arrays = {name: getattr(self.arrays, array) for name, array in at.STATE_ARRAYS.items()}
         numbers, counters = list(at.STATE_NUMBERS), list(at.STATE_COUNTERS)
@@ -545,13 +550,13 @@ class Engine:
         }
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Take over a state as `state` gives it, checked by the caller; what follows from it is found again."""
+        """Restore a state from `state`, checked by the caller; everything else is computed from it."""
         at, arrays = self.layout, self.arrays
         for name, array in self.state().items():
             array[...] = state[name]
         arrays.number[list(at.STATE_NUMBERS)] = state["numbers"]
         arrays.counter[list(at.STATE_COUNTERS)] = state["counters"]
-        # The search begins in the bucket of the last event: whatever is to come lies there or later.
+        # The search begins in the bucket of the last event: all coming events lie there or later.
         last = int(arrays.counter[at.EPOCH_BUCKETS]) - 1
         arrays.counter[at.BUCKET] = min(
             int(max(arrays.number[at.NOW], 0.0) * arrays.number[at.INVERSE_WIDTH]), last
@@ -560,7 +565,7 @@ class Engine:
 
     @property
     def method(self) -> str:
-        """How partners are searched for."""
+        """The search method in words."""
         if self.arrays.counter[self.layout.WINDOW_BUCKETS]:
             return "windows of time" + ", two grids" * bool(len(self.large))
         images = bool(self.arrays.counter[self.layout.IMAGES])
@@ -569,5 +574,5 @@ class Engine:
     @property
     def bytes(self) -> int:
         """Memory of the kernels' arrays."""
-        places = {a.ctypes.data: a.nbytes for a in self.arrays}  # some share their memory
+        places = {a.ctypes.data: a.nbytes for a in self.arrays}  # some share memory
         return sum(places.values())

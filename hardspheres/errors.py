@@ -6,11 +6,11 @@ class HardSpheresError(Exception):
 
 
 class SceneError(HardSpheresError, ValueError):
-    """A scene that cannot be: bad shapes, values, overlaps or box. The message names value, place and remedy."""
+    """An invalid scene: shapes, values, overlaps or box. The message names value, place and remedy."""
 
 
 class SimulationError(HardSpheresError, RuntimeError):
-    """A run that cannot go on: nothing left to collide, or time that stands still."""
+    """A run that cannot continue: no collision to come, or time does not advance."""
 
 
 class InvariantError(HardSpheresError, AssertionError):

@@ -1,4 +1,4 @@
-"""The event log: every event at full precision, in chunks, to a function or to a `.npy` file of any length."""
+"""The event log: every event at full precision, in chunks, to a function or a `.npy` file of any length."""
 
 import io
 import os
@@ -22,11 +22,11 @@ ROOM = 8192  # events in a chunk
 def event_dtype(dim: int) -> np.dtype[np.void]:
     """Return the type of an event in the log.
 
-    Fields: ``time``, since the start of the simulation; ``i`` and ``j``, the particles, i < j, a wall counts as particle
-    n + 2 axis + side (side 0 at 0, 1 at L); ``normal`` (d,), the unit vector from j, or from the wall, to i; ``impulse``,
-    the momentum passed: i gains impulse * normal, j loses it; ``free_path`` (2,), what i and j flew since their last
-    collision with a particle: at a wall that of i so far, as its flight goes on, and NaN; NaN too where a particle has
-    not met another since the start.
+    Fields: ``time``, since the start of the simulation; ``i`` and ``j``, the particles, i < j, a wall counts
+    as particle n + 2 axis + side (side 0 at 0, 1 at L); ``normal`` (d,), the unit vector from j, or from the
+    wall, to i; ``impulse``, the momentum transfer: i gains impulse * normal, j loses it; ``free_path`` (2,),
+    what i and j flew since their last collision with a particle: at a wall that of i so far, since a wall
+    does not end a free path, and NaN; NaN too where a particle has not collided with another since the start.
     """
     return np.dtype(
         [
@@ -45,7 +45,7 @@ def as_events(rows: NDArray[np.float64], at: Any) -> Events:
     events = np.empty(len(rows), dtype=event_dtype(int(at.DIM)))
     events["time"] = rows[:, at.LOG_TIME]
     events["i"], events["j"] = rows[:, at.LOG_FIRST], rows[:, at.LOG_SECOND]
-    # Without negative zeros, which depend on whom of the two the search found first.
+    # Without negative zeros, which depend on the order in which the search finds the two particles.
     events["normal"] = rows[:, at.LOG_NORMAL : at.LOG_NORMAL + at.DIM] + 0.0
     events["impulse"] = rows[:, at.LOG_IMPULSE]
     events["free_path"] = rows[:, at.LOG_PATHS : at.LOG_PATHS + 2]
@@ -53,16 +53,16 @@ def as_events(rows: NDArray[np.float64], at: Any) -> Events:
 
 
 class NpyStream:
-    """A `.npy` file that grows. At any moment, after a kill too, it opens with all events that were reported as written.
+    """A `.npy` file that grows and is readable at any moment, also after a kill, with all events reported.
 
-    Each chunk is appended, and only then the length in the header is rewritten, in one piece (NumPy leaves room for it). The
-    file is not held open in between: there is nothing to close.
+    Each chunk is appended, and only then the length in the header is rewritten, in one piece (NumPy leaves
+    room for it). The file is not held open in between: there is nothing to close.
 
     Parameters
     ----------
     path : str or path-like
-        Ends in ``.npy``. A file that is there already is replaced. A relative one counts from where the process is now, also
-        when it goes elsewhere later.
+        Ends in ``.npy``. A file that is there already is replaced. A relative path refers to the working
+        directory at the time of this call.
     dtype : numpy.dtype
         Of an event.
 
@@ -88,7 +88,7 @@ class NpyStream:
         return header.getvalue()
 
     def _write(self, flags: int, data: bytes) -> None:
-        """Append data, then say so in the header. Once that has failed it fails for ever: a log has no gaps."""
+        """Append data, then update the header. After a failed write the log is closed: it has no gaps."""
         if self._failure:
             raise SimulationError(self._failure)
         written = self.written + len(data) // self.dtype.itemsize
@@ -103,7 +103,10 @@ class NpyStream:
             finally:
                 os.close(file)
         except OSError as error:
-            self._failure = f"the log {self.path} cannot be written: {error.strerror}; it ends after {self.written} events"
+            self._failure = (
+                f"the log {self.path} cannot be written: {error.strerror}; "
+                f"it ends after {self.written} events"
+            )
             raise SimulationError(self._failure) from error
         self.written = written
 
@@ -113,7 +116,7 @@ class NpyStream:
 
 
 def sink_of(log: Any, dim: int) -> Sink:
-    """Return what takes the chunks: a function as it is, a path as file.
+    """Return the receiver of the chunks: a function as it is, for a path a file.
 
     Raises
     ------

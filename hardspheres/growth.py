@@ -1,32 +1,36 @@
-r"""The time of contact of two spheres that grow: what dense random starts are made with.
+r"""The time of contact of two growing spheres, for dense random starts.
 
-Lubachevsky and Stillinger (J. Stat. Phys. 60, 561 (1990), doi:10.1007/BF01025983) let spheres fly and collide while their
-diameters grow linearly in time. The contact distance of a pair is then :math:`\sigma + g t`, and the two touch when
+Lubachevsky and Stillinger (J. Stat. Phys. 60, 561 (1990), doi:10.1007/BF01025983) let spheres move and
+collide while their diameters grow linearly in time. The contact distance of a pair is then :math:`\sigma + g
+t`, and the two touch when
 
 .. math:: |\mathbf r + \mathbf v t|^2 = (\sigma + g t)^2, \qquad a t^2 + 2 b t + c = 0,
 
-with :math:`a = v^2 - g^2`, :math:`b = \mathbf r \cdot \mathbf v - \sigma g`, :math:`c = r^2 - \sigma^2` and the discriminant
-:math:`D = b^2 - a c`. Everything is as in `hardspheres.collision` with :math:`(\mathbf r, \sigma)` and
-:math:`(\mathbf v, g)` in place of :math:`\mathbf r` and :math:`\mathbf v`, in products whose last term has a minus sign; Lagrange's
-identity holds for these too, and turns the discriminant into
+with :math:`a = v^2 - g^2`, :math:`b = \mathbf r \cdot \mathbf v - \sigma g`, :math:`c = r^2 - \sigma^2` and
+the discriminant :math:`D = b^2 - a c`. Everything is as in `hardspheres.collision` with :math:`(\mathbf r,
+\sigma)` and :math:`(\mathbf v, g)` in place of :math:`\mathbf r` and :math:`\mathbf v`, in products whose
+last term has a minus sign; Lagrange's identity holds for these too, and turns the discriminant into
 
 .. math:: D = |\sigma \mathbf v - g \mathbf r|^2 - |\mathbf r \times \mathbf v|^2 ,
 
-in which nothing cancels between spheres far apart. Which root is the contact, with :math:`c > 0` before it?
+in which no large terms cancel for spheres far apart. Which root is the contact, with :math:`c > 0` before it?
 
-- :math:`b < 0`, the surfaces approach: :math:`t = c / (-b + \sqrt D)`, the first root, which subtracts nothing. Only for
-  :math:`a > 0` can :math:`D` be negative, a miss.
+- :math:`b < 0`, the surfaces approach: :math:`t = c / (-b + \sqrt D)`, the first root, without cancellation.
+  Only for :math:`a > 0` can :math:`D` be negative, a miss.
 - :math:`b \ge 0` and :math:`a \ge 0`: never.
-- :math:`b \ge 0` and :math:`a < 0`: the surfaces part, but they grow faster than the spheres fly. The roots have opposite signs,
-  and the positive one is :math:`t = (b + \sqrt D) / (-a)`.
+- :math:`b \ge 0` and :math:`a < 0`: the surfaces separate, but the contact distance grows faster than the
+  centres separate in the long run. The roots have opposite signs, and the positive one is :math:`t = (b +
+  \sqrt D) / (-a)`.
 
-Touching spheres (:math:`c \le 0`, by a rounding) collide now if :math:`b < 0`. If :math:`b \ge 0` and :math:`a < 0`, the last formula
-still says when they meet again; where rounding leaves :math:`D < 0`, it says when they cease to part, :math:`b / (-a)`.
+Touching spheres (:math:`c \le 0`, by a rounding) collide now if :math:`b < 0`. If :math:`b \ge 0` and
+:math:`a < 0`, the last formula still gives their next contact; where rounding leaves :math:`D < 0`, it gives
+the time at which they cease to separate, :math:`b / (-a)`.
 
-In the collision the relative velocity of the *surfaces* along the line of centres turns round: from :math:`v_n - g < 0` to
-:math:`g - v_n`, so the centres then part with :math:`v_n' = 2 g - v_n > g`. That is `hardspheres.collision.impulse` with
-:math:`b = \mathbf r \cdot \mathbf v - |\mathbf r| g`. Momentum is kept; kinetic energy grows, as in any gas that is compressed.
-At a wall the surface of a sphere of radius :math:`R` comes nearer by :math:`\dot R` too, and is sent back in the same way.
+In the collision the relative velocity of the *surfaces* along the line of centres is reversed: from
+:math:`v_n - g < 0` to :math:`g - v_n`, so the centres then part with :math:`v_n' = 2 g - v_n > g`. That is
+`hardspheres.collision.impulse` with :math:`b = \mathbf r \cdot \mathbf v - |\mathbf r| g`. Momentum is
+conserved; kinetic energy grows, as in any gas that is compressed. At a wall the surface of a sphere of radius
+:math:`R` approaches faster by :math:`\dot R`, and is reflected in the same way.
 """
 
 from typing import Any
@@ -74,8 +78,8 @@ def growing_contact_time(a: Number, b: Number, c: Number, root: Number) -> Numbe
 
     References
     ----------
-    Lubachevsky, Stillinger, J. Stat. Phys. 60, 561 (1990), doi:10.1007/BF01025983; the event-driven form for any growth:
-    Donev, Torquato, Stillinger, J. Comput. Phys. 202, 737 (2005), doi:10.1016/j.jcp.2004.08.014.
+    Lubachevsky, Stillinger, J. Stat. Phys. 60, 561 (1990), doi:10.1007/BF01025983; the event-driven form for
+    any growth: Donev, Torquato, Stillinger, J. Comput. Phys. 202, 737 (2005), doi:10.1016/j.jcp.2004.08.014.
     """
     approach = b < 0.0
     above = max(c, 0.0) if approach else b + root
@@ -87,5 +91,5 @@ def growing_contact_time(a: Number, b: Number, c: Number, root: Number) -> Numbe
 
 
 def rebound_from_wall(toward: Number, growth: Number) -> Number:
-    """Speed away from the wall of a sphere that came with speed `toward` while its radius grows at rate `growth`."""
+    """Speed away from the wall after a collision; incoming speed `toward`, rate of radius `growth`."""
     return toward + 2 * growth

@@ -1,4 +1,4 @@
-"""Scenes to start from: particles on a lattice or placed at random, with velocities drawn from the same seed."""
+"""Initial scenes: particles on a lattice or at random, with velocities drawn from the same seed."""
 
 import itertools
 import math
@@ -24,10 +24,10 @@ Planes = tuple[int, ...]
 
 @dataclass(frozen=True)
 class Lattice:
-    """A lattice as the crossings of equidistant planes: all of them, or every second one like a chessboard.
+    """A lattice as the crossings of equidistant planes: all of them, or every second one as on a chessboard.
 
-    Every second crossing of square planes is fcc in 3D, and the triangular lattice in 2D when planes are sqrt(3) times as
-    far apart along y.
+    Every second crossing of square planes is fcc in 3D, and the triangular lattice in 2D when planes are
+    sqrt(3) times as far apart along y.
     """
 
     name: str
@@ -68,11 +68,11 @@ def lattice_gas(
 ) -> Scene:
     """Make a gas whose particles start on a lattice.
 
-    The volume of the box follows from the packing fraction of the particles themselves, exactly. The box is cubic, or
-    square; only the triangular lattice in a periodic box takes the nearest rectangle into which it fits undistorted.
-    Between walls the lattice is stretched to fill the box, with all particles a radius or more inside. Where the lattice
-    has more sites than particles, vacancies are drawn at random; where particles differ in size or mass, they are
-    dealt out to the sites at random.
+    The volume of the box follows from the packing fraction of the particles themselves, exactly. The box is
+    cubic, or square; only the triangular lattice in a periodic box takes the nearest rectangle into which it
+    fits undistorted. Between walls the lattice is stretched to fill the box, with all particles a radius or
+    more inside. Where the lattice has more sites than particles, vacancies are drawn at random; where
+    particles differ in size or mass, they are assigned to the sites at random.
 
     Parameters
     ----------
@@ -93,8 +93,8 @@ def lattice_gas(
     radii, masses : float or (n,) array_like
         Radii and masses. Sites are as far apart as two of the largest spheres need.
     seed : int or numpy.random.SeedSequence
-        Source of all random choices. Positions and velocities are drawn from independent streams: another choice of
-        velocities leaves the positions as they are.
+        Source of all random choices. Positions and velocities are drawn from independent streams: another
+        choice of velocities leaves the positions as they are.
 
     Returns
     -------
@@ -104,7 +104,8 @@ def lattice_gas(
     Raises
     ------
     SceneError
-        When an argument is not as above, or the lattice does not fit; the message gives the packing fraction that does.
+        When an argument is not as above, or the lattice does not fit; the message gives the packing fraction
+        that does.
     """
     n, dim, filled, sizes, weights = checked_arguments(n, packing_fraction, dim, radii, masses)
     kinds = LATTICES[dim]
@@ -125,8 +126,8 @@ def lattice_gas(
         reach = _reachable(chosen, n, filled, packing_fraction, periodic, largest)
         advice = "ask for less" if sizes.min() == largest else "ask for less, or use random_gas"
         raise SceneError(
-            f"n = {n} at packing fraction {packing_fraction} does not fit on the {chosen.name} lattice; with this "
-            f"number of particles {reach:.6f} is the most, {advice}"
+            f"n = {n} at packing fraction {packing_fraction} does not fit on the {chosen.name} lattice; with "
+            f"this number of particles {reach:.6f} is the most, {advice}"
         )
     box, planes = fit
     rng = stream(seed, POSITIONS)
@@ -172,8 +173,8 @@ def random_gas(
     radii, masses : float or (n,) array_like
         Radii and masses. Large particles are placed first.
     seed : int or numpy.random.SeedSequence
-        Source of all random choices. Positions and velocities are drawn from independent streams: another choice of
-        velocities leaves the positions as they are.
+        Source of all random choices. Positions and velocities are drawn from independent streams: another
+        choice of velocities leaves the positions as they are.
 
     Returns
     -------
@@ -183,7 +184,8 @@ def random_gas(
     Raises
     ------
     SceneError
-        When an argument is not as above, or the placement jams; the message gives the packing fraction reached.
+        When an argument is not as above, or the placement jams; the message gives the packing fraction
+        reached.
     """
     n, dim, filled, sizes, weights = checked_arguments(n, packing_fraction, dim, radii, masses)
     words = boundary_words(boundary, dim)
@@ -194,7 +196,7 @@ def random_gas(
 
 
 def cubic_box(n: int, packing_fraction: float, filled: float, radii: Floats, periodic: Bools) -> Floats:
-    """Return the edges of the cube or square in which particles of this total volume have this packing fraction.
+    """Return the edges of the cube or square that gives this total volume of particles this packing fraction.
 
     Raises
     ------
@@ -205,14 +207,15 @@ def cubic_box(n: int, packing_fraction: float, filled: float, radii: Floats, per
     densest = next(iter(LATTICES[dim].values()))
     if radii.min() == radii.max() and packing_fraction > densest.close_packing:
         raise SceneError(
-            f"packing fraction {packing_fraction} is above close packing, {densest.close_packing:.6f}; ask for less"
+            f"packing fraction {packing_fraction} is above close packing, {densest.close_packing:.6f}; ask "
+            "for less"
         )
     box = np.full(dim, (filled / packing_fraction) ** (1 / dim))
     needed = 2 * float(radii.max()) * (2 if periodic.any() else 1)
     if box[0] < needed:
         raise SceneError(
-            f"n = {n} at packing fraction {packing_fraction} gives a box of edge {box[0]:.6g}, too short for the "
-            f"largest particle: it needs {needed:.6g}; ask for more particles or a lower packing fraction"
+            f"n = {n} at packing fraction {packing_fraction} gives a box of edge {box[0]:.6g}, too short for "
+            f"the largest particle: it needs {needed:.6g}; ask for more particles or a lower packing fraction"
         )
     return box
 
@@ -274,7 +277,8 @@ def _fit(
         if gap < -contact_tolerance(box):
             continue
         surplus = lattice.sites(planes) / n - 1
-        # In a box of one shape: most room. Where the shape follows the planes: nearest to a square, fewest vacancies.
+        # In a box of one shape: most room. Where the shape follows the planes: nearest to a square, fewest
+        # vacancies.
         cost = surplus + abs(math.log(box[0] / box[1])) if periodic.all() else -gap
         if best is None or cost < best[0] - 1e-9 * abs(best[0]):
             best = (cost, box, planes)
@@ -315,7 +319,7 @@ def _candidates(lattice: Lattice, n: int, periodic: Bools) -> list[Planes]:
 
 
 def _box(lattice: Lattice, planes: Planes, volume: float, periodic: Bools) -> Floats:
-    """Return a cube (square) of this volume; for a periodic triangular lattice the rectangle that keeps its proportions."""
+    """Return a cube (square) of this volume; for a periodic triangular lattice its undistorted rectangle."""
     dim = len(periodic)
     if not periodic.all():
         return np.full(dim, volume ** (1 / dim))

@@ -1,7 +1,8 @@
-"""What holds at every moment of a simulation: conservation, no overlap, clocks that agree, and no coming event forgotten.
+"""Invariants of a simulation: conservation laws, no overlap, consistent clocks, and no missed event.
 
-The search for events is held against an exhaustive one, with the same formulas in NumPy: every event that the engine has written
-down is what the two rows say, to the last bit, and no contact comes before what is written down for its two particles.
+The search for events is compared with an exhaustive one, with the same formulas in NumPy: every stored event
+equals, to the last bit, the one computed from the two rows, and no contact precedes the events stored for its
+two particles.
 """
 
 import itertools
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-ALL_PAIRS_UP_TO = 512  # particles whose pairs are all looked at
+ALL_PAIRS_UP_TO = 512  # particles up to which all pairs are tried
 STAMP_BITS = 0xFFFFFFFF
 
 
@@ -33,7 +34,7 @@ def verify(sim: "Simulation", engine: "Engine") -> None:
     Parameters
     ----------
     sim : Simulation
-        At any moment; it stays as it is.
+        At any moment; it is not changed.
     engine : Engine
         Its engine.
 
@@ -44,13 +45,13 @@ def verify(sim: "Simulation", engine: "Engine") -> None:
     """
     _counters_make_sense(engine)
     _energy_and_momentum_are_kept(sim)
-    _nobody_overlaps(sim)
-    if not engine._afresh:  # otherwise all that follows is found from the rows before the next event
+    _no_overlaps(sim)
+    if not engine._afresh:  # otherwise everything else is computed from the rows before the next event
         search = _Search(engine)
         if engine.arrays.counter[engine.layout.WINDOW_BUCKETS] == 0:
             search.lists_are_complete()
         if sim.scene.n <= ALL_PAIRS_UP_TO:
-            search.nothing_is_forgotten()
+            search.no_event_is_missing()
 
 
 def _require(holds: Any, sentence: str) -> None:
@@ -67,7 +68,8 @@ def _counters_make_sense(engine: "Engine") -> None:
     (last, now), (epoch, moment) = engine.last_event, engine.now
     _require(
         (last, now) <= (epoch, moment),
-        f"the last event, at {now} of epoch {last}, lies after the simulation's time, {moment} of epoch {epoch}",
+        f"the last event, at {now} of epoch {last}, lies after the simulation's time, {moment} of epoch "
+        f"{epoch}",
     )
     t = rows[:, at.T]
     late = int(np.argmax(t))
@@ -77,14 +79,15 @@ def _counters_make_sense(engine: "Engine") -> None:
 
 
 def allowed_drift(sim: "Simulation", events: int) -> float:
-    """Return how far rounding alone can take energy, over itself, and momentum, over sum m |v|, after so many collisions.
+    """Return bounds on the rounding errors of energy (relative) and momentum (over sum m |v|).
 
-    Roundings differ from one collision to the next, so that errors are random walks: 1e-12 is never reached. Where bonds hardly turn
-    (spheres next to close packing, chains between walls) they are the same every time, and the errors all go one way. Then r.r is
-    off by up to three half units, and with it the impulse, by 1.5 eps. That changes the energy by four times as much of E_n, the energy of
-    the relative motion along the line of centres, which is kT = 2 E / (d N) for the average collision of particles that share the
-    energy E: 12 eps / (d N) of E. N counts those that share it: (1 + 2/d) E^2 over the sum of squares of the particles' energies,
-    which is N in equilibrium, at the start or now, whichever is less.
+    Roundings differ from one collision to the next, so that errors are random walks: 1e-12 is never reached.
+    Where contact directions hardly change (near close packing, chains between walls) roundings repeat, and
+    errors add up linearly. Then r.r is off by up to three half units in the last place, and the impulse by
+    1.5 eps. That changes the energy by four times as much of E_n, the energy of the relative motion along the
+    line of centres, which is kT = 2 E / (d N) for the average collision of particles that share the energy E:
+    12 eps / (d N) of E. N is the effective number of particles that share it: (1 + 2/d) E^2 over the sum of
+    squares of the particles' energies, which is N in equilibrium, at the start or now, whichever is less.
 
     Parameters
     ----------
@@ -104,7 +107,7 @@ def allowed_drift(sim: "Simulation", events: int) -> float:
 
 
 def _sharing(masses: Floats, velocities: Floats) -> float:
-    """Particles that share the kinetic energy: N in equilibrium, not over 3 where one has all of it."""
+    """Effective number that share the kinetic energy: N in equilibrium, at most 3 if one has all."""
     energies = masses * np.sum(velocities * velocities, axis=1)
     most = float(np.max(energies))
     if most == 0.0:
@@ -118,7 +121,7 @@ def _energy_and_momentum_are_kept(sim: "Simulation") -> None:
     energy, allowed = (
         sim.energy_drift,
         allowed_drift(sim, sim.collisions),
-    )  # walls turn a velocity round, and round nothing
+    )  # walls reverse a velocity component without rounding
     _require(
         abs(energy) <= allowed,
         f"kinetic energy changed by {energy:.3g} relative to the start; {allowed:.3g} is allowed",
@@ -131,14 +134,14 @@ def _energy_and_momentum_are_kept(sim: "Simulation") -> None:
         )
 
 
-def _nobody_overlaps(sim: "Simulation") -> None:
+def _no_overlaps(sim: "Simulation") -> None:
     allowed = max(1e-11, contact_tolerance(sim.scene.box) / float(sim.scene.radii.min()))
     overlap = sim.worst_overlap
     _require(overlap <= allowed, f"particles overlap by {overlap:.3g} diameters; {allowed:.3g} is allowed")
 
 
 class _Search:
-    """What the engine has written down about coming events, and what follows from its rows."""
+    """The events stored in the engine, and those that follow from its rows."""
 
     def __init__(self, engine: "Engine") -> None:
         self.at, self.arrays, self.scene = engine.layout, engine.arrays, engine.scene
@@ -151,7 +154,7 @@ class _Search:
     # Lists.
 
     def lists_are_complete(self) -> None:
-        """Every pair of centres that two shells and the contact distance reach is in both lists."""
+        """Every pair within the contact distance and two displacement thresholds is in both lists."""
         at, scene = self.at, self.scene
         events = self.arrays.event_float[: self.n * at.EVENT].reshape(self.n, at.EVENT)
         centres = returned_to_box(
@@ -159,7 +162,8 @@ class _Search:
         )
         lists = self.arrays.neighbours[: self.n * int(self.arrays.counter[at.LIST_ROOM])].reshape(self.n, -1)
         _require(
-            lists.min() >= 0 and lists.max() <= self.n, "a neighbour list names a particle that there is not"
+            lists.min() >= 0 and lists.max() <= self.n,
+            "a neighbour list names a particle that does not exist",
         )
         shells = 2.0 * float(self.arrays.number[at.DISPLACEMENT_THRESHOLD])
         grid = CellGrid(centres, scene.box, scene.periodic, shells + 2.0 * float(scene.radii.max()))
@@ -215,7 +219,7 @@ class _Search:
         return list(itertools.product(*[(-1, 0, 1) if p else (0,) for p in self.scene.periodic]))
 
     def all_contacts(self, until: float) -> tuple[Ints, Ints, Floats]:
-        """Every contact of two particles before a time, in the nearest image and those beside it that they can reach."""
+        """Contacts of pairs before a time, in the nearest image and the adjacent ones within reach."""
         i, j = np.triu_indices(self.n, 1)
         nearest = self.nearest_image(i, j, np.full(len(i), self.now))
         x, u, later = self._apart(i, j)
@@ -235,7 +239,7 @@ class _Search:
         return first, second, time
 
     def walls(self) -> tuple[Floats, Ints]:
-        """When each particle meets its next wall, and which (n + 2 axis + side)."""
+        """Time of each particle's next wall collision, and which wall (n + 2 axis + side)."""
         best, which = np.full(self.n, math.inf), np.full(self.n, -2)
         radii, box = self.scene.radii, self.scene.box
         for axis in np.flatnonzero(~self.scene.periodic):
@@ -249,7 +253,7 @@ class _Search:
         return best, which
 
     def are_what_the_rows_say(self, i: Ints, partner: Ints, time: Floats) -> None:
-        """Every event that is written down is a contact, or a wall, at the time that the rows give, to the last bit."""
+        """Require every stored event to be a contact, or a wall, at exactly the time that the rows give."""
         walls, which = self.walls()
         is_pair = partner < self.n
         right = ~is_pair & (time == walls[i]) & (partner == which[i])
@@ -261,13 +265,13 @@ class _Search:
         if not right.all():
             k = int(np.argmin(right))
             raise InvariantError(
-                f"the event of {i[k]} with {partner[k]} is written down for {time[k]}, but their rows say otherwise"
+                f"the event of {i[k]} with {partner[k]} is stored for {time[k]}, but their rows say otherwise"
             )
 
     # Pending events.
 
-    def nothing_is_forgotten(self) -> None:
-        """Compare all that is written down with all that is to come."""
+    def no_event_is_missing(self) -> None:
+        """Compare the stored events with all coming ones."""
         if self.arrays.counter[self.at.WINDOW_BUCKETS]:
             self._windows()
         else:
@@ -306,7 +310,7 @@ class _Search:
         self._calendar(time, events[:, at.STAMP], until)
 
     def _shells(self, time: Floats, until: float) -> None:
-        """Nobody leaves the shell of its list before its next event."""
+        """No particle exceeds the displacement threshold of its list before its next event."""
         at, dim = self.at, self.scene.dim
         centres = self.arrays.event_float[: self.n * at.EVENT].reshape(self.n, at.EVENT)
         centres = centres[:, at.REFERENCE : at.REFERENCE + dim]
@@ -316,11 +320,12 @@ class _Search:
         slack = 1e-7 * shell + contact_tolerance(self.scene.box)
         far = int(np.argmax(gone))
         _require(
-            gone[far] <= shell + slack, f"particle {far} leaves the shell of its list before its next event"
+            gone[far] <= shell + slack,
+            f"particle {far} exceeds the displacement threshold of its list before its next event",
         )
 
     def _calendar(self, time: Floats, stamp: Ints, until: float) -> None:
-        """Each particle's event stands in its bucket."""
+        """Each particle's event is in its bucket."""
         at, arrays = self.at, self.arrays
         count = arrays.counter
         cycle, bucket = int(count[at.BUCKETS]), int(count[at.BUCKET])
@@ -372,5 +377,6 @@ class _Search:
         to_come += [(k, int(which[k]), float(walls[k])) for k in np.flatnonzero(walls < until).tolist()]
         for a, b, t in to_come:
             _require(
-                (a, b, t) in noted, f"{a} and {b} meet at {t}, within this window, but that is not noted"
+                (a, b, t) in noted,
+                f"{a} and {b} meet at {t}, within this window, but that contact is not stored",
             )

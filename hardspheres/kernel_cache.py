@@ -1,12 +1,12 @@
-"""Where compiled kernels are kept on disk; no kernel is compiled from this file, so that a change of it recompiles none.
+"""The disk cache of compiled kernels. No kernel is compiled from this file: editing it recompiles none.
 
     ROOT/hardspheres/DIGEST/KIND     kernels for one kind of scene, from sources with this digest
     ROOT/hardspheres/DIGEST/lock     held, shared, by every process that uses them
 
-Cached kernels are executed. A folder is used only where nobody else can have put them there: it is ours, and every folder on the
-way to it belongs to us or to the system, and can be changed by nobody else. ROOT is the first such of what NUMBA_CACHE_DIR or
-XDG_CACHE_HOME names, or else the user's cache folder, and a private folder among the temporary ones. Kernels that no process
-has used for 30 days are removed.
+Cached kernels are executed. A folder is used only if no other user can have put them there: it is ours, and
+every folder on the way to it belongs to us or to the system and is writable by no other user. ROOT is the
+first such of what NUMBA_CACHE_DIR or XDG_CACHE_HOME names, or else the user's cache folder, and a private
+folder among the temporary ones. Kernels that no process has used for 30 days are removed.
 """
 
 import contextlib
@@ -51,11 +51,11 @@ class _Unsafe(Exception):
 
 
 def cache_folder(tag: str) -> Path | None:
-    """Return the folder for the compiled kernels of one specialisation, None where none can be used, or none shall.
+    """Return the folder for the compiled kernels of one specialisation; None if there is no usable one.
 
-    Named by a digest of all sources that the kernels are compiled from: Numba looks only at the file of the outermost
-    function, and would serve an old kernel after an edit of a function in another file. Says once in a warning which folder
-    is not used, and why.
+    Named by a digest of all sources that the kernels are compiled from: Numba looks only at the file of the
+    outermost function, and would serve an old kernel after an edit of a function in another file. A warning
+    says once which folder is not used, and why.
     """
     if config.BOUNDSCHECK:
         return None
@@ -77,7 +77,7 @@ def cache_folder(tag: str) -> Path | None:
 
 @contextlib.contextmanager
 def cached_in(folder: Path | None) -> Iterator[None]:
-    """Kernels decorated inside are cached in this folder; Numba's process-wide setting is as before afterwards."""
+    """Cache kernels decorated inside in this folder; Numba's process-wide setting is restored afterwards."""
     before = config.CACHE_DIR
     config.CACHE_DIR = str(folder or "")
     try:
@@ -87,7 +87,7 @@ def cached_in(folder: Path | None) -> Iterator[None]:
 
 
 def _homes() -> Iterator[Path]:
-    """Yield where our folder may be: where the environment says, else in the user's cache; else among the temporary files."""
+    """Yield candidates for the cache folder: by the environment or the user's cache, then a temporary one."""
     base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
     yield Path(base, "hardspheres") if base else platformdirs.user_cache_path("hardspheres", appauthor=False)
     with contextlib.suppress(OSError):
@@ -97,7 +97,7 @@ def _homes() -> Iterator[Path]:
 
 @functools.cache
 def _pinned(home: Path) -> Path:
-    """Return the whole path, as it was when this was first asked: a process may go to another folder."""
+    """Return the absolute path, fixed at the first call: the working directory may change."""
     return home.expanduser().absolute()
 
 
@@ -111,7 +111,7 @@ def _digest() -> str:
 
 @functools.cache
 def _warn(text: str) -> None:
-    if multiprocessing.parent_process() is None:  # which has said it already
+    if multiprocessing.parent_process() is None:  # which has given the warning already
         warnings.warn(text, RuntimeWarning, stacklevel=3)
 
 
@@ -121,7 +121,7 @@ def _folder(folder: Path) -> Path:
     Raises
     ------
     _Unsafe
-        If anybody else can change what is in it, or could.
+        If another user can change its content, or could.
     OSError
         If it cannot be made or written.
     """
@@ -154,13 +154,13 @@ def _require_safe(folder: Path, ours: bool, private: bool) -> None:
     trusted = {os.getuid()} if ours else {os.getuid(), 0, os.stat("/").st_uid}
     if found.st_uid not in trusted:
         raise _Unsafe(f"{folder} belongs to another user")
-    sticky = not ours and found.st_mode & stat.S_ISVTX  # as /tmp: nobody can rename what is another's
+    sticky = not ours and found.st_mode & stat.S_ISVTX  # as /tmp: no user can rename the files of another
     if found.st_mode & (0o077 if private else 0o022) and not sticky:
         raise _Unsafe(f"other users can {'enter' if private else 'write into'} {folder}")
 
 
 def _require_own(folder: Path) -> None:
-    """Refuse a private folder that somebody has put something into before it was private."""
+    """Refuse a private folder with content from before it was private."""
     if not hasattr(os, "getuid"):
         return
     with os.scandir(folder) as entries:
@@ -172,7 +172,7 @@ def _require_own(folder: Path) -> None:
 
 
 def _hold(folder: Path) -> None:
-    """Mark the kernels as used now and, until this process ends, as in use, which keeps others from removing them."""
+    """Mark the kernels as used now and, until this process ends, as in use, so that none removes them."""
     os.utime(folder)
     while fcntl is not None and folder not in _in_use:
         folder.mkdir(mode=0o700, exist_ok=True)

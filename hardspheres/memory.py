@@ -1,17 +1,17 @@
-"""How much memory there is: absurd numbers of particles are refused before anything is allocated."""
+"""Available memory: too large numbers of particles are refused before anything is allocated."""
 
 import os
 from pathlib import Path
 
 from hardspheres.errors import HardSpheresError, SceneError
 
-SMALL = 1 << 28  # bytes that are taken without asking
+SMALL = 1 << 28  # bytes that are always granted
 MAKING = 300  # bytes for each particle while a scene is made, measured at a million particles
 UNITS = ("bytes", "kB", "MB", "GB", "TB", "PB", "EB", "ZB", "YB")
 
 
 def available_memory() -> int | None:
-    """Return how many bytes this process may still take, None where the system does not tell."""
+    """Return how many bytes this process may still allocate, None where the system does not say."""
     known = [_from_kernel(), _from_container()]
     if known[0] is None:
         try:
@@ -39,7 +39,7 @@ def _from_container() -> int | None:
 
 
 def in_words(number: int) -> str:
-    """Return a number of bytes as people say it: three digits and a unit."""
+    """Return a number of bytes in human-readable form: three digits and a unit."""
     power = min((len(str(number)) - 1) // 3, len(UNITS) - 1)
     return f"{number / 1000**power:.3g} {UNITS[power]}"
 
@@ -47,7 +47,7 @@ def in_words(number: int) -> str:
 def require_memory(
     needed: int, what: str, error: type[HardSpheresError], remedy: str = "ask for fewer"
 ) -> None:
-    """Raise an error if something needs more memory than there is.
+    """Raise an error if something needs more memory than is available.
 
     Parameters
     ----------
@@ -63,20 +63,20 @@ def require_memory(
     Raises
     ------
     HardSpheresError
-        Of that type, with the number of bytes needed and there.
+        Of that type, with the number of bytes needed and available.
     """
     if needed <= SMALL:
         return
     available = available_memory()
     if available is not None and needed > available:
         raise error(
-            f"{what} need about {in_words(needed)} of memory ({needed} bytes), and {in_words(available)} are available; "
-            f"{remedy}"
+            f"{what} need about {in_words(needed)} of memory ({needed} bytes), and {in_words(available)} are "
+            f"available; {remedy}"
         )
 
 
 def require_room_for(n: int) -> None:
-    """Raise SceneError if so many particles cannot be made in the memory there is.
+    """Raise SceneError if so many particles do not fit in the available memory.
 
     Parameters
     ----------

@@ -1,16 +1,18 @@
-r"""Is it a fluid or a crystal? Bond-orientational order of a whole scene.
+r"""Bond-orientational order of a whole scene, which distinguishes a fluid from a crystal.
 
-A bond joins a particle to each of its nearest neighbours: 12 in 3D, 6 in 2D, by distance over contact distance, so that
-particles of any sizes can be compared. All bonds together give, by their directions,
+A bond joins a particle to each of its nearest neighbours: 12 in 3D, 6 in 2D, by distance over contact
+distance, so that particles of any sizes can be compared. All bonds together give, by their directions,
 
-.. math:: Q_6 = \Big( \frac{4\pi}{13} \sum_{m=-6}^{6} |\langle Y_{6m} \rangle|^2 \Big)^{1/2} \quad (3D), \qquad
+.. math:: Q_6 = \Big( \frac{4\pi}{13} \sum_{m=-6}^{6} |\langle Y_{6m} \rangle|^2 \Big)^{1/2} \quad (3D),
+\qquad
           \psi_6 = |\langle e^{6 i \theta} \rangle| \quad (2D)
 
-(Steinhardt, Nelson, Ronchetti 1983, doi:10.1103/PhysRevB.28.784; Halperin, Nelson 1978, doi:10.1103/PhysRevLett.41.121). Neither
-depends on how the whole is turned. Directions that are independent give :math:`1/\sqrt{\text{bonds}}` as root mean square; in a dense
-fluid neighbours' bonds are correlated and it is a few times that. One perfect crystal gives :math:`Q_6 = 0.5745` (fcc), 0.4848
-(hcp), or :math:`\psi_6 = 1` (triangular), whatever its density. Grains turned against one another add up at random, so many small ones
-give a small value.
+(Steinhardt, Nelson, Ronchetti 1983, doi:10.1103/PhysRevB.28.784; Halperin, Nelson 1978,
+doi:10.1103/PhysRevLett.41.121). Both are invariant under rotations. Directions that are independent give
+:math:`1/\sqrt{\text{bonds}}` as root mean square; in a dense fluid neighbours' bonds are correlated and it is
+a few times that. One perfect crystal gives :math:`Q_6 = 0.5745` (fcc), 0.4848 (hcp), or :math:`\psi_6 = 1`
+(triangular), whatever its density. Contributions of differently oriented grains add up at random, so that
+many small ones give a small value.
 """
 
 import math

@@ -1,10 +1,11 @@
 """Random sequential placement: spheres put down one after another wherever they still fit, up to saturation.
 
-A particle takes the first random place where it overlaps nothing (random sequential addition; Widom 1966,
-doi 10.1063/1.1726548). Large particles go first. When fewer than one trial in ten succeeds, the box is divided
-into voxels, those that are covered for sure (no centre fits anywhere inside) are dropped, and trials go to the rest, which
-changes no probability; voxels are halved again whenever trials become rare. With no voxel left there is no room left: the
-placement has jammed, and that is known and not guessed (Zhang, Torquato 2013, doi 10.1103/PhysRevE.88.053312).
+A particle takes the first random place where it overlaps nothing (random sequential addition; Widom 1966, doi
+10.1063/1.1726548). Large particles go first. When fewer than one trial in ten succeeds, the box is divided
+into voxels, those that are certainly covered (no centre fits anywhere inside) are dropped, and trials are
+restricted to the rest, which changes no probability; voxels are halved again whenever successes become rare.
+With no voxel left there is no space left: the placement has provably jammed (Zhang, Torquato 2013, doi
+10.1103/PhysRevE.88.053312).
 """
 
 import itertools
@@ -21,8 +22,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-FEWEST_TRIALS = 4096  # in one round, so that a round is worth its overhead
-RARE = 0.1  # fraction of successful trials below which the room left is mapped
+FEWEST_TRIALS = 4096  # in one round, to amortise its overhead
+RARE = 0.1  # fraction of successful trials below which the free space is mapped
 MOST_VOXELS = 8_000_000
 VOXELS_AT_ONCE = 1 << 15  # keeps the working arrays within the processor's cache
 MOST_IDLE_ROUNDS = 100  # without one success, when voxels can be divided no further
@@ -114,7 +115,7 @@ class _Room:
         return len(self.voxels) == 0
 
     def draw(self, rng: np.random.Generator, n: int) -> Floats:
-        """Return n places, evenly distributed over the room."""
+        """Return n positions, uniform over the free space."""
         inside = rng.random((n, len(self.box)))
         if self.mapped:
             inside += self.voxels[rng.integers(len(self.voxels), size=n)]
@@ -144,7 +145,7 @@ class _Room:
             self.voxels = np.concatenate([self.voxels[:0], *open_])
 
     def _uncovered(self, voxels: Ints, grid: CellGrid, radii: Floats) -> Ints:
-        """Return those voxels in which a centre may fit beside the spheres of the grid, which have these radii."""
+        """Return the voxels in which a centre may fit beside the spheres of the grid, of these radii."""
         centres = self.low + (voxels + 0.5) * self.edges
         cells = grid.coordinates(centres)
         for offset in grid.offsets:
@@ -173,7 +174,7 @@ def _farthest_corner(
 
 
 def _inside(places: Floats, radii: Floats, box: Floats, periodic: Bools) -> Bools:
-    """Which of these spheres reach beyond no wall."""
+    """Which of these spheres lie within all walls."""
     room = (places >= radii[:, None]) & (places <= box - radii[:, None])
     inside: Bools = np.all(room | periodic, axis=1)
     return inside
@@ -196,8 +197,8 @@ def _unhit(grid: CellGrid, old: Floats, places: Floats, radii: Floats) -> Ints:
 def _first_come(places: Floats, radii: Floats, box: Floats, periodic: Bools) -> Bools:
     """Which spheres stay when each must not overlap any that stayed before it, in the order given.
 
-    All spheres without an overlap to an earlier one still undecided stay at once, and remove those they overlap, until
-    all are decided: the same answer as one by one, in a few rounds.
+    All spheres without an overlap to an earlier one still undecided stay at once, and remove those they
+    overlap, until all are decided: the same answer as one by one, in a few rounds.
     """
     stays = np.ones(len(places), dtype=np.bool_)
     if not len(places):
@@ -220,6 +221,6 @@ def _first_come(places: Floats, radii: Floats, box: Floats, periodic: Bools) -> 
 def _jammed(radii: Floats, placed: Ints, box: Floats) -> SceneError:
     reached = float(np.sum(sphere_volume(radii[placed], len(box)))) / float(np.prod(box))
     return SceneError(
-        f"random placement jammed at packing fraction {reached:.4f}, with {len(placed)} of {len(radii)} particles "
-        "placed; ask for less than that, or start from lattice_gas"
+        f"random placement jammed at packing fraction {reached:.4f}, with {len(placed)} of {len(radii)} "
+        "particles placed; ask for less than that, or start from lattice_gas"
     )

@@ -1,7 +1,8 @@
-"""The plain solver: all pairs, every event, any number type. Slow, short, and right: the oracle that the engine is tested against.
+"""Reference solver: all pairs, every event, any number type. Slow and simple: the oracle of the tests.
 
-To find the next event it looks at every pair in every image and at every wall, takes the earliest, and moves everybody there.
-No cells, no lists, no queue, nothing remembered. With `mpmath.mpf` numbers it is as exact as asked for.
+To find the next event it looks at every pair in every image and at every wall, takes the earliest, and moves
+all particles to its time. It has no cells, no lists, no queue and no stored events. With `mpmath.mpf` numbers
+it has any precision wanted.
 """
 
 import itertools
@@ -24,7 +25,7 @@ Collide = Callable[
 
 @dataclass(frozen=True)
 class Event:
-    """One event: when, and who with whom.
+    """One event: its time and its two partners.
 
     Attributes
     ----------
@@ -45,13 +46,14 @@ class ReferenceSimulation:
     Parameters
     ----------
     scene : Scene
-        Where to start.
+        Initial state.
     number : callable
-        Turns a float into the number type to calculate with: `float`, `mpmath.mpf`.
+        Converts a float to the number type of the calculation: `float`, `mpmath.mpf`.
     sqrt : callable
         Square root for that type: `math.sqrt`, `mpmath.sqrt`.
     collide : callable
-        The collision rule, with the signature of `hardspheres.collision.elastic_collision`. Tests put a broken one here.
+        The collision rule, with the signature of `hardspheres.collision.elastic_collision`. Tests insert a
+        wrong one here.
     """
 
     def __init__(
@@ -82,7 +84,7 @@ class ReferenceSimulation:
         ]
 
     def pair_time(self, i: int, j: int, horizon: Number) -> Number:
-        """Time until i and j touch, in whichever images; images that need longer than `horizon` are left out."""
+        """Time until i and j touch, in any image; images that need longer than `horizon` are left out."""
         sigma2 = (self.radii[i] + self.radii[j]) ** 2
         near = self.separation(i, j)
         v = [a - b for a, b in zip(self.velocities[i], self.velocities[j], strict=True)]
@@ -111,7 +113,7 @@ class ReferenceSimulation:
         return max(gap, 0.0) / abs(v), side
 
     def next_event(self, horizon: Number) -> tuple[Number, int, int]:
-        """Earliest event within the horizon: time from now, lower and higher id; equal times in the order of the ids."""
+        """Earliest event within the horizon: time from now, lower and higher id; ties by the order of ids."""
         n = len(self.positions)
         found = (horizon, n, n)
         for i in range(n):
@@ -123,7 +125,7 @@ class ReferenceSimulation:
         return found
 
     def fly(self, wait: Number) -> None:
-        """Move everybody freely."""
+        """Move all particles in free flight."""
         self.time = self.time + wait
         for x, v in zip(self.positions, self.velocities, strict=True):
             x[:] = [a + b * wait for a, b in zip(x, v, strict=True)]
@@ -134,7 +136,8 @@ class ReferenceSimulation:
         Raises
         ------
         SimulationError
-            When none comes within 1000 steps of the search, each of the time that the fastest particle needs for a box length.
+            When none comes within 1000 steps of the search, each of the time that the fastest particle needs
+            for a box length.
         """
         n = len(self.positions)
         fastest = self.sqrt(max(sum(u * u for u in v) for v in self.velocities))

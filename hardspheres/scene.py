@@ -1,4 +1,4 @@
-"""A scene of hard spheres: who is where, how fast, how large and heavy, in which box. Checked once, then trusted."""
+"""A scene of hard spheres: positions, velocities, radii, masses and box, checked once on construction."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -19,7 +19,7 @@ Array = TypeVar("Array", bound=NDArray[Any])
 BOUNDARIES = ("periodic", "wall")
 AXES = "xyz"
 LEFT_BY_ROUNDING = (
-    1e-6  # of the largest diameter: more than the engine ever leaves, and less than matters to it
+    1e-6  # of the largest diameter: above any overlap that the engine leaves, and too small to affect it
 )
 
 
@@ -27,14 +27,15 @@ LEFT_BY_ROUNDING = (
 class Scene:
     """Hard spheres (or discs) in a box.
 
-    All numbers are in any one consistent set of units (reduced units: lengths in diameters, masses in particle masses,
-    kT = 1). Arrays are copied, made read-only and checked once, here; the engine then trusts them.
+    All numbers are in any one consistent set of units (reduced units: lengths in diameters, masses in
+    particle masses, kT = 1). Arrays are copied, made read-only and checked once, here; the engine does not
+    check them again.
 
     Parameters
     ----------
     positions : (N, d) array_like
-        Centres, d = 2 or 3, N >= 1. The box spans [0, L] on each axis. On periodic axes any value is taken and wrapped
-        into [0, L); on wall axes a centre lies at least a radius inside.
+        Centres, d = 2 or 3, N >= 1. The box spans [0, L] on each axis. On periodic axes any value is taken
+        and wrapped into [0, L); on wall axes a centre lies at least a radius inside.
     velocities : (N, d) array_like
         Velocities.
     radii : float or (N,) array_like
@@ -42,8 +43,9 @@ class Scene:
     masses : float or (N,) array_like
         Masses, positive.
     box : (d,) array_like
-        Edge lengths. A periodic axis is at least two largest diameters long (so that no pair meets through two images at
-        once), a wall axis at least one; the longest at most 1e9 smallest diameters (so that coordinates resolve contacts).
+        Edge lengths. A periodic axis is at least two largest diameters long (so that no pair meets through
+        two images at once), a wall axis at least one; the longest at most 1e9 smallest diameters (so that
+        coordinates resolve contacts).
     boundary : str or sequence of str
         ``"periodic"`` or ``"wall"`` (elastic, smooth), for all axes or one word for each.
 
@@ -60,16 +62,16 @@ class Scene:
     periodic : (d,) bool array
         True where the axis is periodic. Read-only.
     species : (N,) int32 array
-        Number of the particle's kind: particles of one kind have the same mass and the same radius, and kinds are numbered
-        in the order in which they first appear. Read-only.
+        Number of the particle's kind: particles of one kind have the same mass and the same radius, and kinds
+        are numbered in the order in which they first appear. Read-only.
 
     Raises
     ------
     SceneError
-        For the first thing that is wrong: shape, type, a value that is not finite or not positive, a particle beyond a
-        wall, a box too short or too long, an overlap (the worst is named). Spheres may touch. They may also overlap, or reach beyond a
-        wall, by the rounding of coordinates in a box of this size, `contact_tolerance`: four units in the last place of
-        the longest edge (9e-15 in a box of edge 10).
+        For the first thing that is wrong: shape, type, a value that is not finite or not positive, a particle
+        beyond a wall, a box too short or too long, an overlap (the worst is named). Spheres may touch. They
+        may also overlap, or reach beyond a wall, by the rounding of coordinates in a box of this size,
+        `contact_tolerance`: four units in the last place of the longest edge (9e-15 in a box of edge 10).
     """
 
     positions: Floats
@@ -143,7 +145,7 @@ class Scene:
         return tuple(getattr(self, name) for name in self.__dataclass_fields__)
 
     def __setstate__(self, state: tuple[Any, ...]) -> None:
-        self._store(*state)  # an unpickled array has forgotten that it is read-only
+        self._store(*state)  # an unpickled array is no longer read-only
 
     @property
     def n(self) -> int:
@@ -167,7 +169,7 @@ class Scene:
 
     @cached_property
     def packing_fraction(self) -> float:
-        """Fraction of the box that the particles fill (area fraction in 2D)."""
+        """Packing fraction: volume of the particles over that of the box (areas in 2D)."""
         return float(np.sum(sphere_volume(self.radii, self.dim))) / self.volume
 
     @property
@@ -177,17 +179,17 @@ class Scene:
 
     @cached_property
     def kinetic_energy(self) -> float:
-        """Kinetic energy, the motion of the whole included."""
+        """Kinetic energy, including the common motion."""
         return kinetic_energy(self.velocities, self.masses)
 
     @cached_property
     def thermal_energy(self) -> float:
-        """Kinetic energy less that of the common motion along periodic axes, sum of P_k^2 / 2M (see `thermal_energy`)."""
+        """Kinetic energy without the common motion along periodic axes, sum of P_k^2 / 2M."""
         return thermal_energy(self.velocities, self.masses, self.periodic)
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Free momenta: d N less the number of periodic axes; d for a single particle."""
+        """Translational degrees of freedom: d N less the number of periodic axes; d for a single particle."""
         return degrees_of_freedom(self.n, self.periodic)
 
     @property
@@ -217,10 +219,10 @@ class Scene:
         return Scene(**{name: getattr(self, name) for name in names} | changes)
 
     def with_state(self, positions: Floats, velocities: Floats, radii: Floats | None = None) -> "Scene":
-        """Return the same particles and box in a state that the dynamics has reached, without looking for overlaps.
+        """Return the same particles and box in a state reached by the dynamics, without an overlap search.
 
-        The engine leaves contacts that overlap by its rounding (below 1e-11 diameters), which a scene made by hand may
-        not have. Numbers are checked as in the constructor, and that centres lie in the box.
+        The engine leaves contacts that overlap by its rounding (below 1e-11 diameters), which a scene made by
+        hand may not have. Numbers are checked as in the constructor, and that centres lie in the box.
 
         Parameters
         ----------
@@ -239,7 +241,8 @@ class Scene:
         Raises
         ------
         SceneError
-            For a wrong shape or type, a value that is not finite or not positive, a centre outside of the box.
+            For a wrong shape or type, a value that is not finite or not positive, a centre outside of the
+            box.
         """
         scene = object.__new__(Scene)
         here, there = _numbers(positions, "positions"), _numbers(velocities, "velocities")
@@ -265,7 +268,7 @@ class Scene:
         box: Floats,
         boundary: tuple[str, ...],
     ) -> "Scene":
-        """Return a scene checked as the constructor does, except that contacts may be as the engine left them.
+        """Return a scene checked as by the constructor, with the overlaps allowed that the engine leaves.
 
         Parameters
         ----------
@@ -324,7 +327,7 @@ def total_momentum(velocities: Floats, masses: Floats) -> Floats:
 
 
 def read_only(array: Array) -> Array:
-    """Return the array, locked: it looks like state, and writing to it would do nothing."""
+    """Return the array, read-only: writing to it would not change the scene."""
     array.setflags(write=False)
     return array
 
@@ -341,9 +344,9 @@ def momentum_flux(velocities: Floats, masses: Floats) -> Floats:
 
 
 def degrees_of_freedom(n: int, periodic: Bools) -> int:
-    """Free momenta: d N less one for each periodic axis, where the total momentum is conserved.
+    """Degrees of freedom: d N less one for each periodic axis, where the total momentum is conserved.
 
-    A single particle has nothing to move against: all its motion counts as thermal, d degrees of freedom.
+    All motion of a single particle counts as thermal, with d degrees of freedom.
     """
     return len(periodic) * n - (int(np.sum(periodic)) if n > 1 else 0)
 
@@ -351,14 +354,15 @@ def degrees_of_freedom(n: int, periodic: Bools) -> int:
 def thermal_energy(velocities: Floats, masses: Floats, periodic: Bools) -> float:
     """Kinetic energy relative to the common motion along periodic axes.
 
-    K_th = K - sum over periodic axes of P_k^2 / 2M, computed as sum of m (v - P/M)^2 / 2, which has no cancellation. A
-    wall does not let the whole move, so its axis keeps all of K; so do all axes for a single particle.
+    K_th = K - sum over periodic axes of P_k^2 / 2M, computed as sum of m (v - P/M)^2 / 2, which has no
+    cancellation. Momentum normal to a wall is not conserved, so that along wall axes all of K is thermal; so
+    it is on all axes for a single particle.
     """
     return kinetic_energy(velocities - drift(velocities, masses, periodic), masses)
 
 
 def drift(velocities: Floats, masses: Floats, periodic: Bools) -> Floats:
-    """Velocity of the common motion, P/M on periodic axes and zero on others (and for a single particle), shape (d,)."""
+    """Velocity of the common motion, P/M on periodic axes and zero on others (or for one particle), (d,)."""
     if len(masses) == 1:
         return np.zeros(len(periodic))
     return np.where(periodic, total_momentum(velocities, masses) / float(np.sum(masses)), 0.0)
@@ -367,8 +371,9 @@ def drift(velocities: Floats, masses: Floats, periodic: Bools) -> Floats:
 def contact_tolerance(box: Floats) -> float:
     """Depth of overlap that rounding alone explains: 4 eps times the longest edge.
 
-    Two centres rounded to the spacing of doubles near L are off by up to eps L/2 on each axis, so their distance by up to
-    sqrt(3) eps L; folding it to the nearest image and taking the root add less than eps L more.
+    Two centres rounded to the spacing of doubles near L are off by up to eps L/2 on each axis, so their
+    distance by up to sqrt(3) eps L; folding it to the nearest image and taking the root add less than eps L
+    more.
     """
     return 4 * float(np.finfo(np.float64).eps) * float(box.max())
 
@@ -385,7 +390,8 @@ def boundary_words(boundary: str | Sequence[str], dim: int) -> tuple[str, ...]:
     words = (boundary,) * dim if isinstance(boundary, str) else boundary
     if not isinstance(words, (tuple, list)) or not all(isinstance(w, str) and w in BOUNDARIES for w in words):
         raise SceneError(
-            f'boundary is {boundary!r}; it must be "periodic" or "wall", or a sequence of one of them for each axis'
+            f'boundary is {boundary!r}; it must be "periodic" or "wall", or a sequence of one of them for '
+            "each axis"
         )
     if len(words) != dim:
         raise SceneError(
@@ -468,8 +474,9 @@ def _wrapped(positions: Floats, box: Floats, periodic: Bools) -> Floats:
 def _require_representable(velocities: Floats, radii: Floats, masses: Floats, box: Floats) -> None:
     """Refuse units in which anything that is computed later leaves the range of doubles.
 
-    With the energy E no particle is ever faster than sqrt(2 E / smallest mass), and the fastest never slower than
-    sqrt(2 E / total mass). The dynamics computes products of lengths, masses and speeds between these two.
+    With the energy E no particle is ever faster than sqrt(2 E / smallest mass), and the fastest never slower
+    than sqrt(2 E / total mass). The dynamics computes products of lengths, masses and speeds between these
+    two.
     """
     dim, edge, small = len(box), float(box.max()), float(radii.min())
     with np.errstate(all="ignore"):
@@ -485,22 +492,23 @@ def _require_representable(velocities: Floats, radii: Floats, masses: Floats, bo
         impulses = [total * fastest / small, lightest * slowest / edge, total * fastest * edge]
     if not _in_range(sizes):
         raise SceneError(
-            "volumes of the box or the particles leave the range of double precision; choose another unit of length"
+            "volumes of the box or the particles leave the range of double precision; choose another unit "
+            "of length"
         )
     if not _in_range(weights):
         raise SceneError(
-            f"masses from {lightest:.3g} to {masses.max():.3g} leave the range of double precision, or their sum does; choose "
-            "another unit of mass"
+            f"masses from {lightest:.3g} to {masses.max():.3g} leave the range of double precision, or their "
+            "sum does; choose another unit of mass"
         )
     if np.any(velocities) and not _in_range(motion):
         raise SceneError(
-            "the kinetic energy leaves the range of double precision, or the squares of speeds that it allows do; choose other "
-            "units of time or mass"
+            "the kinetic energy leaves the range of double precision, or the squares of speeds that it "
+            "allows do; choose other units of time or mass"
         )
     if np.any(velocities) and not _in_range(squares + impulses):
         raise SceneError(
-            "products of the box's edges, or the radii, with speeds and masses leave the range of double precision; choose other "
-            "units of length, time or mass"
+            "products of the box's edges, or the radii, with speeds and masses leave the range of double "
+            "precision; choose other units of length, time or mass"
         )
 
 
@@ -517,8 +525,8 @@ def _require_long_axes(radii: Floats, box: Floats, periodic: Bools) -> None:
             kind, times = ("periodic", "two") if periodic[axis] else ("wall", "one")
             plural = "s" if periodic[axis] else ""
             raise SceneError(
-                f"the box edge along {AXES[axis]} is {edge}, but a {kind} axis must be at least {times} largest "
-                f"diameter{plural} long, {needed}"
+                f"the box edge along {AXES[axis]} is {edge}, but a {kind} axis must be at least {times} "
+                f"largest diameter{plural} long, {needed}"
             )
 
 
@@ -528,8 +536,9 @@ def _require_resolved(radii: Floats, box: Floats) -> None:
     if rounding > LEFT_BY_ROUNDING * smallest:
         axis = int(np.argmax(box))
         raise SceneError(
-            f"the box edge along {AXES[axis]} is {box[axis]:.6g}, where rounding moves a coordinate by up to {rounding:.2g}: more "
-            f"than a millionth of the smallest diameter, {smallest:.6g}; take a smaller box (a higher packing fraction)"
+            f"the box edge along {AXES[axis]} is {box[axis]:.6g}, where rounding moves a coordinate by up to "
+            f"{rounding:.2g}: more than a millionth of the smallest diameter, {smallest:.6g}; take a smaller "
+            "box (a higher packing fraction)"
         )
 
 
@@ -538,8 +547,8 @@ def _require_in_box(positions: Floats, box: Floats) -> None:
     if len(outside):
         particle, axis = outside[0]
         raise SceneError(
-            f"the position of particle {particle} along {AXES[axis]} is {positions[particle, axis]}; in a state of this scene it "
-            f"lies in the box, from 0 to {box[axis]}"
+            f"the position of particle {particle} along {AXES[axis]} is {positions[particle, axis]}; in a "
+            f"state of this scene it lies in the box, from 0 to {box[axis]}"
         )
 
 
@@ -556,7 +565,7 @@ def _require_inside(positions: Floats, radii: Floats, box: Floats, periodic: Boo
 def worst_beyond_wall(
     positions: Floats, radii: Floats, box: Floats, periodic: Bools
 ) -> tuple[float, int, int]:
-    """How far a particle reaches beyond a wall at worst, which one, and along which axis; (-inf, 0, 0) without walls."""
+    """Largest reach of a particle beyond a wall, the particle, and the axis; (-inf, 0, 0) without walls."""
     worst = (-math.inf, 0, 0)
     for axis in np.flatnonzero(~periodic):
         beyond = np.maximum(radii - positions[:, axis], positions[:, axis] - (box[axis] - radii))

@@ -1,7 +1,7 @@
-"""Temporary files whose names say who writes them, so that what was left by writers that were killed can be removed, and no more.
+"""Temporary files named after the process that writes them, so that those of killed processes are removed.
 
-Process ids mean something only to processes that see each other: of one machine since it was started, and in one container. The name
-has a digest of that, and files of others are removed by age alone.
+Process ids are comparable only within one machine since its boot, and within one container. The name contains
+a digest of these; files with another digest are removed by age alone.
 """
 
 import contextlib
@@ -25,14 +25,15 @@ def temporary_beside(target: Path) -> Path:
 
 
 def remove_leftovers(folder: Path, now: float) -> None:
-    """Remove what writers that are no more have left in a folder.
+    """Remove temporary files of ended processes from a folder.
 
     Parameters
     ----------
     folder : Path
         Where `temporary_beside` gave names.
     now : float
-        Time on the clock of the file system, which may be that of another machine: when a file was just written there.
+        Time on the clock of the file system, which may be that of another machine: when a file was just
+        written there.
     """
     here = _neighbourhood()
     with contextlib.suppress(OSError):
@@ -46,11 +47,11 @@ def remove_leftovers(folder: Path, now: float) -> None:
 
 
 def _neighbourhood() -> str:
-    """Return digits that processes have in common if they see each other's ids, and only then."""
+    """Return digits that are equal for two processes exactly if their ids are comparable."""
     try:
         boot = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii")
         container = os.readlink("/proc/self/ns/pid")
-    except OSError:  # then no other process is known to share them
+    except OSError:  # then no other process is known to share ids
         return secrets.token_hex(8)
     return hashlib.sha256(f"{os.uname().nodename} {boot} {container}".encode()).hexdigest()[:16]
 

@@ -1,6 +1,6 @@
-"""How the engine searches: the scene's unit of time, the method, and the sizes of cells, shells and windows.
+"""Parameters of the search: length of epochs, method, sizes of cells, displacement thresholds and windows.
 
-Only the length of an epoch enters the trajectory; everything else decides how fast it is found.
+Only the length of an epoch affects the trajectory; everything else affects only the speed.
 """
 
 import itertools
@@ -15,15 +15,16 @@ from hardspheres.scene import Scene
 
 Floats = NDArray[np.float64]
 
-NEIGHBOURS_WANTED = {2: 13.0, 3: 14.0}  # per list: fewer means more renewals, more means dearer predictions
-LEAD = 1.0  # mean free times: so far ahead of a particle is the centre of its shell
-PATIENCE = 0.04  # lists renewed one by one, per particle, after which all are renewed at once
-NARROWED = 0.5  # shells are made narrower down to this share, if lists then need not name images
-SLACK = 1e-6  # by which lists and lines reach further than they must, so that rounding never matters
-THERMAL_SPEED = 3.5  # windows: flights up to this many sqrt(kT/m) are registered in one piece
+# per list: fewer mean more rebuilds, more mean more expensive predictions
+NEIGHBOURS_WANTED = {2: 13.0, 3: 14.0}
+LEAD = 1.0  # mean free times by which the reference position is ahead of the particle
+PATIENCE = 0.04  # lists rebuilt singly, per particle, after which all are rebuilt at once
+NARROWED = 0.5  # least factor on the threshold, if lists then need not store image indices
+SLACK = 1e-6  # relative margin of lists and segments against rounding
+THERMAL_SPEED = 3.5  # windows: flights at up to this many sqrt(kT/m) are one segment
 # One of these numbers of windows in an epoch is chosen.
 WINDOWS_IN_AN_EPOCH = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
-OUT_OF_PACE = 16.0  # epochs that are this many times too long or too short are changed
+OUT_OF_PACE = 16.0  # factor by which an epoch may be too long or too short before it is changed
 SEARCHES = ("auto", "lists", "windows")  # the faster one, or by name
 SPARSE_BELOW = {2: 0.4, 3: 0.25}  # packing fraction below which windows are faster than lists
 REG, PIECE, PAIR, CELL, COLL, NEWP, NEWC = (
@@ -44,15 +45,15 @@ def power_of_two_below(x: float) -> float:
 
 
 def root_of_power_below(x: float, degree: int) -> float:
-    """Power of two 2^floor(log2(x) / degree), rounded down in the exponent: a coarse root without rounding."""
+    """Power of two 2^floor(log2(x) / degree), an approximate root without rounding."""
     return math.ldexp(1.0, (math.frexp(x)[1] - 1) // degree)
 
 
 def epoch_length(scene: Scene) -> float:
-    """Length of the first epochs: about one to four times the time to fly the mean distance between particles, a power of two.
+    """Length of the first epochs: a power of two, one to four times the time to fly the mean distance.
 
-    It depends on the scene alone, and on it in a way that scales exactly: multiplying all lengths or times by a power of two
-    multiplies it by a power of two. Later ones: `pace`.
+    It depends on the scene alone, and on it in a way that scales exactly: multiplying all lengths or times by
+    a power of two multiplies it by a power of two. Later ones: `pace`.
     """
     v2 = mean_square(scene.velocities)
     return 1.0 if v2 == 0.0 else epoch_length_at(scene, v2)
@@ -64,15 +65,17 @@ def epoch_length_at(scene: Scene, v2: float) -> float:
 
 
 def pace(scene: Scene, length: float) -> tuple[float, float]:
-    """Mean square speeds between which epochs of this length are less than 16 times too short, and less than 16 times too long.
+    """Mean square speeds between which this epoch length is within a factor 16 of the ideal one.
 
-    Contacts are off by about a rounding of the time within an epoch times the speed. Where light particles begin slowly and are
-    hurried by heavy ones, that would grow with their speed, so epochs are shortened; they are never longer than the first ones.
+    The error of a contact is about a rounding of the time within an epoch times the speed. It would grow
+    where light particles, slow at first, are accelerated by collisions with heavy ones; epochs are then
+    shortened. They are never longer than the first ones.
 
     Returns
     -------
     lower, upper : float
-        Below and from which on another length is due; 0 and infinity where all masses are equal, which keeps the mean square.
+        Another length is due below the one and from the other on; 0 and infinity where all masses are equal,
+        since the mean square is then constant.
     """
     if np.all(scene.masses == scene.masses[0]) or not np.any(scene.velocities):
         return 0.0, math.inf
@@ -85,8 +88,8 @@ def pace(scene: Scene, length: float) -> tuple[float, float]:
 def mean_square(velocities: NDArray[np.float64]) -> float:
     """Mean square speed, with the power of two below it that the exactly rounded sum of squares gives.
 
-    A sum in whatever order is off by less than one rounding for each term, as no term is negative. Only where a power of
-    two is that near is the exactly rounded sum computed; otherwise both have the same.
+    A sum in any order has an error below one rounding per term, as no term is negative. The exactly rounded
+    sum is computed only where a power of two lies within that error; otherwise both give the same result.
     """
     squares = (velocities * velocities).ravel()
     n = len(velocities)
@@ -99,12 +102,12 @@ def mean_square(velocities: NDArray[np.float64]) -> float:
 
 
 def typical_speed(scene: Scene, energy: float) -> float:
-    """Root mean square speed of the particles, once a kinetic energy is shared out equally (light ones move fast)."""
+    """Root mean square speed at equipartition of a kinetic energy (light particles move fast)."""
     return math.sqrt(2.0 * energy / scene.n * float(np.mean(1.0 / scene.masses)))
 
 
 def mean_cross_section(one: Floats, other: Floats, dim: int) -> float:
-    """Mean cross section of pairs of one particle of each kind, pi (r1 + r2)^2 in 3D, given the radii of both kinds."""
+    """Mean cross section of a pair, one particle of each kind, pi (r1 + r2)^2 in 3D, from the radii."""
     r1, r2 = float(one.mean()), float(other.mean())
     if dim == 2:
         return 2.0 * (r1 + r2)
@@ -112,29 +115,31 @@ def mean_cross_section(one: Floats, other: Floats, dim: int) -> float:
 
 
 def collision_frequency(scene: Scene) -> float:
-    """Rough number of collisions per particle and time (Enskog with a crude contact value), for tuning only."""
+    """Approximate collisions per particle and time (Enskog with a simple contact value), for tuning only."""
     cross_section = mean_cross_section(scene.radii, scene.radii, scene.dim)
     speed = typical_speed(scene, scene.thermal_energy)
     return math.sqrt(2.0) * scene.number_density * cross_section * contact_value(scene) * speed
 
 
 def contact_value(scene: Scene) -> float:
-    """Crude value of the pair distribution at contact."""
+    """Approximate pair distribution at contact."""
     room = max(1.0 - scene.packing_fraction, 0.05)
     return (1.0 - 0.5 * scene.packing_fraction) / room**scene.dim
 
 
 def collision_rate(scene: Scene, velocities: Floats) -> float:
-    """Rough number of pair collisions in a unit of time at these velocities, however the energy is shared.
+    """Approximate pair collisions per unit time at these velocities, for any distribution of the energy.
 
-    The sum over pairs of sigma^2 |v1 - v2| pi / V (2 sigma |v1 - v2| / V in 2D), with the crude contact value, and with the sum of
-    both speeds in place of |v1 - v2|. Speeds are relative to the mean velocity along periodic axes; then that is at most twice as
-    much, summed over all pairs of equal spheres (by the triangle inequality, used twice). Wall collisions do not change it.
+    The sum over pairs of sigma^2 |v1 - v2| pi / V (2 sigma |v1 - v2| / V in 2D), with the approximate contact
+    value, and with the sum of both speeds in place of |v1 - v2|. Speeds are relative to the mean velocity
+    along periodic axes; summed over all pairs of equal spheres the result is then at most twice too large (by
+    the triangle inequality, used twice). Wall collisions do not change it.
     """
     dim, n, r = scene.dim, scene.n, scene.radii
     still = velocities - np.where(scene.periodic, np.mean(velocities, axis=0), 0.0)
     w = np.sqrt(np.sum(still * still, axis=1))
-    # Sums over pairs of (r1 + r2) (w1 + w2), in 3D of (r1 + r2)^2 (w1 + w2), from those over particles, less each with itself.
+    # Sums over pairs of (r1 + r2) (w1 + w2), in 3D of (r1 + r2)^2 (w1 + w2), from sums over particles,
+    # without self-pairs.
     r1, w0, w1 = float(np.sum(r)), float(np.sum(w)), float(np.sum(r * w))
     if dim == 2:
         area = 2.0 * (n * w1 + r1 * w0 - 2.0 * w1)
@@ -145,16 +150,16 @@ def collision_rate(scene: Scene, velocities: Floats) -> float:
 
 
 def shell_width(scene: Scene) -> float:
-    """How far a particle may go before its neighbour list is renewed: as far as leaves lists of about the wanted length.
+    """Displacement threshold of the neighbour lists: the one that gives lists of about the wanted length.
 
-    In a small box less far, if that spares lists to name images.
+    Smaller in a small box, if lists then need not store image indices.
     """
     ball = 4.0 * math.pi / 3.0 if scene.dim == 3 else math.pi
 
     a1, a2, a3 = (float(np.mean(scene.radii**k)) for k in (1, 2, 3))
 
     def neighbours(shell: float) -> float:
-        r1, r2 = a1 + shell, a2 + shell * (2.0 * a1 + shell)  # moments of the radii and the shell together
+        r1, r2 = a1 + shell, a2 + shell * (2.0 * a1 + shell)  # moments of radius plus threshold
         r3 = a3 + shell * (3.0 * a2 + shell * (3.0 * a1 + shell))
         pairs = 2.0 * r3 + 6.0 * r1 * r2 if scene.dim == 3 else 2.0 * r2 + 2.0 * r1 * r1
         return ball * scene.number_density * pairs
@@ -175,10 +180,11 @@ def shell_width(scene: Scene) -> float:
 
 
 def widest_shell_of_one_image(scene: Scene) -> float:
-    """Return the widest shells with which one image of a pair at most is near, and remains the nearest; infinity between walls.
+    """Return the largest thresholds for which only one image of a pair can be near; infinity between walls.
 
-    With three cells along an axis no two images of a particle are within reach. Centres of neighbours are a contact and two shells
-    apart, so particles in their shells at most a contact and four, which is less than half a box.
+    With three cells along an axis no two images of a particle are within the cutoff. Reference positions of
+    neighbours are at most a contact distance and two thresholds apart, so particles at most a contact
+    distance and four, which is less than half a box.
     """
     edges = scene.box[scene.periodic]
     if not edges.size:
@@ -188,7 +194,7 @@ def widest_shell_of_one_image(scene: Scene) -> float:
 
 
 def cells_per_axis(scene: Scene, width: float, particles: int) -> list[int]:
-    """Cells along each axis for some particles, each at least `width` wide, and not many more than particles in all."""
+    """Cells along each axis, each at least `width` wide, and not many more than particles in all."""
     cells = [max(1, int(edge / (width * (1.0 + SLACK)))) for edge in scene.box.tolist()]
     most = max(2 * particles, 8)
     while math.prod(cells) > most:
@@ -207,7 +213,7 @@ class WindowPlan:
     length : float
         Length of a window in time, a whole fraction of an epoch.
     stretch : float
-        How far a registered piece of a flight reaches from its middle.
+        Half-length of a trajectory segment.
     cells : list of int
         Cells along each axis.
     small_radius : float
@@ -244,7 +250,7 @@ class _Split:
         self.share_of_large = self._share_of_large(small, large)
 
     def _share_of_large(self, small: Floats, large: Floats) -> float:
-        """Return the share of large ones among all that collide."""
+        """Return the fraction of large particles among all that collide."""
         if not len(large):
             return 0.0
         dim = self.scene.dim
@@ -269,17 +275,18 @@ class _Split:
         return [int(edge / (width * (1.0 + 1e-3))) for edge in self.scene.box.tolist()]
 
     def cost(self, plan: WindowPlan, collisions: float, in_pieces: float) -> float:
-        """Rough cost of a window per particle, in ns, given how often each collides and how many flights are in pieces."""
+        """Approximate cost of a window per particle, in ns, from collision rates and segments per flight."""
         dim, n = self.scene.dim, self.scene.n
         occupancy = self.small / math.prod(plan.cells)
         around: float = occupancy * 3**dim
-        # Measured: registering a line (and more of them for a flight in pieces) and comparing it with half the lines around,
-        # passing by a cell, and for each collision comparing the new lines with all around, those of this window too.
+        # Measured: storing a segment (several for a long flight) and comparing it with half of the segments
+        # around, visiting a cell, and for each collision comparing the new segments with all around.
         opening: float = REG + PIECE * in_pieces + PAIR * around + CELL / occupancy
         collision: float = COLL + around * (NEWP + NEWC * collisions)
         if not self.large:
             return opening + collisions * collision
-        # A large one is compared with the lines in a box of rows, which stand in few runs, and with the chains of each row.
+        # A large particle is compared with the segments in a box of rows, which are mostly contiguous, and
+        # with the overflow list of each row.
         reach = self.large_radius + self.small_radius + 2.0 * plan.stretch
         wide = [
             2.0 * reach * c / edge + 1.0 for c, edge in zip(plan.cells, self.scene.box.tolist(), strict=True)
@@ -294,7 +301,7 @@ class _Split:
 
 
 def splits(scene: Scene) -> list[_Split]:
-    """Return ways to divide the particles into small and large ones: none is large, or few enough to be worth it."""
+    """Return ways to divide the particles into small and large ones: no large ones, or few enough to pay."""
     radii = np.unique(scene.radii)
     if len(radii) > 8:
         radii = np.unique(
@@ -304,13 +311,13 @@ def splits(scene: Scene) -> list[_Split]:
 
 
 def share_faster(speed: float, dim: int) -> float:
-    """Share of the particles that Maxwell and Boltzmann have faster than this many sqrt(kT/m)."""
+    """Fraction of particles faster than this many sqrt(kT/m) in a Maxwell-Boltzmann distribution."""
     tail = math.exp(-0.5 * speed * speed)
     return tail if dim == 2 else math.erfc(speed / math.sqrt(2.0)) + math.sqrt(2.0 / math.pi) * speed * tail
 
 
 def window_plan(scene: Scene, epoch: float, search: str = "auto") -> WindowPlan | None:
-    """Return the windows that cost least for epochs of this length, or None where the search is by neighbour lists.
+    """Return the cheapest windows for epochs of this length, or None where neighbour lists are used.
 
     Parameters
     ----------
@@ -326,7 +333,8 @@ def window_plan(scene: Scene, epoch: float, search: str = "auto") -> WindowPlan 
     SimulationError
         With "windows", where they are impossible.
     """
-    # Lists pay for cells made for the largest: where sizes differ they take over at a higher density.
+    # Cells for lists are sized for the largest particles: with unequal sizes, windows stay faster up to a
+    # higher density.
     crowding = scene.packing_fraction * float(scene.radii.mean() / scene.radii.max())
     if search == "lists" or (search == "auto" and crowding > SPARSE_BELOW[scene.dim]):
         return None
@@ -339,7 +347,7 @@ def window_plan(scene: Scene, epoch: float, search: str = "auto") -> WindowPlan 
 
 
 def _cheapest_windows(scene: Scene, epoch: float) -> WindowPlan | str:
-    """Return the windows that cost least, or why there are none."""
+    """Return the cheapest windows, or the reason why there are none."""
     now = np.sum(scene.velocities * scene.velocities, axis=1)
     rms = max(math.sqrt(float(np.mean(now))), typical_speed(scene, scene.kinetic_energy))
     if rms == 0.0:
@@ -357,6 +365,6 @@ def _cheapest_windows(scene: Scene, epoch: float) -> WindowPlan | str:
     if plans:
         return plans[min(plans)]
     return (
-        "the box is too small: well over three of the largest diameter must fit along each periodic axis, and well over one "
-        "between walls"
+        "the box is too small: well over three of the largest diameter must fit along each periodic axis, "
+        "and well over one between walls"
     )

@@ -1,4 +1,4 @@
-"""Velocities to start from: Maxwell, equal speeds, two temperatures, two beams; momentum removed, energy set exactly."""
+"""Initial velocities: Maxwell, equal speeds, two temperatures, two beams; momentum removed, exact energy."""
 
 import math
 import operator
@@ -22,13 +22,16 @@ POSITIONS, VELOCITIES = 0x706F7369, 0x76656C6F  # names of the two streams drawn
 _PLASTIC, _GOLDEN = 1.324717957244746, 1.618033988749895  # x^3 = x + 1, x^2 = x + 1
 _UNEVEN = {3: np.array([1.0, 1 / _PLASTIC, 1 / (_PLASTIC * _PLASTIC)]), 2: np.array([1.0, 1 / _GOLDEN])}
 BEAM_DIRECTION = {dim: uneven / math.sqrt(float(np.sum(uneven * uneven))) for dim, uneven in _UNEVEN.items()}
-"""Unit vectors, by dimension, along which beams start: (0.726, 0.548, 0.414) and (0.851, 0.526). Their components are in
-the ratios of powers of the plastic number and of the golden ratio, which rational numbers approximate worst, so that in a
-cubic periodic box a line along them stays away from itself for as long as one can."""
+"""Unit vectors, by dimension, along which beams start: (0.726, 0.548, 0.414) and (0.851, 0.526).
+
+Ratios of their components are powers of the plastic number or of the golden ratio, which are badly
+approximable by rational numbers: in a cubic periodic box a line along them returns close to itself only after
+a long way.
+"""
 
 
 def stream(seed: Seed, name: int) -> np.random.Generator:
-    """Return an independent stream of random numbers for each name; the same seed and name give the same stream.
+    """Return an independent stream of random numbers for each name, the same for the same seed and name.
 
     Raises
     ------
@@ -43,7 +46,7 @@ def stream(seed: Seed, name: int) -> np.random.Generator:
         if number < 0:
             raise SceneError(f"seed is {seed!r}; it must be an integer >= 0 or a numpy.random.SeedSequence")
         seed = np.random.SeedSequence(number)
-    # Not seed.spawn, which would count, and so give other numbers when the same object comes a second time.
+    # Not seed.spawn, which changes its argument: a second call with the same object would give other numbers.
     return np.random.default_rng(
         np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, name), pool_size=seed.pool_size)
     )
@@ -59,36 +62,39 @@ def draw_velocities(
 ) -> Floats:
     """Draw velocities for the particles of a scene.
 
-    The momentum along periodic axes, where the dynamics conserves it, is removed; then all velocities are scaled so that
-    ``scene.replace(velocities=v).temperature`` equals `temperature` to rounding. Along walls momentum is not conserved and
-    is left as drawn. A single particle keeps its momentum.
+    The momentum along periodic axes, where the dynamics conserves it, is removed; then all velocities are
+    scaled so that ``scene.replace(velocities=v).temperature`` equals `temperature` to rounding. Along walls
+    momentum is not conserved and is left as drawn. A single particle keeps its momentum.
 
     Parameters
     ----------
     scene : Scene
-        Gives masses, species, dimension and boundaries. Its own velocities and positions do not matter.
+        Gives masses, species, dimension and boundaries. Its own velocities and positions are not used.
     velocities : str
         ``"maxwell"``: each component normal with variance kT/m.
 
-        ``"equal-speeds"``: random directions, and for all particles of one mass one speed, sqrt(d kT/m) but for the
-        correction of the degrees of freedom. Particles of one mass move in opposite pairs drawn at random, an odd one
-        out in a trio at 120 degrees in a random plane, so that the momentum is zero to rounding and nothing has to be
-        removed. A mass that only one particle has cannot be paired: then the momentum is removed along periodic axes,
-        which spoils the equality of speeds by that much.
+        ``"equal-speeds"``: random directions, and for all particles of one mass one speed, sqrt(d kT/m) but
+        for the correction of the degrees of freedom. Particles of one mass move in opposite pairs drawn at
+        random, an odd one out in a trio at 120 degrees in a random plane, so that the momentum is zero to
+        rounding and nothing has to be removed. A mass that only one particle has cannot be paired: then the
+        momentum is removed along periodic axes, which spoils the equality of speeds by that much.
 
-        ``"two-temperatures"``: a hot and a cold gas, each Maxwell, T_hot / T_cold = `temperature_ratio` exactly, each
-        at rest along periodic axes (one particle alone cannot be, and shifts the ratio a little). In a mixture the first species is hot and the others are cold; particles all alike
-        are divided at random into halves.
+        ``"two-temperatures"``: a hot and a cold gas, each Maxwell, T_hot / T_cold = `temperature_ratio`
+        exactly, each at rest along periodic axes (except a single particle, which shifts the ratio slightly).
+        In a mixture the first species is hot and the others are cold; particles all alike are divided at
+        random into halves.
 
-        ``"beams"``: half of the particles, drawn at random (mass by mass), move along `BEAM_DIRECTION` and half against
-        it, all with one speed. Ratios of its components are irrational: along an axis of a periodic box, particles that
-        missed all others once would fly through the same cylinder again and again, and never collide.
+        ``"beams"``: half of the particles, drawn at random (mass by mass), move along `BEAM_DIRECTION` and
+        half against it, all with one speed. Ratios of its components are irrational: along an axis of a
+        periodic box, a particle that has missed all others once would sweep the same cylinder again and never
+        collide.
     temperature : float
         kT of the whole, in units of energy, >= 0. Zero puts everything at rest.
     temperature_ratio : float
         T_hot / T_cold of ``"two-temperatures"``, positive.
     seed : int or numpy.random.SeedSequence
-        Source of all random choices. The velocities are those that `lattice_gas` and `random_gas` draw from this seed.
+        Source of all random choices. The velocities are those that `lattice_gas` and `random_gas` draw from
+        this seed.
 
     Returns
     -------
@@ -116,7 +122,7 @@ def draw_velocities(
         words = ", ".join(f'"{word}"' for word in distributions)
         raise SceneError(f"velocities is {velocities!r}; it must be one of {words}")
     drawn = distributions[velocities](stream(seed, VELOCITIES), scene)
-    for _ in range(2):  # the second pass takes out what the first one rounded
+    for _ in range(2):  # the second pass removes the rounding of the first
         drawn = drawn - drift(drawn, scene.masses, scene.periodic)
         drawn = _scaled_to(drawn, scene, float(temperature))
     return drawn
@@ -161,7 +167,7 @@ def _two_temperatures(rng: np.random.Generator, scene: Scene, ratio: float) -> F
 
 def _beams(rng: np.random.Generator, scene: Scene) -> Floats:
     signs = np.empty(scene.n)
-    sign = 1.0  # an odd one out goes alternately this way and that
+    sign = 1.0  # unpaired particles take alternating signs
     for members in _shuffled_by_mass(rng, scene):
         half = (len(members) + 1) // 2
         signs[members[:half]] = sign

@@ -1,1 +1,1 @@
-"""What a person runs: scene, run, analysis, report."""
+"""Studies and the command line: scene, run, analysis, report."""

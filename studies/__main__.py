@@ -1,11 +1,11 @@
-"""Where the command line begins, also as `python -m studies`: an interrupt is answered even before anything is loaded."""
+"""Entry point of the command line, also as `python -m studies`; an interrupt works even during imports."""
 
 import os
 import signal
 
 
 def _leave(*_: object) -> None:
-    """Answer an interrupt at once, whatever is being imported; there is nothing to save yet."""
+    """Exit at once on an interrupt, also during imports; there is nothing to save yet."""
     os.write(2, b"interrupted\n")
     os._exit(130)
 

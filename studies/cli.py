@@ -1,7 +1,8 @@
-"""The console script `hardspheres`: options in, a study run, an exit code out.
+"""The console script `hardspheres`: parses options, runs a study, returns an exit code.
 
-Exit codes: 0 done, 1 a check failed, 2 bad input or output that cannot be written, 129 hung up, 130 interrupted, 143 terminated. Nothing
-heavy is imported before a study starts, so that `hardspheres --help` answers at once.
+Exit codes: 0 done, 1 a check failed, 2 bad input or output that cannot be written, 129 hung up, 130
+interrupted, 143 terminated. Nothing heavy is imported before a study starts, so that `hardspheres --help`
+answers at once.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ GROUPS = (
     "exactly-solved",
 )
 """Of hard cases, as in `studies.validation.hard_cases`, which is too heavy to be imported for this."""
-MOST = 1_000_000  # replicas, frames or runs: a slip of the finger shall not fill the memory
+MOST = 1_000_000  # replicas, frames or runs: a typing error must not exhaust the memory
 
 
 class Units(StrEnum):
@@ -89,7 +90,7 @@ def _everywhere(
 
 
 def _out(name: str) -> Path:
-    """Return the folder that --out names; an empty name is a mistake, not the present folder."""
+    """Return the folder that --out names; an empty name is an error, not the current folder."""
     if not name.strip():
         raise OptionError("--out is empty; name a folder for the results")
     return Path(name)
@@ -130,8 +131,8 @@ Json = Annotated[
 UntilError = Annotated[
     float | None,
     typer.Option(
-        help="Relative standard error wanted of the main number, such as 1e-3: a pilot of --replicas (at most 20) decides how "
-        "many replicas are run, at most 1000 times the pilot.",
+        help="Relative standard error wanted of the main number, such as 1e-3: a pilot of --replicas "
+        "(at most 20) decides how many replicas are run, at most 1000 times the pilot.",
         show_default="as many as --replicas",
     ),
 ]
@@ -171,8 +172,9 @@ def thermalise(
     velocities: Annotated[
         Velocities | None,
         typer.Option(
-            help="Start of the velocities. maxwell: in equilibrium. equal-speeds: one speed, in all directions. two-temperatures: "
-            "half of the particles hotter, or the first species. beams: half of them along one direction, half against it.",
+            help="Initial velocities. maxwell: in equilibrium. equal-speeds: one speed, in all "
+            "directions. two-temperatures: half of the particles hotter, or the first species. "
+            "beams: half of them along one direction, half against it.",
             show_default="equal-speeds",
             metavar="WORD",
         ),
@@ -213,7 +215,8 @@ def thermalise(
     units: Annotated[
         Units | None,
         typer.Option(
-            help="Of --from, where ASE converts them: numbers as they stand in the file (reduced), or Angstrom, u and eV (ase).",
+            help="Units of --from, where ASE converts them: numbers as in the file (reduced), or "
+            "Angstrom, u and eV (ase).",
             show_default="refused where it matters",
         ),
     ] = None,
@@ -243,7 +246,7 @@ def thermalise(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Watch a gas relax to Maxwell and Boltzmann's velocities.
+    """Follow the relaxation of a gas to the Maxwell-Boltzmann distribution.
 
     Measures the fourth cumulant a2, the Kolmogorov-Smirnov distance and Boltzmann's H against collisions per
     particle, averaged over replicas, beside the Boltzmann equation. Writes a summary, a table, pictures and a
@@ -317,7 +320,8 @@ def bench(
     packing_fraction: Annotated[
         list[str] | None,
         typer.Option(
-            help="Share of the box that the spheres fill; with --suite several: first:last:count, or numbers with commas.",
+            help="Volume fraction of the spheres; with --suite several: first:last:count, or numbers "
+            "with commas.",
             show_default="0.3",
             metavar="NUMBER|LIST",
         ),
@@ -332,8 +336,8 @@ def bench(
         str,
         typer.Option(
             **word("--start", "auto", "lattice", "fluid"),
-            help="lattice: a crystal with random velocities. fluid: at random, grown where it is dense. auto: a fluid where that "
-            "is the state in equilibrium.",
+            help="lattice: a crystal with random velocities. fluid: at random, grown where it is dense. "
+            "auto: a fluid where that is the equilibrium state.",
         ),
     ] = "auto",
     collisions: Annotated[
@@ -342,7 +346,7 @@ def bench(
     discard: Annotated[
         float | None,
         typer.Option(
-            help="Collisions per particle to throw away before.",
+            help="Collisions per particle to discard before timing.",
             show_default="10, more where it must melt or relax",
         ),
     ] = None,
@@ -350,8 +354,8 @@ def bench(
         str | None,
         typer.Option(
             **word("--against", "spheropack", "plain"),
-            help="spheropack: run it in turn with us and compare; plain: our own engine on as many spheres of one kind, "
-            "periodic, in 3D.",
+            help="spheropack: run it in turn with ours and compare; plain: our own engine on as many equal "
+            "spheres, periodic, in 3D.",
         ),
     ] = None,
     suite: Annotated[
@@ -368,8 +372,9 @@ def bench(
 ) -> None:
     """Measure collisions per second, beside another engine.
 
-    Times the event loop alone, compiled and in equilibrium, on one core. Writes a summary and the windows; with --suite a
-    table and a figure. Keeps no checkpoints: it is timing itself, which an interruption would spoil.
+    Times the event loop alone, compiled and in equilibrium, on one core. Writes a summary and the windows;
+    with --suite a table and a figure. Keeps no checkpoints, since an interruption would invalidate the
+    timing.
     """
     from studies.benchmarks.bench import Bench
     from studies.benchmarks.bench import bench as run
@@ -408,7 +413,7 @@ Densities = Annotated[
     str,
     typer.Option(
         "--packing-fraction",
-        help="Shares of the box that the spheres fill: one, several with commas, or first:last:count.",
+        help="Volume fractions of the spheres: one, several with commas, or first:last:count.",
         metavar="NUMBER|LIST",
     ),
 ]
@@ -438,8 +443,8 @@ def pressure(
         bool,
         typer.Option(
             "--suite",
-            help="Nine states of spheres, five of discs and three mixtures of 4000 particles; --until-error is 1e-3 "
-            "(two minutes) or as given (1e-4: hours).",
+            help="Nine states of spheres, five of discs and three mixtures of 4000 particles; "
+            "--until-error is 1e-3 (two minutes) or as given (1e-4: hours).",
         ),
     ] = False,
     replicas: Annotated[
@@ -509,10 +514,11 @@ def free_path(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Measure how far particles fly between collisions, beside kinetic theory.
+    """Measure free paths between collisions, beside kinetic theory.
 
-    Mean free path and time, collision rates between species, moments and survival functions of all flights, and the
-    free path at each speed, with error bars, at several packing fractions. Writes a summary, two tables and a picture.
+    Mean free path and time, collision rates between species, moments and survival functions of all flights,
+    and the free path at each speed, with error bars, at several packing fractions. Writes a summary, two
+    tables and a picture.
     """
     from studies.fluid import Fluid
     from studies.free_path import FreePaths
@@ -600,7 +606,7 @@ def mixture(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Watch two species of different temperatures come to one, beside kinetic theory.
+    """Follow the temperature equilibration of two species, beside kinetic theory.
 
     Temperatures of both against time, averaged over replicas, beside the two-Maxwellian equations with their
     known deviation, and the collision rate. Writes a summary, a table and a picture.
@@ -631,12 +637,12 @@ def accuracy(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Set speed against error, beside two time-stepping programs.
+    """Compare speed and error with two time-stepping programs.
 
-    The engine, the all-pairs solver and bouncing balls by time steps on the same gases in one run: distance from
-    the trajectory at 50 digits, missed collisions, overlaps, pressure and mean free path, and what they cost. Writes
-    a summary, a table and a picture. Every scene and every state is kept when it is finished; one that is interrupted begins
-    anew.
+    The engine, the all-pairs solver and bouncing balls by time steps on the same gases in one run: distance
+    from the trajectory at 50 digits, missed collisions, overlaps, pressure and mean free path, and cost.
+    Writes a summary, a table and a picture. Every finished scene and state is kept; an interrupted one starts
+    again.
     """
     from studies.pressure import packing_fractions as parsed
     from studies.report import Screen
@@ -674,8 +680,8 @@ def calibration(
 ) -> None:
     """Test the error bars: (value - truth) / standard error of every estimator, over many short runs.
 
-    It should follow Student's t with the degrees of freedom that the estimator quotes. Writes a summary, a table and a
-    picture.
+    It should follow Student's t with the degrees of freedom that the estimator quotes. Writes a summary, a
+    table and a picture.
     """
     from studies.report import Screen
     from studies.validation.calibration import Calibrations
@@ -716,11 +722,12 @@ def hard_cases(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Try the engine on hard cases whose answer is exact.
+    """Test the engine on hard cases with exact answers.
 
-    Collisions that count out pi, cradles, wide ratios of mass and size, grazing collisions, close packing, huge and tiny boxes,
-    reversal, symmetries, solved gases. Writes a table of what is exact, what the engine gave, and how many digits are right.
-    Every long run in it is kept when it is finished, and one that is interrupted begins anew.
+    Collisions that count digits of pi, cradles, wide ratios of mass and size, grazing collisions, close
+    packing, huge and tiny boxes, reversal, symmetries, solved gases. Writes a table of the exact answer, the
+    engine's, and the number of correct digits. Every finished long run is kept; an interrupted one starts
+    again.
     """
     from studies.report import Screen
     from studies.validation.hard_cases import groups_named, size_named
@@ -747,10 +754,10 @@ def soak(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Run two gases for very long and watch what must not change.
+    """Run two gases for very long and test what must not change.
 
-    Energy, momentum, overlaps, late events and resident memory of a fluid at packing fraction 0.3, and of a mixture
-    between walls. Takes about half an hour on two cores. Writes a summary and a table.
+    Energy, momentum, overlaps, events out of order and resident memory of a fluid at packing fraction 0.3,
+    and of a mixture between walls. Takes about half an hour on two cores. Writes a summary and a table.
     """
     from studies.report import Screen
     from studies.validation.soak import Soak
@@ -768,13 +775,13 @@ def _folder(
     from studies.report import OutputFolder
 
     if resume and force:
-        raise OptionError("--resume goes on with a run and --force replaces it; give one of them")
+        raise OptionError("--resume continues a run and --force replaces it; give one of them")
     path = out or Path("runs") / f"{study}-{which}"
     return OutputFolder(path, checkpoint_every=checkpoint_every, resume=resume, force=force)
 
 
 def _next_folder(path: Path, force: bool) -> Path:
-    """Return the first of path, path-2, path-3, ... without results: timing is repeated, and has nothing to resume."""
+    """Return the first of path, path-2, path-3, ... without results; a timing is repeated, not resumed."""
     from studies.running.ownership import SUMMARY, WRITTEN
 
     names, taken = {SUMMARY, *WRITTEN["bench"], *WRITTEN["suite"]}, path
@@ -832,7 +839,7 @@ def _ended(number: int, _: object) -> NoReturn:
     for stream in (
         1,
         2,
-    ):  # a terminal may have gone: then whatever is written there on the way out would raise something else
+    ):  # the terminal may be closed: writing to it on the way out would raise another error
         try:
             os.write(stream, b"")
         except OSError:
@@ -861,7 +868,7 @@ def main() -> None:
 
 
 def _leave(code: int, sentence: str) -> NoReturn:
-    """Say why, on a terminal broken between words, if there is still somebody to say it to, and exit."""
+    """Print the reason, wrapped to the terminal if there still is one, and exit."""
     width = shutil.get_terminal_size().columns if sys.stderr.isatty() else None
     try:
         print("\n".join(wrapped(sentence, width)), file=sys.stderr, flush=True)
@@ -871,7 +878,7 @@ def _leave(code: int, sentence: str) -> NoReturn:
 
 
 def _notes(error: BaseException | None) -> str:
-    """Return what was noted on an error's way here, and on that of those which it came from."""
+    """Return the notes added to an error and to the errors that caused it."""
     if error is None:
         return ""
     own = "".join(f"; {note}" for note in getattr(error, "__notes__", ()))

@@ -39,9 +39,9 @@ __all__ = ["DiffusionState", "SelfDiffusion", "Slope", "Walks", "self_diffusion"
 
 FloatArray = NDArray[np.float64]
 
-SPACING = 0.25  # of the moments that are compared, in mean free times
+SPACING = 0.25  # of the sampled times, in mean free times
 POINTS = 16  # snapshots per level of `Diffusion`
-# collisions per particle in which moments are so close, then for the slope alone; fewer where there are more particles
+# collisions per particle with this spacing, then for the slope alone; fewer where there are more particles
 DENSE, FEWEST_DENSE, DENSE_PARTICLES = 100.0, 30.0, 4000
 SLOPE_POINTS = 12  # snapshots for the slope: its window ends at the last
 DISCS = (20.0, 40.0)  # lags between which the slope is taken in 2D, in mean free times
@@ -94,16 +94,16 @@ class SelfDiffusion:
 
 @dataclass(frozen=True)
 class Slope:
-    """Where the slope of the mean square displacement is taken, and how long to measure; all in mean free times.
+    """Window of the slope of the mean square displacement, and length of the run, in mean free times.
 
     Attributes
     ----------
     needed : (float, float)
-        The window that D of the box takes: `theory.periodic_diffusion_window`, 20 to 40 in 2D.
+        The window for D of the box: `theory.periodic_diffusion_window`, 20 to 40 in 2D.
     length : float
         Of the measurement.
     dense : float
-        In which moments are SPACING apart, for the curves.
+        Part of it in which samples are SPACING apart, for the curves.
     """
 
     needed: tuple[float, float]
@@ -112,7 +112,7 @@ class Slope:
 
     @classmethod
     def of(cls, fluid: Fluid, length: float | None) -> Slope:
-        """Return the slope for a fluid: three times as long as its window by default, at least 200, at most 2000."""
+        """Return the slope for a fluid: by default a run of three windows, at least 200 and at most 2000."""
         needed = DISCS
         if fluid.dim == 3:
             edge = (fluid.n / (fluid.packing_fraction / float(theory.packing_fraction(1.0, 1.0, 3)))) ** (
@@ -130,7 +130,7 @@ class Slope:
 
     @property
     def stride(self) -> int:
-        """Moments from one that the slope takes to the next."""
+        """Sample spacings between two samples of the slope."""
         return max(math.floor(min(self.needed[1], self.length / 2.0) / SLOPE_POINTS / SPACING + 0.5), 1)
 
     @property
@@ -143,27 +143,27 @@ class Slope:
 
     @property
     def moments(self) -> list[int]:
-        """When to look, in units of SPACING."""
+        """Sample times, in units of SPACING."""
         last = math.ceil(self.length / SPACING)
         dense = range(min(last, round(self.dense / SPACING)) + 1)
         return sorted({*dense, *range(0, last + 1, self.stride)})
 
     @property
     def note(self) -> str | None:
-        """What is to be said of a short measurement."""
+        """Note on a short measurement."""
         if not self.short:
             return None
         begin, end = self.window
         return (
-            f"too short for D of this box, the slope from {self.needed[0]:.0f} to {self.needed[1]:.0f} mean free times: it "
-            f"is that from {begin:.0f} to {end:.0f}, and the rest of the tail is theory's; ask for "
-            f"--collisions-per-particle {math.ceil(2.0 * self.needed[1])}"
+            f"too short for D of this box, the slope from {self.needed[0]:.0f} to {self.needed[1]:.0f} mean "
+            f"free times: it is that from {begin:.0f} to {end:.0f}, and theory supplies the rest of the "
+            f"tail; ask for --collisions-per-particle {math.ceil(2.0 * self.needed[1])}"
         )
 
 
 @dataclass(frozen=True)
 class _Walk:
-    """What one replica of one state hands back."""
+    """Result of one replica of one state."""
 
     lags: FloatArray
     mean_square_displacement: FloatArray
@@ -182,7 +182,7 @@ def _mean_free_time(fluid: Fluid) -> float:
 
 @dataclass
 class _Walking:
-    """A replica on its way: after `done` moments, close ones in `near`, those for the slope in `far`."""
+    """A replica in progress: after `done` moments, close ones in `near`, those for the slope in `far`."""
 
     simulation: hs.Simulation
     near: Diffusion
@@ -208,7 +208,7 @@ class Walks(Resumable[tuple[Fluid, np.random.SeedSequence], _Walking, _Walk]):
         return _Walking(hs.Simulation(fluid.scene(seed)), Diffusion(POINTS), Diffusion(SLOPE_POINTS))
 
     def steps(self, item: tuple[Fluid, np.random.SeedSequence], state: _Walking) -> Iterator[None]:
-        """Let it settle, then look at it at equally spaced times: close ones, then those of the slope."""
+        """Equilibrate, then sample at equally spaced times: close ones, then those of the slope."""
         fluid, simulation = item[0], state.simulation
         slope = Slope.of(fluid, self.collisions_per_particle)
         yield from until(simulation, fluid.settled)
@@ -269,11 +269,11 @@ class DiffusionState:
     here : Estimate
         D of this box.
     correction : Prediction or None
-        What the periodic box takes from D; None in 2D, where D has no limit.
+        Reduction of D by the periodic box; None in 2D, where D has no limit.
     enskog : Prediction
         Enskog's D of the infinite fluid.
     failures : tuple of str
-        What is wrong with the state.
+        Failed checks of the state.
     """
 
     fluid: Fluid
@@ -313,7 +313,7 @@ class DiffusionState:
 
 
 def combine(fluid: Fluid, walks: Sequence[_Walk], length: float | None = None) -> DiffusionState:
-    """Return the replicas of one packing fraction as one state, with everything that is wrong with it.
+    """Return the replicas of one packing fraction as one state, with its failed checks.
 
     Parameters
     ----------
@@ -530,18 +530,19 @@ def _print(
     screen.table("", header, rows)
     screen.say()
     screen.say(
-        "D from the slope of the mean square displacement between these many mean free times; errors from the spread of "
-        "the replicas"
+        "D from the slope of the mean square displacement between these many mean free times; errors from "
+        "the spread of the replicas"
     )
     if three:
         screen.say(
-            "correction: what the periodic box takes from D (after Yeh and Hummer 2004); D infinite has it, and its "
-            "uncertainty"
+            "correction: reduction of D by the periodic box (after Yeh and Hummer 2004); D infinite includes "
+            "it, and its uncertainty"
         )
     else:
         screen.say("in 2D diffusion has no infinite limit: D grows as the logarithm of the box")
     screen.say(
-        f"Enskog's theory leaves out correlated collisions: its uncertainty is what it is known to miss; {Z_MEANS}"
+        "Enskog's theory leaves out correlated collisions: its uncertainty is its known systematic error; "
+        f"{Z_MEANS}"
     )
     for state in states:
         if state.slope.note:

@@ -1,8 +1,8 @@
-"""Where studies of fluids start: one or two species, placed at random or, where they are dense, grown.
+"""Initial states of fluids: one or two species, placed at random or, where dense, grown.
 
 A fluid that is not dense is placed one particle after another. A dense one is grown from small spheres,
 because a lattice near freezing does not melt in any affordable run (fcc at packing fraction 0.49, for one).
-How much is thrown away before anything is measured is the same rule for all, `Fluid.discarded`.
+The length of equilibration before any measurement follows one rule, `Fluid.discarded`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import hardspheres as hs
-from analysis.memory import remembered
+from analysis.correlation_times import virial_block_length
 from hardspheres.compression import order_of_crystal
 from hardspheres.memory import require_room_for
 from studies.report import Screen
@@ -45,7 +45,7 @@ Result = TypeVar("Result")
 Boundary = str | tuple[str, ...]
 
 LONGEST = 1e9
-"""Collisions per particle that a study may ask for: years for any gas that is worth it."""
+"""Largest number of collisions per particle of a study: years of computing."""
 
 FREEZING = {2: 0.70, 3: 0.494}
 """Packing fractions up to which the fluid counts as the state in equilibrium. Spheres freeze at 0.492
@@ -54,9 +54,10 @@ FREEZING = {2: 0.70, 3: 0.494}
 THEORY_UP_TO = {2: 0.66, 3: 0.494}
 RANDOM_UP_TO = {2: 0.45, 3: 0.30}  # packing fractions: random placement nears its limit above
 RELAXED = (
-    100.0  # collisions per particle after growth, in which a dense fluid moves by half a diameter or more
+    # collisions per particle after growth; each moves half a diameter or more
+    100.0
 )
-ENOUGH_TO_COMPILE = 2000  # particles that are searched in the same way as more
+ENOUGH_TO_COMPILE = 2000  # particles from which on the method of search is that of larger gases
 SETTLED = 20.0  # collisions per particle after random placement
 
 
@@ -66,7 +67,7 @@ def is_dense(dim: int, packing_fraction: float) -> bool:
 
 
 def maker(dim: int, packing_fraction: float) -> Callable[..., hs.Scene]:
-    """Return what makes a fluid of this density: `random_gas`, or `compressed_gas` where it is dense."""
+    """Return the maker of a fluid of this density: `random_gas`, or `compressed_gas` where dense."""
     return hs.compressed_gas if is_dense(dim, packing_fraction) else hs.random_gas
 
 
@@ -92,7 +93,7 @@ def two_species(
     Raises
     ------
     SceneError
-        If there is not enough memory for so many.
+        If there is not enough memory for so many particles.
     """
     if diameter_ratio == mass_ratio == 1.0:
         return 0.5, 1.0
@@ -140,8 +141,8 @@ class Fluid:
 
     @property
     def discarded(self) -> float:
-        """Collisions per particle to throw away before anything is measured."""
-        return max(RELAXED, remembered(self.packing_fraction, self.dim)) if self.dense else SETTLED
+        """Collisions per particle to discard before any measurement."""
+        return max(RELAXED, virial_block_length(self.packing_fraction, self.dim)) if self.dense else SETTLED
 
     @property
     def kind(self) -> str:
@@ -149,7 +150,7 @@ class Fluid:
         return _kind(self.dim, 2 if self.mixed else 1, self.boundary)
 
     def check(self) -> None:
-        """Raise SceneError where this is no fluid, or has more particles than there is room for."""
+        """Raise SceneError where this is no fluid, or has too many particles for the memory."""
         require_room_for(self.n)
         limit = FREEZING.get(self.dim, 1.0)
         kind = "spheres" if self.dim == 3 else "discs"
@@ -160,12 +161,13 @@ class Fluid:
             )
 
     def check_within(self, theory: str) -> None:
-        """Raise SceneError where this is no fluid, or denser than this theory goes."""
+        """Raise SceneError where this is no fluid, or is denser than the range of this theory."""
         self.check()
         limit = THEORY_UP_TO[self.dim]
         if self.packing_fraction > limit:
             raise hs.SceneError(
-                f"packing fraction {self.packing_fraction:g} is above {limit:g}, where {theory} ends; ask for less"
+                f"packing fraction {self.packing_fraction:g} is above {limit:g}, where {theory} ends; ask "
+                "for less"
             )
 
     def scene(self, seed: np.random.SeedSequence, velocities: str = "maxwell") -> hs.Scene:
@@ -190,7 +192,7 @@ class Fluid:
 
     @property
     def settled(self) -> int:
-        """Pair collisions after which a run that began with `scene` has come through `discarded`."""
+        """Pair collisions by which a run from `scene` has completed `discarded`."""
         return math.ceil(self.discarded * self.n / 2)
 
     def settle(self, simulation: hs.Simulation) -> int:
@@ -228,7 +230,7 @@ def ordered(simulation: hs.Simulation) -> bool:
 
 
 def broken(simulation: hs.Simulation) -> str | None:
-    """Return what `Simulation.check` finds broken, None where all is well."""
+    """Return the violation that `Simulation.check` finds, or None."""
     try:
         simulation.check()
     except hs.InvariantError as error:
@@ -237,7 +239,7 @@ def broken(simulation: hs.Simulation) -> str | None:
 
 
 def check_length(collisions_per_particle: float, fewest: float, why: str) -> None:
-    """Raise SceneError where a run is too short, or so long that it is a mistake.
+    """Raise SceneError where a run is too short, or too long to be intended.
 
     Parameters
     ----------
@@ -246,7 +248,7 @@ def check_length(collisions_per_particle: float, fewest: float, why: str) -> Non
     fewest : float
         Collisions per particle that are needed.
     why : str
-        What a shorter run does not give.
+        What a shorter run cannot give.
     """
     said = f"--collisions-per-particle {collisions_per_particle:g}"
     if collisions_per_particle > LONGEST:
@@ -257,7 +259,7 @@ def check_length(collisions_per_particle: float, fewest: float, why: str) -> Non
 
 
 def load_kernels(fluids: Sequence[Fluid], free_paths: bool = False) -> None:
-    """Compile or load all that fluids of one kind need: thin ones, dense ones, and growth.
+    """Compile or load all that fluids of one kind need: dilute ones, dense ones, and growth.
 
     Parameters
     ----------
@@ -295,7 +297,8 @@ def run_fluids(
     task : callable
         Depends on nothing but its item and can be pickled, see `run_replicas`.
     fluids : sequence of Fluid
-        In ascending order of density: dense ones take longest and are run first, so that no worker waits for another.
+        In ascending order of density: dense ones take longest and are run first, so that all workers finish
+        together.
     seed, replicas : int
         Source of every random choice; replicas of each fluid.
     workers : int or None

@@ -1,4 +1,4 @@
-"""Tables and sentences as text of a given width: whatever does not fit goes on another line, and no cell is ever cut."""
+"""Layout of tables and sentences in a given width: long ones take several lines, and no cell is cut."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["Block", "table_blocks", "wrapped"]
 Block = tuple[list[str], list[str]]  # lines of the header, lines of the body
 
 WITH_THE_ONE_BEFORE = {"theory", "z", "growth", "best", "ratio", ""}
-"""Columns that say something of the column before them, and stay beside it where there is room."""
+"""Columns that qualify the column before them, and stay beside it where possible."""
 
 
 def wrapped(text: str, width: int | None, indent: str = "") -> list[str]:
@@ -21,7 +21,7 @@ def wrapped(text: str, width: int | None, indent: str = "") -> list[str]:
     text : str
         One or more lines.
     width : int or None
-        Characters in a line; None breaks nothing.
+        Characters in a line; None wraps nothing.
     indent : str
         What the second and further lines begin with.
 
@@ -52,9 +52,9 @@ def table_blocks(
 ) -> list[Block]:
     """Lay out a table in a given width.
 
-    It is one block where it fits. Where it does not, cells of words are broken between words if `wrap` asks for it; else the
-    columns are spread over several blocks, each with the key columns; and where not even that fits, each row becomes a block
-    of its own with a line for each column.
+    It is one block where it fits. Where it does not, cells of words are broken between words if `wrap` asks
+    for it; else the columns are spread over several blocks, each with the key columns; and where not even
+    that fits, each row becomes a block of its own with a line for each column.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def _block(cells: list[list[str]], widths: list[int], chosen: Sequence[int], wid
 def _spread(
     columns: Sequence[str], widths: list[int], width: int, keys: int, gap: int
 ) -> list[list[int]] | None:
-    """Return the columns of each block, the key columns first; None where one column beside them is too wide."""
+    """Return the columns of each block, key columns first; None if one column beside them is too wide."""
     first = list(range(keys))
     groups: list[list[int]] = []
     for k in range(keys, len(columns)):
@@ -127,7 +127,7 @@ def _spread(
 
 
 def _shared(least: list[int], most: list[int], width: int) -> list[int]:
-    """Return widths between the longest word and the whole cell, so that no column has much longer cells than others."""
+    """Return widths between longest word and whole cell that balance the heights of the columns."""
     widths = least.copy()
     while _total(widths, range(len(widths)), gap=2) < width:
         widths[max(range(len(widths)), key=lambda k: most[k] / max(widths[k], 1))] += 1

@@ -1,4 +1,4 @@
-"""Two species of different temperatures come to one, beside kinetic theory."""
+"""Temperature equilibration of two species, beside kinetic theory."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ class Mixture:
             )
 
     def start(self, seed: np.random.SeedSequence) -> hs.Scene:
-        """Return a fluid that has settled at one temperature, with new velocities of two.
+        """Return a fluid equilibrated at one temperature, with new velocities of two temperatures.
 
         Raises
         ------
@@ -136,7 +136,7 @@ def _species(scene: hs.Scene) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 @dataclass(frozen=True)
 class _Run:
-    """What one replica hands back."""
+    """Result of one replica."""
 
     decay: TemperatureEquilibration
     labels: list[str]
@@ -147,7 +147,7 @@ class _Run:
 
 @dataclass
 class _Equilibrating:
-    """A replica on its way: measured `done` times, or settling still where that is None."""
+    """A replica in progress: measured `done` times, or still equilibrating where that is None."""
 
     simulation: hs.Simulation
     decay: TemperatureEquilibration
@@ -174,7 +174,7 @@ class Equilibrations(Resumable[np.random.SeedSequence, _Equilibrating, _Run]):
         return _Equilibrating(hs.Simulation(self.study.fluid.scene(item)), TemperatureEquilibration())
 
     def steps(self, item: np.random.SeedSequence, state: _Equilibrating) -> Iterator[None]:
-        """Let it settle, then give it two temperatures and watch them."""
+        """Equilibrate, then draw velocities of two temperatures and measure."""
         if state.done is None:
             yield from until(state.simulation, self.study.fluid.settled)
             state.simulation = hs.Simulation(self.study.heated(state.simulation, item))
@@ -201,7 +201,7 @@ class Result:
     scene : Scene
         Of one of them.
     labels : list of str
-        What tells the species apart.
+        Labels of the species.
     """
 
     def __init__(
@@ -237,7 +237,7 @@ class Result:
 
     @property
     def rate(self) -> TheoryCheck:
-        """Decay rate of the temperature difference over the first relaxation time, or what there is of it."""
+        """Decay rate of the temperature difference over the first relaxation time, or the run if shorter."""
         return self.decay.check((0.0, float(self.time[min(SAMPLES, len(self.time) - 1)])))
 
     @property
@@ -255,7 +255,7 @@ class Result:
         by_temperature = abs(float(trapezoid(shifted - expected, span) / (span[-1] - span[0])))
         densities, diameters, _ = _species(self.scene)
         g = float(theory.mixture_contact_values(densities, diameters, self.scene.dim).max())
-        doubt = mean * math.hypot(
+        uncertainty = mean * math.hypot(
             theory.mixture_contact_uncertainty(diameters, self.scene.dim) * (1.0 - 1.0 / g),
             1.0 / self.scene.n,
         )
@@ -264,7 +264,7 @@ class Result:
             "Enskog",
             self._late_rate,
             mean,
-            math.hypot(doubt, by_temperature),
+            math.hypot(uncertainty, by_temperature),
         )
 
     def _rates(self, temperatures: FloatArray) -> FloatArray:
@@ -281,7 +281,7 @@ class Result:
 
     @property
     def checks(self) -> list[TheoryCheck]:
-        """What was measured beside theory, but for the curve itself; without a rate that is lost in noise."""
+        """Measured numbers beside theory, except the curve; without a rate that is lost in noise."""
         found = []
         for name in ("rate", "collision_rate"):
             try:
@@ -439,7 +439,7 @@ def _print(
     values, errors = result.decay.temperatures, result.decay.temperatures_error
     rows = []
     for k, moment in enumerate(result.time):
-        z, doubt = result.deviations[k], result.theory_difference_error[k]
+        z, uncertainty = result.deviations[k], result.theory_difference_error[k]
         rows.append(
             [
                 f"{moment:.4g}",
@@ -447,16 +447,16 @@ def _print(
                 _text(values[k, 0], errors[k, 0]),
                 _text(values[k, 1], errors[k, 1]),
                 _text(result.difference[k], result.difference_error[k]),
-                _text(result.theory_difference[k], doubt),
+                _text(result.theory_difference[k], uncertainty),
                 f"{z:+.1f}" if math.isfinite(z) else "",
-                "u" if k and doubt > 2.0 * result.difference_error[k] else "",
+                "u" if k and uncertainty > 2.0 * result.difference_error[k] else "",
             ]
         )
     screen.table("", ["time", "s", "T1", "T2", "T1 - T2", "theory", "z", ""], rows)
     screen.say()
     screen.say(
-        "theory: two Maxwellians, exact at the start; its uncertainty in parentheses is what it is known "
-        "to miss later, when the species are no longer Maxwellian and the difference decays more slowly"
+        "theory: two Maxwellians, exact at the start; its uncertainty in parentheses is its known systematic "
+        "error later, when the species are no longer Maxwellian and the difference decays more slowly"
     )
     screen.say(f"{Z_MEANS}; errors from the spread of replicas")
     if any(row[-1] for row in rows):

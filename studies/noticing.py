@@ -1,4 +1,4 @@
-"""What estimators warn of while a study runs, said in the study's words: the quantity, and the option that helps."""
+"""Warnings of estimators during a study, reworded for its user: the quantity, and the option that helps."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ OURS = ("analysis.", "hardspheres.")
 
 @dataclass
 class Notices:
-    """What was noticed.
+    """Warnings collected during a run.
 
     Attributes
     ----------
     notes : list of str
         Sentences, each once.
     times : float
-        How many times longer the run should have been for error bars that can be trusted; 0 where it is long enough.
+        How many times longer the run should have been for error bars that can be trusted; 0 where it is long
+        enough.
     """
 
     notes: list[str] = field(default_factory=list)
@@ -32,12 +33,12 @@ class Notices:
 
     @contextmanager
     def of(self, quantity: str) -> Iterator[None]:
-        """Take in what our own estimators warn of while the context lasts; warnings of anybody else pass on.
+        """Collect warnings of this package's estimators while the context lasts; others pass through.
 
         Parameters
         ----------
         quantity : str
-            What is measured meanwhile.
+            What is measured in the context.
         """
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
@@ -54,7 +55,7 @@ class Notices:
 
 
 def too_short(times: float, length: float) -> list[str]:
-    """Return what to say of a run that should have been so many times longer; nothing where it is long enough.
+    """Return what to say of a run that is too short by this factor; nothing where it is long enough.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
-"""How options of the command line are read and shown: words from a list, numbers that make sense, panels in `--help`.
+"""Parsing and help of command-line options: words from a list, valid numbers, panels in `--help`.
 
-Parsers are called before anything heavy is loaded, and refuse in one sentence.
+Parsers run before large imports, and refuse a value in one sentence.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ __all__ = ["App", "OptionError", "at_most", "boundary", "one_number", "positive"
 
 
 class OptionError(HardSpheresError):
-    """An option that makes no sense."""
+    """An invalid option."""
 
 
 def _either(words: tuple[str, ...]) -> str:
@@ -51,8 +51,8 @@ def _boundary(text: str) -> str:
     for part in text.split(","):
         if part.strip() not in ("periodic", "wall"):
             raise OptionError(
-                f"--boundary {text} is not known; it can be periodic or wall, or one of them for each axis, as in "
-                "periodic,periodic,wall"
+                f"--boundary {text} is not known; it can be periodic or wall, or one of them for each axis, "
+                "as in periodic,periodic,wall"
             )
     return text
 
@@ -74,7 +74,7 @@ def positive(option: str, what: str) -> dict[str, Any]:
     option : str
         Its name, with dashes.
     what : str
-        What it is, for the sentence that refuses another.
+        What it is, for the error message.
     """
 
     def parsed(text: str | float) -> float:
@@ -101,13 +101,13 @@ def _one_number(text: str | float) -> float:
 one_number: dict[str, Any] = {
     "parser": _one_number,
     "metavar": "NUMBER",
-    "help": "Share of the box that the spheres fill.",
+    "help": "Volume fraction of the spheres.",
 }
 """What `typer.Option` needs for `--packing-fraction` of a study of one gas."""
 
 
 def at_most(limit: int) -> Callable[[typer.CallbackParam, int], int]:
-    """Return a callback that refuses a larger number; as a range it would fill a third of the help."""
+    """Return a callback that refuses larger numbers; a range would take a third of the help."""
 
     def checked(param: typer.CallbackParam, value: int) -> int:
         if value > limit:
@@ -118,10 +118,10 @@ def at_most(limit: int) -> Callable[[typer.CallbackParam, int], int]:
 
 
 PANELS = {
-    "The gas": "n dim packing_fraction packing_fractions boundary start velocities temperature temperature_ratio mass_ratio "
-    "diameter_ratio fraction source radius mass box units velocities_are",
-    "What and how long": "collisions collisions_per_particle relaxation_times discard replicas runs until_error suite quick size "
-    "only against",
+    "The gas": "n dim packing_fraction packing_fractions boundary start velocities temperature "
+    "temperature_ratio mass_ratio diameter_ratio fraction source radius mass box units velocities_are",
+    "What and how long": "collisions collisions_per_particle relaxation_times discard replicas runs "
+    "until_error suite quick size only against",
     "Results": "out force json frames animate",
     "The run itself": "seed workers checkpoint_every resume",
 }
@@ -131,12 +131,12 @@ _SAME = {"packing-fractions": "packing-fraction"}  # old spellings of options
 
 
 def _rewrapped(text: str) -> str:
-    """Join the lines of each paragraph, so that a window of any width can break them anew."""
+    """Join the lines of each paragraph, so that they can be wrapped to any width."""
     return "\n\n".join(re.sub(r"\s*\n\s*", " ", part) for part in inspect.cleandoc(text).split("\n\n"))
 
 
 class _Command(TyperCommand):
-    """A command whose options stand in panels, in few words."""
+    """A command whose options are shown briefly in panels."""
 
     def __init__(self, *args: Any, **named: Any) -> None:
         super().__init__(*args, **named)

@@ -12,7 +12,7 @@ import numpy as np
 
 import hardspheres as hs
 from analysis import theory
-from analysis.memory import remembered, variance_growth
+from analysis.correlation_times import variance_growth, virial_block_length
 from analysis.pressure import Pressure
 from analysis.statistics import Estimate, combine_replicas, pool_replicas
 from analysis.theory import Prediction
@@ -57,7 +57,7 @@ class EquationOfState:
         The gas, but for its packing fraction.
     collisions_per_particle : float, optional
         How long to measure in each replica; by default 300, or more where a dense fluid remembers long
-        (`analysis.memory`).
+        (`analysis.correlation_times`).
     replicas, seed, workers
         As in `studies.running.ensemble`.
     precision : float, optional
@@ -82,7 +82,7 @@ class EquationOfState:
         if self.collisions_per_particle is not None:
             return self.collisions_per_particle
         eta, dim = fluid.packing_fraction, fluid.dim
-        shortest = max(MEMORIES * remembered(eta, dim), 2 * FEWEST_COLLISIONS / fluid.n)
+        shortest = max(MEMORIES * virial_block_length(eta, dim), 2 * FEWEST_COLLISIONS / fluid.n)
         if self.precision is None:
             return max(LENGTH, shortest)
         z = float(theory.compressibility_factor(min(eta, THEORY_UP_TO[dim]), dim).value)

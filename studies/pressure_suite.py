@@ -1,4 +1,4 @@
-"""Equations of state of spheres, discs and mixtures in one go, all to one precision: the reference figures.
+"""Equations of state of spheres, discs and mixtures in one run, to one precision: the reference figures.
 
 `hardspheres pressure --suite --until-error 1e-3` takes a minute or two, with 1e-4 an hour or more.
 """
@@ -36,7 +36,7 @@ DISCS = tuple(Fluid(dim=2, packing_fraction=eta) for eta in (0.1, 0.25, 0.4, 0.5
 MIXTURES = (
     Fluid(
         packing_fraction=0.3, mass_ratio=10.0
-    ),  # masses play no part in Z: the theory is that of one species
+    ),  # Z does not depend on masses: the theory is that of one species
     Fluid(packing_fraction=0.3, diameter_ratio=2.0, mass_ratio=10.0),
     Fluid(dim=2, packing_fraction=0.5, diameter_ratio=1.4),
 )

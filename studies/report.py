@@ -1,6 +1,6 @@
-"""What every study leaves behind: an output folder, tables, figures of one style, and summary.json.
+"""Output of every study: a folder with tables, figures of one style, and summary.json.
 
-Files appear whole or not at all: each is written under another name in the same folder and renamed.
+Files are written atomically: each under another name in the same folder, and then renamed.
 """
 
 from __future__ import annotations
@@ -97,14 +97,16 @@ class OutputFolder:
     Parameters
     ----------
     path : str or path-like
-        Where; nothing is touched before `create` or `running`. A relative one counts from where the process is now.
+        Where; nothing is written before `create` or `running`. A relative path refers to the present working
+        directory.
     checkpoint_every : float, default 60
         Seconds of wall time between two checkpoints of a run.
     resume : bool, default False
-        Go on with the unfinished run that is there.
+        Continue the unfinished run in the folder.
     force : bool, default False
-        Take the place of the run that is there. Its files stay until the first result of the new one is written; then its
-        summary goes, and with the new summary those of its files that have not been replaced.
+        Replace the run in the folder. Its files stay until the first result of the new one is written; then
+        its summary is removed, and when the new summary is written, so are all its files that have not been
+        replaced.
 
     Attributes
     ----------
@@ -132,7 +134,7 @@ class OutputFolder:
         return Journal(self.path, study, self.checkpoint_every, self.resume, self.force, self._place)
 
     def _claim(self, names: Iterable[str], unfinished: Iterable[str] = ()) -> set[str]:
-        """Return the names of files that may be replaced; refuse to replace others, and a finished run without being told to."""
+        """Return the files that may be replaced; refuse others, and a finished run without force."""
         old = files_of_finished_run(self._place)
         if old is not None and not self.force:
             raise OutputError(
@@ -141,7 +143,8 @@ class OutputFolder:
         own = (old or set()) | set(unfinished)
         if strange := strange_file(self._place, {SUMMARY, *names}, own):
             raise OutputError(
-                f"{self.path / strange} is not of a finished run, and would be replaced; give another folder with --out, or move it away"
+                f"{self.path / strange} is not of a finished run, and would be replaced; give another folder "
+                "with --out, or move it away"
             )
         return own
 
@@ -158,8 +161,8 @@ class OutputFolder:
         Raises
         ------
         OutputError
-            If the folder cannot be written, or another run writes into it; if it holds a finished run that is not to be
-            replaced, or files of others in the place of those that the study writes.
+            If the folder cannot be written, or another run writes into it; if it holds a finished run that is
+            not to be replaced, or files of others in the place of those that the study writes.
         CheckpointError
             If it holds an unfinished run that is not to be resumed, or none where one is.
         """
@@ -173,7 +176,8 @@ class OutputFolder:
             ) from error
         if nowhere is not None:
             raise OutputError(
-                f"{nowhere} is a link to {os.readlink(nowhere)}, where there is nothing; give another folder with --out"
+                f"{nowhere} is a link to {os.readlink(nowhere)}, where there is nothing; give another folder "
+                "with --out"
             )
         if self.path.exists() and not self.path.is_dir():
             raise OutputError(f"{self.path} exists and is not a folder; give another one with --out")
@@ -190,7 +194,7 @@ class OutputFolder:
 
     @contextlib.contextmanager
     def running(self, study: Any) -> Iterator[Shelf]:
-        """Make the folder and keep other runs out of it while the context lasts; checkpoints are there that long.
+        """Make and lock the folder, with its checkpoints, while the context lasts.
 
         Parameters
         ----------
@@ -227,7 +231,7 @@ class OutputFolder:
 
     @contextlib.contextmanager
     def partial(self, name: str) -> Iterator[Path]:
-        """Yield a temporary path that becomes the file `name` when the context ends well.
+        """Yield a temporary path that becomes the file `name` when the context ends without an error.
 
         Parameters
         ----------
@@ -258,7 +262,7 @@ class OutputFolder:
             self.files.append(path.name)
 
     def _put(self, path: Path, name: str) -> None:
-        """Move a whole file to its place; what it takes the place of is ours. The summary comes last, and alone is of this run."""
+        """Move a whole file to its place, replacing only our own; the summary comes last."""
         if self._own is None:
             self._own = self._claim([name])
         if name not in self._own:
@@ -306,23 +310,23 @@ class OutputFolder:
 
 
 def _module(study: Any) -> str:
-    """Return the name of the module of a study, by which the files that it writes are known."""
+    """Return the name of the module of a study, the key of its entry in the list of files."""
     return type(study).__module__.rpartition(".")[2]
 
 
 def _console(stderr: bool = False) -> Console:
-    """Return a console that leaves line breaks to us."""
+    """Return a console that does not wrap lines."""
     return Console(stderr=stderr, highlight=False, soft_wrap=True)
 
 
 def _width(console: Console) -> int | None:
-    """Return how wide a person's window is; None where nobody looks (a file or a pipe, and no $COLUMNS)."""
+    """Return the width of the terminal; None where there is none (a file or a pipe, and no $COLUMNS)."""
     looked_at = console.is_terminal or os.environ.get("COLUMNS", "").isdigit()
     return max(console.width, NARROWEST) if looked_at else None
 
 
 class Screen:
-    """Where a study talks to a person: results on standard output, progress and notes on standard error.
+    """Printed output of a study: results on standard output, progress and notes on standard error.
 
     Sentences are broken between words, and tables laid out so that no cell is cut, see `studies.layout`.
 
@@ -331,7 +335,8 @@ class Screen:
     json_output : bool, default False
         Keep standard output free for one JSON object; then everything else goes to standard error.
     width : int, optional
-        Characters in a line; by default those of the terminal. Into files sentences go whole and tables 120 wide.
+        Characters in a line; by default those of the terminal. In files, sentences are not wrapped and tables
+        are 120 wide.
     """
 
     def __init__(self, json_output: bool = False, width: int | None = None) -> None:
@@ -349,7 +354,7 @@ class Screen:
         self._print(self.results, text)
 
     def note(self, text: str) -> None:
-        """Print a line about what is going on."""
+        """Print a line about the progress."""
         self._print(self.errors, text, style="dim")
 
     def table(
@@ -387,7 +392,7 @@ class Screen:
 
     @contextlib.contextmanager
     def working(self, text: str) -> Iterator[None]:
-        """Show on a terminal what is going on while the context lasts; silent elsewhere."""
+        """Show on a terminal what is being done while the context lasts; silent elsewhere."""
         if not self.errors.is_terminal:
             yield
             return
@@ -396,7 +401,7 @@ class Screen:
 
     @contextlib.contextmanager
     def compiling(self, what: str) -> Iterator[None]:
-        """Say what the engine is compiled for while the context lasts, and afterwards how long that has taken, if it had to be.
+        """Report compilation: what for, while the context lasts, and afterwards how long it took, if it did.
 
         Parameters
         ----------
@@ -411,8 +416,9 @@ class Screen:
             yield
         if sum(seconds) > WORTH_SAYING:
             self.note(
-                f"compiled the engine for {what} in {sum(seconds):.0f} s; it is kept, so that the next gas of this kind starts "
-                "at once (a kind: dimension, boundaries, one species or more, thin or dense)"
+                f"compiled the engine for {what} in {sum(seconds):.0f} s; it is kept, so that the next gas "
+                "of this kind starts at once (a kind: dimension, boundaries, one species or more, dilute or "
+                "dense)"
             )
 
     @contextlib.contextmanager
@@ -440,7 +446,7 @@ class Screen:
 
 
 def estimate_json(estimate: Estimate) -> dict[str, float]:
-    """Return what a summary tells of an estimate."""
+    """Return the entry of an estimate in a summary."""
     return {
         "value": estimate.value,
         "standard_error": estimate.standard_error,
@@ -466,7 +472,7 @@ def checks_of(statuses: Sequence[Mapping[str, Any]], failures: Sequence[str]) ->
     statuses : sequence of dict
         `Simulation.status` of every run at its end.
     failures : sequence of str
-        One sentence for everything that is wrong.
+        One sentence for each failure.
     """
     return {
         "passed": not failures,
@@ -478,14 +484,14 @@ def checks_of(statuses: Sequence[Mapping[str, Any]], failures: Sequence[str]) ->
 
 
 def engine_rate(statuses: Sequence[Mapping[str, Any]]) -> float:
-    """Return the collisions per second of the event loop alone, over all runs at whose end these statuses were; NaN if untimed."""
+    """Return the collisions per second of the event loop, over all timed runs with these final statuses."""
     timed = [status for status in statuses if status["collisions_per_second"] > 0.0]
     seconds = sum(status["collisions"] / status["collisions_per_second"] for status in timed)
     return sum(status["collisions"] for status in timed) / seconds if timed else math.nan
 
 
 def engine_of(status: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a summary tells of the engine: nothing that depends on where a run was interrupted."""
+    """Return the entry of the engine in a summary, independent of interruptions of the run."""
     return {name: value for name, value in status.items() if name not in RESTARTED}
 
 
@@ -499,12 +505,13 @@ def say_checks(screen: Screen, summary: Mapping[str, Any], out: OutputFolder) ->
     checks = summary["checks"]
     screen.say(
         f"{summary['collisions']} collisions in {summary['seconds']['total']:.0f} s; worst energy drift "
-        f"{checks['worst_energy_drift']:.1e}, late events {checks['late_events']}"
+        f"{checks['worst_energy_drift']:.1e}, events out of order {checks['late_events']}"
     )
     engine, study = summary["engine_collisions_per_second"], summary["collisions_per_second_and_core"]
     known = f"{_round(engine)} of the engine's event loop alone, " if math.isfinite(engine) else ""
     screen.say(
-        f"collisions per second and core: {known}{_round(study)} of the study, gases and measurements included"
+        f"collisions per second and core: {known}{_round(study)} of the study, gases and measurements "
+        "included"
     )
     for failure in checks["failures"]:
         screen.say(f"CHECK FAILED, {failure}")

@@ -1,4 +1,4 @@
-"""A gas thermalises: from a start far from equilibrium to Maxwell and Boltzmann, beside the theory."""
+"""Thermalisation: relaxation from a state far from equilibrium to Maxwell-Boltzmann, beside theory."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class Recipe:
 
     @property
     def placement(self) -> str:
-        """Where the particles start: "file", "random" or "lattice"."""
+        """Initial positions: "file", "random" or "lattice"."""
         if self.base is not None:
             return "file"
         return "lattice" if is_dense(self.dim, self.packing_fraction) else "random"
@@ -139,7 +139,7 @@ class _Film:
 
 @dataclass(frozen=True)
 class ReplicaResult:
-    """What one replica hands back.
+    """Result of one replica.
 
     Attributes
     ----------
@@ -164,7 +164,7 @@ class ReplicaResult:
 
 @dataclass
 class _Relaxing:
-    """A replica on its way: `curve` and `film` have seen `done` moments, `written` of which are in the trajectory."""
+    """A replica in progress: `curve` and `film` have `done` samples, and the trajectory `written` of them."""
 
     simulation: hs.Simulation
     curve: RelaxationCurve = field(default_factory=RelaxationCurve)
@@ -273,7 +273,7 @@ class Thermalisation:
     frames: int = 21
     animate: bool = False
     source: str | None = None
-    notes: tuple[str, ...] = ()  # what was not taken from the source as it stands
+    notes: tuple[str, ...] = ()  # everything in the source that was changed or not used
 
     @classmethod
     def from_file(
@@ -294,7 +294,7 @@ class Thermalisation:
         path : str
             Any file that ASE reads.
         reading : Reading
-            How to take what the file leaves open.
+            How to interpret what is ambiguous in the file.
         velocities : str, optional
             Draw velocities, whatever the file has.
         temperature : float, optional
@@ -305,7 +305,7 @@ class Thermalisation:
         Raises
         ------
         TrajectoryError, SceneError
-            If the file gives no legal scene.
+            If the file gives no valid scene.
         """
         scene, notes = read_scene(path, replace(reading, velocities=velocities is None))
         keep = velocities is None and bool(np.any(scene.velocities))
@@ -524,7 +524,7 @@ def _summary(
         "a2_chi_square": None if chi_square is None else asdict(chi_square),
         "decay_rate": measured,
         "thermal": _thermal(curve),
-        "equilibrium_a2": float(theory.equilibrium_a2(curve.free_momenta)),
+        "equilibrium_a2": float(theory.equilibrium_a2(curve.degrees_of_freedom)),
         "ks_floor": theory.ks_floor(curve.n_replicas * curve.n_per_replica, curve.dim),
         "h_bins": curve.h_bins,
         "h_bin_width": theory.SPEED_LIMIT[curve.dim] / curve.h_bins,
@@ -542,7 +542,7 @@ def _summary(
 
 
 def _thermal(curve: RelaxationCurve) -> dict[str, Any]:
-    """Return whether the gas is thermal at the end, and what tells."""
+    """Report whether the gas is in equilibrium at the end, and by which numbers."""
     late = [check.quantity for check in curve.not_thermal]
     return {
         "s": float(curve.s[-1]),
@@ -562,15 +562,16 @@ def _thermal(curve: RelaxationCurve) -> dict[str, Any]:
 
 
 def _say_dominant(screen: Screen, curve: RelaxationCurve, reference: Comparison) -> None:
-    """Say where the theory's own uncertainty hides what was measured, if that is at more than a quarter of the points."""
+    """Report where the theory's uncertainty exceeds the measurement's, if at over a quarter of the points."""
     for name, title in (("a2", "a2"), ("ks", "KS"), ("h", "H - Heq")):
-        doubt, error = getattr(reference, f"{name}_uncertainty"), getattr(curve, f"{name}_error")
+        uncertainty, error = getattr(reference, f"{name}_uncertainty"), getattr(curve, f"{name}_error")
         known = np.isfinite(getattr(reference, f"{name}_z"))
-        hidden = curve.s[known & (doubt > 2.0 * error)]
+        hidden = curve.s[known & (uncertainty > 2.0 * error)]
         if 4 * len(hidden) > known.sum():
             screen.say(
-                f"{title}: the theory's uncertainty exceeds two standard errors at {len(hidden)} of {known.sum()} points, "
-                f"{hidden[0]:.4g} <= s <= {hidden[-1]:.4g}; z is small there whatever was measured"
+                f"{title}: the theory's uncertainty exceeds two standard errors at {len(hidden)} of "
+                f"{known.sum()} points, {hidden[0]:.4g} <= s <= {hidden[-1]:.4g}; z is small there for "
+                "any measurement"
             )
 
 
@@ -582,15 +583,18 @@ def _say_thermal(screen: Screen, curve: RelaxationCurve) -> None:
             f"{check.quantity} = {check.measured}, at equilibrium {check.expected:.4f} (z = {check.z:+.1f})"
             for check in late
         )
-        screen.say(f"not thermal yet {end}: {told}")
+        screen.say(f"not in equilibrium yet {end}: {told}")
     else:
         told = ", ".join(f"{check.quantity} = {check.measured}" for check in checks)
-        screen.say(f"{end} this gas cannot be told from a thermal one: {told}")
+        screen.say(f"{end} this gas is indistinguishable from one in equilibrium: {told}")
 
 
 def _theory_name(study: Thermalisation, curve: RelaxationCurve, reference: Comparison | None) -> str:
     if reference is None and curve.starts_from_beams:
-        return "T_par/T: Boltzmann equation, two beams, dilute gas; at equilibrium a2 and H - Heq vanish and KS is noise"
+        return (
+            "T_par/T: Boltzmann equation, two beams, dilute gas; "
+            "at equilibrium a2 and H - Heq vanish and KS is noise"
+        )
     if reference is None:
         return "none for this start; at equilibrium a2 and H - Heq vanish and KS is noise"
     if study.recipe.velocities == "maxwell":

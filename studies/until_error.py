@@ -1,7 +1,8 @@
-"""A study that is asked for a precision: a pilot says how many replicas that takes, and all of them are run.
+"""A study with a target precision: a pilot determines the number of replicas, and all of them are run.
 
-A run that watches its own error and stops when it likes what it sees stops too early, when the error happens to look small.
-Here the pilot alone decides; its gases are not those of the study, and nothing that it measured enters the result.
+A run that stops as soon as its own error is small enough is biased: it stops too early where the error
+happens to be underestimated. Here only the pilot decides; its gases are not those of the study, and its
+measurements are not part of the result.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ MOST = 1000
 """A study is not made longer than this many times the pilot."""
 PILOT = 20  # replicas at most
 LEAST = 4  # replicas at least: errors come from their spread
-CONFIDENCE = 0.9  # that the true spread is no larger than what the pilot lets one expect
+CONFIDENCE = 0.9  # that the true spread is no larger than its bound from the pilot
 
 Study = Any  # a dataclass with replicas and seed
 Run = Callable[[Study, OutputFolder, Screen], tuple[dict[str, Any], bool]]
@@ -42,10 +43,10 @@ class Number:
 
 
 def main_numbers(summary: Mapping[str, Any]) -> list[Number]:
-    """Return what a study's precision is measured by.
+    """Return the main numbers of a study, by which its precision is measured.
 
-    Z from the virial, D of this box or the mean free paths at each packing fraction; the decay rate of the temperature
-    difference, or that of a2.
+    Z from the virial, D of this box or the mean free paths at each packing fraction; the decay rate of the
+    temperature difference, or that of a2.
 
     Parameters
     ----------
@@ -90,7 +91,7 @@ def _number(name: str, found: Mapping[str, float]) -> Number:
 
 @dataclass(frozen=True)
 class Plan:
-    """How many replicas a precision takes.
+    """The number of replicas for a precision.
 
     Attributes
     ----------
@@ -110,8 +111,9 @@ class Plan:
     def of(cls, numbers: list[Number], replicas: int, target: float) -> Plan:
         """Return the plan that follows from a pilot of so many replicas.
 
-        The error falls as the root of their number. The pilot's own error s is uncertain: f s^2 / sigma^2 follows chi-square
-        with its f degrees of freedom, and the upper bound of sigma at `CONFIDENCE` stands in for s.
+        The error falls as the root of their number. The pilot's own error s is uncertain: f s^2 / sigma^2
+        follows chi-square with its f degrees of freedom, and the upper bound of sigma at `CONFIDENCE` is used
+        in place of s.
         """
 
         def careful(number: Number) -> float:
@@ -129,10 +131,10 @@ class Plan:
 
 
 class _Quiet(Screen):
-    """A screen that shows progress and says nothing."""
+    """A screen that shows progress and prints nothing."""
 
     def say(self, text: str = "") -> None:
-        """Say nothing."""
+        """Print nothing."""
 
     def table(self, *_: Any, **__: Any) -> None:
         """Show nothing."""
@@ -212,22 +214,25 @@ def _scratch() -> Iterator[OutputFolder]:
 
 
 def _core_seconds(summary: Mapping[str, Any]) -> float:
-    """Processor time of the replicas, as far as the wall tells."""
+    """Processor time of the replicas, estimated from wall time."""
     return float(summary["collisions"] / summary["collisions_per_second_and_core"])
 
 
 def _verdict(found: Mapping[str, Any], plan: Plan) -> str:
     spent, collisions = found["core_seconds"], found["collisions"]
     cost = (
-        f"{found['replicas']} replicas, {collisions['study']:.3g} collisions, {spent['study']:.0f} s on one core; "
-        f"the pilot took {spent['pilot']:.0f} s, chose that number, and is not in the result"
+        f"{found['replicas']} replicas, {collisions['study']:.3g} collisions, {spent['study']:.0f} s on one "
+        f"core; the pilot took {spent['pilot']:.0f} s, chose that number, and is not in the result"
     )
-    text = f"{found['number']}: relative standard error {found['relative_error']:.2g}, asked for {found['asked']:.2g}"
+    text = (
+        f"{found['number']}: relative standard error {found['relative_error']:.2g}, "
+        f"asked for {found['asked']:.2g}"
+    )
     if found["reached"]:
         return f"{text}: reached with {cost}"
     if plan.needed > plan.allowed:
         return (
-            f"{text}: NOT reached: that needs about {plan.needed} replicas, and no more than {plan.allowed} ({MOST} times the "
-            f"pilot) are run; ask for more --replicas or longer ones. Spent: {cost}"
+            f"{text}: NOT reached: that needs about {plan.needed} replicas, and no more than {plan.allowed} "
+            f"({MOST} times the pilot) are run; ask for more --replicas or longer ones. Spent: {cost}"
         )
-    return f"{text}: just missed, as an error that is itself uncertain will sometimes do; {cost}"
+    return f"{text}: just missed, as expected now and then since the error is itself uncertain; {cost}"

@@ -8,9 +8,9 @@ A theory that is not exact comes as a `Prediction`, a value with a standard unce
 outside the range in which it was established gives NaN and a `TheoryRangeWarning`.
 
 One idea per file: `maxwell` velocities at equilibrium, `equilibrium` cumulants and H of N particles, `state`
-equations of state, `mixtures`, `collisions` rates and free flights, `flights` the same in mixtures, `relaxation`,
-`equal_speeds` and `beams` the way to equilibrium, `transport` Enskog's coefficients, `sound` its speed and damping,
-`two_spheres` exact rates of the smallest gas.
+equations of state, `mixtures`, `collisions` rates and free flights, `flights` the same in mixtures,
+`relaxation`, `equal_speeds` and `beams` the way to equilibrium, `transport` Enskog's coefficients, `sound`
+its speed and damping, `two_spheres` exact rates of the smallest gas.
 """
 
 from analysis.theory.beams import BeamsRelaxation, boltzmann_beams

@@ -14,8 +14,9 @@ __all__ = ["BeamsRelaxation", "boltzmann_beams"]
 
 FloatArray = NDArray[np.float64]
 
-# Direct simulation Monte Carlo of the space-homogeneous Boltzmann equation, N = 1e5, 60 runs; an independent one gave
-# .875(1), .425(1) for the anisotropy at s = 1, 2 in 3D and -.3279(2) for a2 at 1. tests/analysis/conftest.py holds such a solver.
+# Direct simulation Monte Carlo of the space-homogeneous Boltzmann equation, N = 1e5, 60 runs; an independent
+# one gave .875(1), .425(1) for the anisotropy at s = 1, 2 in 3D and -.3279(2) for a2 at 1.
+# tests/analysis/conftest.py holds such a solver.
 _S = [0.0, 0.25, 0.5, 0.75, 1, 1.5, 2, 2.5, 3, 3.5, 4, 5, 6, 7]
 _ANISOTROPY = {
     3: [
@@ -88,7 +89,7 @@ _ANISOTROPY_ERROR, _A2_ERROR, _INTERPOLATION = 5e-4, 3.5e-4, 1e-3
 
 @dataclass(frozen=True)
 class BeamsRelaxation:
-    """A dilute gas relaxing from two beams, half of the particles each, of one speed, from the Boltzmann equation.
+    """Relaxation of a dilute gas from two opposite beams of equal size and speed, by the Boltzmann equation.
 
     Attributes
     ----------
@@ -110,8 +111,9 @@ class BeamsRelaxation:
 def boltzmann_beams(s: ArrayLike, dim: int) -> BeamsRelaxation:
     """Return the relaxation of a dilute gas of one species from two opposite beams.
 
-    Valid for eta -> 0 and N -> infinity, and for beams that do not fly along an axis of a periodic box, where a particle that
-    missed all others would fly through the same cylinder again (`hardspheres.draw_velocities`).
+    Valid for eta -> 0 and N -> infinity, and for beams that do not fly along an axis of a periodic box, where
+    a particle that missed all others would fly through the same cylinder again
+    (`hardspheres.draw_velocities`).
 
     Parameters
     ----------
@@ -123,8 +125,8 @@ def boltzmann_beams(s: ArrayLike, dim: int) -> BeamsRelaxation:
     Returns
     -------
     BeamsRelaxation
-        Between the tabulated s by cubic splines of the logarithms; u = 5e-4 of the anisotropy and 3.5e-4 of a2, and 1e-3 of the
-        value for the interpolation; exact at s = 0.
+        Between the tabulated s by cubic splines of the logarithms; u = 5e-4 of the anisotropy and 3.5e-4 of
+        a2, and 1e-3 of the value for the interpolation; exact at s = 0.
     """
     check_dim(dim)
     points = np.atleast_1d(np.asarray(s, dtype=np.float64))
@@ -135,7 +137,7 @@ def boltzmann_beams(s: ArrayLike, dim: int) -> BeamsRelaxation:
         value = np.where(inside, np.exp(spline(points)), np.nan)
         lost = np.where(
             points > 0.0, 1.0 - value / abs(values[0]), 0.0
-        )  # the table's noise grows with what is forgotten
+        )  # the table's noise grows as the anisotropy decays
         return np.sign(values[0]) * value, np.hypot(error * lost, _INTERPOLATION * value * (points > 0.0))
 
     anisotropy, a2 = curve(_ANISOTROPY[dim], _ANISOTROPY_ERROR), curve(_A2[dim], _A2_ERROR)

@@ -1,4 +1,4 @@
-"""How often particles collide, also few of them and of several species, and how far and long they fly between."""
+"""Collision rates, mean free paths and free flights, also of few particles and of several species."""
 
 from __future__ import annotations
 
@@ -80,20 +80,20 @@ def mean_free_path(eta: ArrayLike, dim: int, diameter: float = 1.0) -> FloatArra
 # Rate and pressure of N particles ---------------------------------------------------------------------------
 
 
-def collision_speed_factor(free_momenta: ArrayLike) -> FloatArray:
-    """Return C_N, by which a fixed energy lowers the mean normal relative speed in collisions; below 1.
+def collision_speed_factor(degrees_of_freedom: ArrayLike) -> FloatArray:
+    """Return C_N < 1, the factor by which a fixed energy lowers the mean normal relative speed in collisions.
 
     C_N = Gamma((D+1)/2) / (Gamma(D/2) sqrt(D/2)) = 1 - 1/(4D) + ..., exact: the normal relative velocity of a
-    colliding pair is a component of a vector that lies evenly on a sphere in D dimensions, and collisions
-    weigh it with itself. The mean over collisions is sqrt(pi kT / 2 mu) C_N, mu the reduced mass, kT = 2E/D.
-    The mean relative speed of all pairs, and with it the collision rate, is higher by 1/C_N.
+    colliding pair is a component of a vector uniform on a sphere in D dimensions, weighted in collisions with
+    itself. The mean over collisions is sqrt(pi kT / 2 mu) C_N, mu the reduced mass, kT = 2E/D. The mean
+    relative speed of all pairs, and with it the collision rate, is higher by 1/C_N.
 
     Parameters
     ----------
-    free_momenta : array_like
-        D, the free momenta.
+    degrees_of_freedom : array_like
+        Degrees of freedom D.
     """
-    half = np.asarray(free_momenta, dtype=np.float64) / 2
+    half = np.asarray(degrees_of_freedom, dtype=np.float64) / 2
     few = np.minimum(half, 500.0)
     ratio = np.exp(special.gammaln(few + 0.5) - special.gammaln(few)) / np.sqrt(few)
     expansion = 1 - 1 / (8 * half) + 1 / (128 * half**2)  # the Gammas cancel where there are many
@@ -105,9 +105,9 @@ def compressibility_from_rate(
     diameters: ArrayLike,
     masses: ArrayLike,
     temperature: float,
-    free_momenta: int,
+    degrees_of_freedom: int,
 ) -> FloatArray:
-    """Return Z of a gas at equilibrium from how often its particles collide.
+    """Return Z of a gas at equilibrium from its collision rates.
 
     Z - 1 = C_N / (D kT) sum over pairs of species of Gamma_ij sigma_ij sqrt(2 pi mu_ij kT), exact for any N,
     density, mixture and boundary as long as the velocities are at equilibrium; Gamma_ij counts every
@@ -117,12 +117,12 @@ def compressibility_from_rate(
     Parameters
     ----------
     pair_rates : (..., k, k) array_like
-        Gamma_ij [1/time], symmetric; counts of unlike pairs stand in both places and are used once.
+        Gamma_ij [1/time], symmetric; each unlike pair is in both entries and is used once.
     diameters, masses : (k,) array_like
         Per species.
     temperature : float
         kT = 2 K_th / D.
-    free_momenta : int
+    degrees_of_freedom : int
         D.
 
     Returns
@@ -135,7 +135,9 @@ def compressibility_from_rate(
     reduced = np.outer(mass, mass) / np.add.outer(mass, mass)
     passed = np.triu(contact * np.sqrt(2 * math.pi * reduced * temperature))
     total = np.einsum("...ij,ij->...", np.asarray(pair_rates, dtype=np.float64), passed)
-    return np.asarray(1.0 + collision_speed_factor(free_momenta) * total / (free_momenta * temperature))
+    return np.asarray(
+        1.0 + collision_speed_factor(degrees_of_freedom) * total / (degrees_of_freedom * temperature)
+    )
 
 
 def finite_size_collision_rate(
@@ -195,17 +197,18 @@ def finite_size_mixture_rates(
     masses: ArrayLike,
     dim: int,
     temperature: float = 1.0,
-    free_momenta: int | None = None,
+    degrees_of_freedom: int | None = None,
     edge: float | None = None,
 ) -> Prediction:
     """Return nu_ij, how often one of few particles of species i meets species j, at fixed energy, [1/time].
 
-    nu_ij = (N_j - delta_ij) / V times the rate with one partner in a unit of volume. Their relative velocity is a
-    component of a vector that lies evenly on a sphere in D dimensions, and its part along the total momentum is
-    nothing whatever the masses are (1/sqrt(m_i) sqrt(m_i) - 1/sqrt(m_j) sqrt(m_j) = 0): so momentum conservation
-    leaves <|v_i - v_j|> alone, and fixed energy makes it Maxwell's over `collision_speed_factor`. The contact value is
-    that of `mixture_contact_values` (of one diameter `contact_value`) times (Z_N - 1)/(Z - 1) of one species
-    (`finite_size_shift`). Two particles: exactly V/(V - v0).
+    nu_ij = (N_j - delta_ij) / V times the rate with one partner in a unit of volume. Their relative velocity
+    is a component of a vector uniform on a sphere in D dimensions; its projection on the total momentum
+    vanishes for any masses (1/sqrt(m_i) sqrt(m_i) - 1/sqrt(m_j) sqrt(m_j) = 0). Momentum conservation
+    therefore does not change <|v_i - v_j|>, and with fixed energy it is Maxwell's over
+    `collision_speed_factor`. The contact value is that of `mixture_contact_values` (of one diameter
+    `contact_value`) times (Z_N - 1)/(Z - 1) of one species (`finite_size_shift`). Two particles: exactly
+    V/(V - v0).
 
     Parameters
     ----------
@@ -219,7 +222,7 @@ def finite_size_mixture_rates(
         Dimension d.
     temperature : float, default 1
         kT = 2 K_th/D.
-    free_momenta : int, optional
+    degrees_of_freedom : int, optional
         D; d(N - 1), that of a periodic box, by default.
     edge : float, optional
         Shortest edge of the box, in mean diameters.
@@ -227,19 +230,19 @@ def finite_size_mixture_rates(
     Returns
     -------
     Prediction
-        (k, k) arrays. u = 0 for two particles; otherwise that of the contact values and of the shift, of which in a
-        mixture of diameters the whole is uncertain.
+        (k, k) arrays. u = 0 for two particles; otherwise that of the contact values and of the shift; in a
+        mixture of diameters the whole shift counts as uncertainty.
     """
     number, sigma = np.asarray(counts, dtype=np.float64), np.asarray(diameters, dtype=np.float64)
     density, n = number / volume, round(float(number.sum()))
     partners = (number - np.eye(len(number))) / number
-    speed = 1.0 / collision_speed_factor(dim * (n - 1) if free_momenta is None else free_momenta)
+    speed = 1.0 / collision_speed_factor(dim * (n - 1) if degrees_of_freedom is None else degrees_of_freedom)
     rates = mixture_collision_rates(density, sigma, masses, dim, temperature) * partners * speed
     g = mixture_contact_values(density, sigma, dim)
     contact = np.add.outer(sigma, sigma) / 2
     if (
         n == 2
-        and free_momenta is None
+        and degrees_of_freedom is None
         and (volume ** (1 / dim) if edge is None else edge * sigma.mean()) >= 2 * (contact.max())
     ):
         excluded = packing_fraction(1.0, 2 * contact, dim)  # a ball of radius sigma_ij
@@ -247,27 +250,29 @@ def finite_size_mixture_rates(
     eta = float((packing_fraction(1.0, sigma, dim) * density).sum())
     bulk = float(compressibility_factor(eta, dim).value) - 1.0
     shift = finite_size_shift(eta, dim, n, edge=edge)
-    few, doubt = float(shift.value) / bulk, float(shift.uncertainty) / bulk
+    few, few_uncertainty = float(shift.value) / bulk, float(shift.uncertainty) / bulk
     if np.ptp(sigma) == 0.0:
         rates = rates / g * float(contact_value(eta, dim))
-        relative = np.full_like(rates, math.hypot(doubt, _excess_uncertainty(eta, dim)))
+        relative = np.full_like(rates, math.hypot(few_uncertainty, _excess_uncertainty(eta, dim)))
     else:
-        relative = np.hypot(mixture_contact_uncertainty(sigma, dim) * (1.0 - 1.0 / g), math.hypot(few, doubt))
+        relative = np.hypot(
+            mixture_contact_uncertainty(sigma, dim) * (1.0 - 1.0 / g), math.hypot(few, few_uncertainty)
+        )
     return Prediction(rates * (1.0 + few), rates * relative)
 
 
 def _excess_uncertainty(eta: float, dim: int) -> float:
     """Relative uncertainty of Z - 1 of the infinite fluid.
 
-    For a thin gas the stated uncertainty of an equation of state, relative to Z, says nothing of Z - 1; there the virial
-    series does, which is exact at eta -> 0.
+    In a dilute gas the stated uncertainty of an equation of state, relative to Z, does not bound that of Z -
+    1; the virial series, exact at eta -> 0, gives it there.
     """
     bulk = compressibility_factor(eta, dim)
-    doubt = float(bulk.uncertainty)
+    uncertainty = float(bulk.uncertainty)
     if eta <= (0.5 if dim == 3 else 0.6):
         series = virial_series(eta, dim)
-        doubt = min(doubt, abs(float(series.value - bulk.value)) + float(series.uncertainty))
-    return doubt / float(bulk.value - 1.0)
+        uncertainty = min(uncertainty, abs(float(series.value - bulk.value)) + float(series.uncertainty))
+    return uncertainty / float(bulk.value - 1.0)
 
 
 # Flights of the dilute gas ----------------------------------------------------------------------------------

@@ -63,7 +63,7 @@ _A2_LATE_ERROR = {3: 1.4e-4, 2: 1.7e-4}
 _A3_LATE_ERROR = {3: 1.3e-4, 2: 1.8e-4}
 _KS_ERROR = 5e-5
 _INITIAL_SLOPE = {3: 24 / 175, 2: 32 / 225}
-_INTERPOLATION = 1e-3  # of KS and of H, relative; of a2 and a3 it hides behind the tables' errors
+_INTERPOLATION = 1e-3  # of KS and of H, relative; for a2 and a3 it is below the tables' errors
 
 SPEED_LIMIT = {2: 6.0, 3: 5.0}
 """Upper end of the speed histograms behind KS and H, in thermal speeds sqrt(kT/m), by dimension."""
@@ -107,7 +107,7 @@ def boltzmann_equal_speeds(s: ArrayLike, dim: int) -> EqualSpeedsRelaxation:
     exact. The relative decay rate rises from 12/35 (3D), 64/225 (2D) towards that of `near_equilibrium_rate`:
     exp(-8s/15) is not this curve.
 
-    Event-driven gases of 3e6 particles show how dilute is dilute: over 2 <= s <= 5 their a2 decayed at
+    The dilute limit, tested by event-driven gases of 3e6 particles: over 2 <= s <= 5 their a2 decayed at
     0.433(2) in 3D and 0.385(2) in 2D at eta = 0.005, at 0.379(2) in 2D at eta = 0.001. With 4e5 particles the
     difference is within one standard error.
 
@@ -153,7 +153,7 @@ def boltzmann_equal_speeds(s: ArrayLike, dim: int) -> EqualSpeedsRelaxation:
     ks = curve([0.0, *_S_FINE], [ks_start, *_KS[dim]])
     tabulated = points >= _S_FINE[0]
     h = np.where(tabulated, curve(_S_FINE, _H[dim]), np.where(points == 0.0, h_start, np.nan))
-    lost = 1.0 - a2 / a2_start  # how much of the start is forgotten: the table's noise grows with it
+    lost = 1.0 - a2 / a2_start  # how far a2 has decayed: the table's noise grows with it
     moved = np.where(points > 0.0, 1.0, 0.0)
     h_noise = np.exp(np.interp(points, _S_FINE, np.log(_H_ERROR[dim])))
     return EqualSpeedsRelaxation(
@@ -189,7 +189,7 @@ def equal_speeds_decay_rate(dim: int, window: tuple[float, float] = (2.0, 5.0)) 
     return Prediction(rate, float(np.hypot(*relative)) / (last - first))
 
 
-def finite_size_relaxation(a2: ArrayLike, a2_start: float, free_momenta: float) -> Prediction:
+def finite_size_relaxation(a2: ArrayLike, a2_start: float, degrees_of_freedom: float) -> Prediction:
     """Return a2 of a finite gas of fixed energy that relaxes as `a2` does in an infinite one.
 
     A finite gas relaxes to `equilibrium_a2` and not to 0: a2 + (1 - a2/a2_start) equilibrium_a2. Exact for
@@ -202,9 +202,9 @@ def finite_size_relaxation(a2: ArrayLike, a2_start: float, free_momenta: float) 
         Cumulant of the infinite gas.
     a2_start : float
         Its value at s = 0, the same for both.
-    free_momenta : float
+    degrees_of_freedom : float
         D, see `equilibrium_a2`.
     """
     infinite = np.asarray(a2, dtype=np.float64)
-    shift = (1.0 - infinite / a2_start) * equilibrium_a2(free_momenta)
+    shift = (1.0 - infinite / a2_start) * equilibrium_a2(degrees_of_freedom)
     return Prediction(infinite + shift, np.abs(shift) / 2)

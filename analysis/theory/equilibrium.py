@@ -21,22 +21,22 @@ __all__ = [
 FloatArray = NDArray[np.float64]
 
 
-def equilibrium_a2(free_momenta: ArrayLike) -> FloatArray:
+def equilibrium_a2(degrees_of_freedom: ArrayLike) -> FloatArray:
     """Return the mean of a2 over N particles of fixed energy at equilibrium, -2/(D + 2).
 
-    Here a2 = d<v^4>/((d+2)<v^2>^2) - 1. D counts the free momenta: d(N - 1) in a periodic box at rest, dN
-    between walls. Exact for equal masses and one kind of boundary; it vanishes as -2/(dN), which is the bias
-    of the estimator against an infinite gas.
+    Here a2 = d<v^4>/((d+2)<v^2>^2) - 1. D is the number of degrees of freedom: d(N - 1) in a periodic box at
+    rest, dN between walls. Exact for equal masses and one kind of boundary; it vanishes as -2/(dN), which is
+    the bias of the estimator against an infinite gas.
     """
-    return np.asarray(-2.0 / (np.asarray(free_momenta, dtype=np.float64) + 2.0))
+    return np.asarray(-2.0 / (np.asarray(degrees_of_freedom, dtype=np.float64) + 2.0))
 
 
-def equilibrium_a3(free_momenta: ArrayLike) -> FloatArray:
+def equilibrium_a3(degrees_of_freedom: ArrayLike) -> FloatArray:
     """Return the mean of a3 over N particles of fixed energy at equilibrium, -4/((D/2 + 1)(D/2 + 2)).
 
     See `equilibrium_a2`.
     """
-    half = np.asarray(free_momenta, dtype=np.float64) / 2
+    half = np.asarray(degrees_of_freedom, dtype=np.float64) / 2
     return np.asarray(-4.0 / ((half + 1) * (half + 2)))
 
 

@@ -1,4 +1,4 @@
-"""Free flights of one species in a gas of any composition at equilibrium: rates at a speed, paths and times."""
+"""Free flights of one species in a mixture at equilibrium: collision rates, free paths and free times."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ FASTEST = 12.0  # thermal speeds
 
 @dataclass(frozen=True)
 class FreeFlights:
-    """How far and long the particles of one species fly between two collisions with other particles.
+    """Free paths and free times of the particles of one species.
 
-    A particle of speed v meets those of species j at the rate nu_j(v) = rho_j A_ij g_ij <|v - w|>, the mean over
-    their Maxwellian velocities w, A = pi sigma_ij^2 in 3D, 2 sigma_ij in 2D (Chapman and Cowling, The
-    Mathematical Theory of Non-Uniform Gases, 5.4); with nu(v) the sum over j, flights begin with the velocities
-    f(v) nu(v) and end at the rate nu(v), so that P(l > x) = integral of f (nu(v)/nu) exp(-nu(v) x / v) dv (Visco,
-    van Wijland and Trizac, Phys. Rev. E 77, 041117 (2008), doi 10.1103/PhysRevE.77.041117). Means are exact given
-    g_ij. The laws of single flights are exact for eta -> 0; at finite density they are Enskog's approximation, which
-    lacks repeated collisions with the same neighbours: a relative error of order eta, which is their uncertainty, (k - 1) eta
-    of <l^k>.
-    Simulated, one species: <l^2>/<l>^2 and <t^2>/<t>^2 are 2.0 and 2.8 % lower at eta = 0.1, 2.1 and 2.5 % at 0.3 in 3D;
-    0.2 and 0.6 % at 0.01, 1.2 and 2.6 % at 0.1, 1.8 and 2.7 % at 0.5 in 2D; each to 0.2 %.
+    A particle of speed v meets those of species j at the rate nu_j(v) = rho_j A_ij g_ij <|v - w|>, the mean
+    over their Maxwellian velocities w, A = pi sigma_ij^2 in 3D, 2 sigma_ij in 2D (Chapman and Cowling, The
+    Mathematical Theory of Non-Uniform Gases, 5.4); with nu(v) the sum over j, flights begin with the
+    velocities f(v) nu(v) and end at the rate nu(v), so that P(l > x) = integral of f (nu(v)/nu) exp(-nu(v) x
+    / v) dv (Visco, van Wijland and Trizac, Phys. Rev. E 77, 041117 (2008), doi 10.1103/PhysRevE.77.041117).
+    Means are exact given g_ij. The laws of single flights are exact for eta -> 0; at finite density they are
+    Enskog's approximation, which lacks repeated collisions with the same neighbours: a relative error of
+    order eta, which is their uncertainty, (k - 1) eta of <l^k>. Simulated, one species: <l^2>/<l>^2 and
+    <t^2>/<t>^2 are 2.0 and 2.8 % lower at eta = 0.1, 2.1 and 2.5 % at 0.3 in 3D; 0.2 and 0.6 % at 0.01, 1.2
+    and 2.6 % at 0.1, 1.8 and 2.7 % at 0.5 in 2D; each to 0.2 %.
 
     Parameters
     ----------
@@ -42,14 +42,15 @@ class FreeFlights:
     dim : {2, 3}
         Dimension d.
     species : int, default 0
-        Which of them flies.
+        Index of the species whose flights are described.
     temperature : float, default 1
         kT.
     counts : (k,) array_like, optional
-        How many particles of each species there are in a periodic box at rest; infinitely many by default. Where one of
-        mass m has velocity v the others, M - m in all, drift with -m v/(M - m): its own velocities are Maxwell's at (1 -
-        m/M) kT, its velocity relative to the others' mean is v/(1 - m/M), and theirs relative to that mean are Maxwell's
-        with 1/m_j - 1/(M - m) for 1/m_j. Right for a heavy particle among a few light ones; what remains is of order 1/N.
+        How many particles of each species there are in a periodic box at rest; infinitely many by default.
+        Where one of mass m has velocity v the others, M - m in all, drift with -m v/(M - m): its own
+        velocities are Maxwell's at (1 - m/M) kT, its velocity relative to the others' mean is v/(1 - m/M),
+        and theirs relative to that mean are Maxwell's with 1/m_j - 1/(M - m) for 1/m_j. Good for a heavy
+        particle among a few light ones; the remaining error is of order 1/N.
     """
 
     number_densities: ArrayLike
@@ -67,7 +68,7 @@ class FreeFlights:
 
     @property
     def _share(self) -> float:
-        """Part of all mass that is one particle's, m/M."""
+        """Fraction m/M of the total mass in one particle."""
         if self.counts is None:
             return 0.0
         mass = np.asarray(self.masses, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Maxwell and Boltzmann's laws of velocities, and what a fixed energy of N particles makes of them."""
+"""Maxwell-Boltzmann distributions of velocities, and the exact ones of N particles of fixed energy."""
 
 from __future__ import annotations
 
@@ -71,9 +71,9 @@ def mean_speed(dim: int, mass: float = 1.0, temperature: float = 1.0) -> float:
 def energy_share(n: int, dim: int, boundary: Literal["periodic", "wall"] = "periodic") -> Any:
     """Return the exact distribution of one particle's share of a fixed kinetic energy, equal masses.
 
-    With all momenta free (walls on every axis) the share is Beta(d/2, d(N-1)/2); with total momentum zero
-    (periodic on every axis) it is (N-1)/N times Beta(d/2, d(N-2)/2): the uniform distribution on a sphere in
-    velocity space.
+    Without conserved momentum (walls on every axis) the share is Beta(d/2, d(N-1)/2); with total momentum
+    zero (periodic on every axis) it is (N-1)/N times Beta(d/2, d(N-2)/2): the uniform distribution on a
+    sphere in velocity space.
 
     Parameters
     ----------
@@ -124,18 +124,18 @@ def energy_cdf(energy: ArrayLike, dim: int, temperature: float = 1.0) -> FloatAr
 
 
 def finite_energy_law(
-    free_momenta: int, dim: int, momentum_share: float = 0.0, temperature: float = 1.0
+    degrees_of_freedom: int, dim: int, momentum_share: float = 0.0, temperature: float = 1.0
 ) -> Any:
     """Return the exact distribution of one particle's kinetic energy at fixed total energy D kT / 2.
 
-    Microcanonically the velocities, scaled by the roots of the masses, lie evenly on a sphere in D
-    dimensions, D the free momenta, so that a particle's share of the energy is (1 - q) Beta(d/2, (D - d)/2);
-    q = m/M is the particle's share of the mass where the momentum is fixed at zero, since momentum
-    conservation takes that part of its motion away. `energy_share` is the case of equal masses.
+    Microcanonically the velocities, scaled by the roots of the masses, are uniform on a sphere in D
+    dimensions, D the degrees of freedom, so that a particle's share of the energy is (1 - q) Beta(d/2, (D -
+    d)/2). Where the momentum is fixed at zero, q = m/M is the particle's share of the mass; otherwise q = 0.
+    `energy_share` is the case of equal masses.
 
     Parameters
     ----------
-    free_momenta : int
+    degrees_of_freedom : int
         D > d: d(N - 1) in a periodic box, dN between walls.
     dim : {2, 3}
         Dimension d.
@@ -156,18 +156,21 @@ def finite_energy_law(
         Unless D > d and 0 <= q < 1.
     """
     check_dim(dim)
-    if free_momenta <= dim or not 0.0 <= momentum_share < 1.0:
+    if degrees_of_freedom <= dim or not 0.0 <= momentum_share < 1.0:
         raise ValueError(
-            f"free_momenta = {free_momenta}, momentum_share = {momentum_share:g}; expected more than {dim} "
-            "free "
-            "momenta, and a share from 0 to below 1"
+            f"degrees_of_freedom = {degrees_of_freedom}, momentum_share = {momentum_share:g}; expected more "
+            f"than {dim} free momenta, and a share from 0 to below 1"
         )
-    most = (1.0 - momentum_share) * free_momenta * temperature / 2
-    return stats.beta(dim / 2, (free_momenta - dim) / 2, scale=most)
+    most = (1.0 - momentum_share) * degrees_of_freedom * temperature / 2
+    return stats.beta(dim / 2, (degrees_of_freedom - dim) / 2, scale=most)
 
 
 def finite_mean_speed(
-    free_momenta: int, dim: int, momentum_share: float = 0.0, mass: float = 1.0, temperature: float = 1.0
+    degrees_of_freedom: int,
+    dim: int,
+    momentum_share: float = 0.0,
+    mass: float = 1.0,
+    temperature: float = 1.0,
 ) -> float:
     """Return the exact mean speed of a particle at fixed total energy D kT / 2, [speed].
 
@@ -176,13 +179,13 @@ def finite_mean_speed(
 
     Parameters
     ----------
-    free_momenta, dim, momentum_share, temperature
+    degrees_of_freedom, dim, momentum_share, temperature
         As in `finite_energy_law`; D = d, two particles, too.
     mass : float
         Mass m of the particle.
     """
-    if free_momenta != dim:  # two particles at rest together have one speed
-        finite_energy_law(free_momenta, dim, momentum_share)  # checks the arguments
-    ratio = math.lgamma(free_momenta / 2) - math.lgamma((free_momenta + 1) / 2)
-    factor = math.sqrt(free_momenta / 2) * math.exp(ratio) * math.sqrt(1.0 - momentum_share)
+    if degrees_of_freedom != dim:  # two particles at rest together have one speed
+        finite_energy_law(degrees_of_freedom, dim, momentum_share)  # checks the arguments
+    ratio = math.lgamma(degrees_of_freedom / 2) - math.lgamma((degrees_of_freedom + 1) / 2)
+    factor = math.sqrt(degrees_of_freedom / 2) * math.exp(ratio) * math.sqrt(1.0 - momentum_share)
     return mean_speed(dim, mass, temperature) * factor

@@ -22,18 +22,19 @@ __all__ = [
 
 FloatArray = NDArray[np.float64]
 
-# What was missed at diameters 1:2, of Z - 1 and of g_ij - 1; it grows as the square of the logarithm of their ratio,
-# and as the logarithm.
+# Error at diameters 1:2 of Z - 1, which grows as the square of the logarithm of their ratio, and of g_ij - 1,
+# which grows as the logarithm.
 _MISSED, _CONTACTS_MISSED = {3: 0.0016, 2: 0.001}, {3: 0.013, 2: 0.025}
 
 
 def mixture_contact_values(number_densities: ArrayLike, diameters: ArrayLike, dim: int) -> FloatArray:
     """Return g_ij at contact in a mixture, consistent with `mixture_compressibility`.
 
-    3D: Boublik (1970, doi 10.1063/1.1673824) and Mansoori et al. (1971, doi 10.1063/1.1675048) have the better ratios
-    between pairs, Santos, Yuste and Lopez de Haro the better Z: g_ij - 1/(1 - eta) of the former, times the one number
-    that gives the latter's Z. 2D: those of Santos, Yuste and Lopez de Haro, to which the same recipe leads from
-    Jenkins and Mancini's (1987, doi 10.1115/1.3172990). For one species `contact_value`.
+    3D: Boublik (1970, doi 10.1063/1.1673824) and Mansoori et al. (1971, doi 10.1063/1.1675048) have the
+    better ratios between pairs, Santos, Yuste and Lopez de Haro the better Z: g_ij - 1/(1 - eta) of the
+    former, times the one number that gives the latter's Z. 2D: those of Santos, Yuste and Lopez de Haro, to
+    which the same recipe leads from Jenkins and Mancini's (1987, doi 10.1115/1.3172990). For one species
+    `contact_value`.
 
     Parameters
     ----------
@@ -64,9 +65,9 @@ def mixture_contact_values(number_densities: ArrayLike, diameters: ArrayLike, di
 def mixture_contact_uncertainty(diameters: ArrayLike, dim: int) -> float:
     """Return the relative uncertainty of each g_ij - 1 of `mixture_contact_values`.
 
-    1.3 % (3D) or 2.5 % (2D) times log2(largest/smallest diameter): from the rates between species of 2000 particles at
-    eta = 0.3 (3D) and 0.5 (2D), where g_ij was off by up to 0.7 and 1.4 % (half of each, 1:2), 1.4 and 4.5 % (a tenth of
-    large ones, 1:5). Those errors cancel in Z.
+    1.3 % (3D) or 2.5 % (2D) times log2(largest/smallest diameter): from the rates between species of 2000
+    particles at eta = 0.3 (3D) and 0.5 (2D), where g_ij was off by up to 0.7 and 1.4 % (half of each, 1:2),
+    1.4 and 4.5 % (a tenth of large ones, 1:5). Those errors cancel in Z.
 
     Parameters
     ----------
@@ -92,7 +93,7 @@ def _checked(
 
 
 def _santos_yuste_lopez_de_haro(rho: FloatArray, sigma: FloatArray, dim: int, eta: float) -> FloatArray:
-    """Return their g_ij: 1/(1 - eta) + (chi - 1/(1 - eta)) <sigma^(d-1)>/<sigma^d> sigma_i sigma_j/sigma_ij."""
+    """Return g_ij = 1/(1 - eta) + (chi - 1/(1 - eta)) <sigma^(d-1)>/<sigma^d> sigma_i sigma_j/sigma_ij."""
     free = 1.0 - eta
     mean = float(rho @ sigma ** (dim - 1)) / float(rho @ sigma**dim)
     apart = np.outer(sigma, sigma) / (np.add.outer(sigma, sigma) / 2)
@@ -102,9 +103,11 @@ def _santos_yuste_lopez_de_haro(rho: FloatArray, sigma: FloatArray, dim: int, et
 def mixture_compressibility(number_densities: ArrayLike, diameters: ArrayLike, dim: int) -> Prediction:
     """Return Z of a mixture from that of one species, after Santos, Yuste and Lopez de Haro.
 
-    Mol. Phys. 96, 1 (1999), doi 10.1080/00268979909482932, built on `compressibility_factor`: Z = 1 + (2 pi/3) rho sum
-    x_i x_j sigma_ij^3 g_ij in 3D, 1 + (pi/2) rho sum x_i x_j sigma_ij^2 g_ij in 2D, with g_ij = 1/(1 - eta) + (chi - 1/(1
-    - eta)) (<sigma^(d-1)>/<sigma^d>) sigma_i sigma_j/sigma_ij, chi the contact value of one species at the same eta.
+    Mol. Phys. 96, 1 (1999), doi 10.1080/00268979909482932, built on `compressibility_factor`: Z = 1 + (2
+    pi/3) rho sum x_i x_j sigma_ij^3 g_ij in 3D, 1 + (pi/2) rho sum x_i x_j sigma_ij^2 g_ij in 2D, with g_ij =
+    1/(1 - eta) + (chi - 1/(1 - eta)) (<sigma^(d-1)>/<sigma^d>) sigma_i sigma_j/sigma_ij, chi the contact
+    value of one species at the
+      same eta.
 
     Parameters
     ----------
@@ -114,9 +117,9 @@ def mixture_compressibility(number_densities: ArrayLike, diameters: ArrayLike, d
     Returns
     -------
     Prediction
-        u = 0.16 % (3D) or 0.1 % (2D) of Z - 1 times log2(largest/smallest diameter)^2, besides that of one species:
-        what it was found to miss, in 3D (eta = 0.3) 0.15 % at 1:2 and 0.84(8) % at 1:5, in 2D (0.5) 0.04 % at 1:1.4 and 0.50(9) % at 1:5.
-        NaN above freezing.
+        u = 0.16 % (3D) or 0.1 % (2D) of Z - 1 times log2(largest/smallest diameter)^2, besides that of one
+        species: its known error is, in 3D (eta = 0.3), 0.15 % at 1:2 and 0.84(8) % at 1:5, in 2D (0.5) 0.04 %
+        at 1:1.4 and 0.50(9) % at 1:5. NaN above freezing.
     """
     rho, sigma, eta = _checked(number_densities, diameters, dim)
     contact = np.add.outer(sigma, sigma) / 2
@@ -195,11 +198,11 @@ def mixture_mean_free_paths(
 
 
 def pairs_of_few(counts: ArrayLike, diameters: ArrayLike, volume: float, dim: int) -> float:
-    """Return by how much Z - 1 of few particles in a periodic box differs, for the pairs that there are.
+    """Return the factor on Z - 1 of few particles in a periodic box that counts the actual number of pairs.
 
-    N/(N - 1) times the sum of N_i (N_j - delta_ij) sigma_ij^d g_ij over that of N_i N_j sigma_ij^d g_ij, in units of
-    kT = 2 K/d(N - 1): no particle meets itself. 1 for one species; exact in the dilute gas, where one large particle
-    among small ones meets no other large one.
+    N/(N - 1) times the sum of N_i (N_j - delta_ij) sigma_ij^d g_ij over that of N_i N_j sigma_ij^d g_ij, in
+    units of kT = 2 K/d(N - 1): no particle meets itself. 1 for one species; exact in the dilute gas, where
+    one large particle among small ones meets no other large one.
 
     Parameters
     ----------

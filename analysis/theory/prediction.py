@@ -30,7 +30,7 @@ class Prediction:
     Attributes
     ----------
     value : float or array
-        What the theory says; NaN where it says nothing.
+        The value; NaN outside the range of the theory.
     uncertainty : float or array
         Its standard uncertainty u in the same units; 0 where the statement is exact.
     """
@@ -46,12 +46,12 @@ def check_dim(dim: int) -> None:
 
 
 def inside_range(name: str, values: FloatArray, low: float, high: float) -> NDArray[np.bool_]:
-    """Return which values lie in [low, high], where a theory holds, and warn of the others, for which it says NaN."""
+    """Return which values lie in the range [low, high] of a theory; warn of others, where it gives NaN."""
     inside = (values >= low) & (values <= high)
     outside = values[~inside & ~np.isnan(values)]
     if outside.size:
         warnings.warn(
-            f"{name} holds from {low:g} to {high:g} and says nothing (NaN) at {outside.flat[0]:g}",
+            f"{name} holds from {low:g} to {high:g} and gives no value (NaN) at {outside.flat[0]:g}",
             TheoryRangeWarning,
             stacklevel=3,
         )

@@ -1,4 +1,4 @@
-"""Rates at which a gas forgets where it came from: cumulants, temperatures, anisotropy."""
+"""Relaxation rates of a gas towards equilibrium: cumulants, temperatures, anisotropy."""
 
 from __future__ import annotations
 

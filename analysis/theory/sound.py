@@ -1,4 +1,4 @@
-"""Sound: its speed and damping in a fluid, and what of standing waves between walls is left after a while."""
+"""Sound: its speed and damping in a fluid, and the decay of standing waves between walls."""
 
 from __future__ import annotations
 
@@ -44,11 +44,11 @@ def sound_speed(eta: ArrayLike, dim: int, mass: float = 1.0, temperature: float 
 def sound_damping(
     eta: ArrayLike, dim: int, diameter: float = 1.0, mass: float = 1.0, temperature: float = 1.0
 ) -> Prediction:
-    """Return Gamma; a wave of wave number k falls as exp(-Gamma k^2 t), [length^2/time].
+    """Return Gamma; a wave of wave number k decays as exp(-Gamma k^2 t), [length^2/time].
 
-    Gamma = [(2 (1 - 1/d) eta_E + zeta_E)/(rho m) + (gamma - 1) lambda_E/(rho c_P)]/2 with Enskog's transport coefficients,
-    c_V = d/2, gamma = c_P/c_V = 1 + (2/d) Z^2/(Z + eta Z') (Hansen and McDonald, Theory of Simple Liquids, 8.5, doi
-    10.1016/C2010-0-66723-X). Infinite at eta = 0.
+    Gamma = [(2 (1 - 1/d) eta_E + zeta_E)/(rho m) + (gamma - 1) lambda_E/(rho c_P)]/2 with Enskog's transport
+    coefficients, c_V = d/2, gamma = c_P/c_V = 1 + (2/d) Z^2/(Z + eta Z') (Hansen and McDonald, Theory of
+    Simple Liquids, 8.5, doi 10.1016/C2010-0-66723-X). Infinite at eta = 0.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def sound_damping(
 
 
 def _left(time: float, k: ArrayLike, share: ArrayLike, speed: float, damping: float) -> float:
-    """Return what is left of standing waves of wave numbers k; those too short to swing fall as fast as they would."""
+    """Return the share of standing waves that is left after a time; no decay rate exceeds c k."""
     waves, shares = np.asarray(k, dtype=np.float64), np.asarray(share, dtype=np.float64)
     fall = np.minimum(damping * waves**2, speed * waves)
     left = shares * np.exp(-fall * time) * np.cos(speed * waves * time)
@@ -83,8 +83,9 @@ def _left(time: float, k: ArrayLike, share: ArrayLike, speed: float, damping: fl
 def virial_correlation(time: float, width: float, speed: float, damping: float) -> float:
     """Return the autocorrelation of G = sum of m x v, x from the middle between two walls, after a time.
 
-    G is a sum of standing waves sin(2 pi n x / L) with variances as 1/n^2, each of which swings and falls: sum of 6/(pi n)^2
-    cos(c k t) exp(-Gamma k^2 t), k = 2 pi n/L. Undamped it goes down to -1/2, after half the time that sound takes across.
+    G is a sum of standing waves sin(2 pi n x / L) with variances as 1/n^2, each a damped oscillation: sum of
+    6/(pi n)^2 cos(c k t) exp(-Gamma k^2 t), k = 2 pi n/L. Undamped it falls to -1/2, after half the time that
+    sound takes from wall to wall.
 
     Parameters
     ----------
@@ -102,7 +103,8 @@ def virial_correlation(time: float, width: float, speed: float, damping: float) 
 def momentum_correlation(time: float, width: float, speed: float, damping: float) -> float:
     """Return the autocorrelation of the momentum from wall to wall after a time.
 
-    As `virial_correlation`, with waves sin(pi n x / L), n odd. Undamped it is -1 after the time that sound takes across.
+    As `virial_correlation`, with waves sin(pi n x / L), n odd. Undamped it is -1 after the time that sound
+    takes from wall to wall.
     """
     n = np.arange(1, 2 * WAVES, 2)
     return _left(time, math.pi * n / width, 1.0 / n**2, speed, damping)

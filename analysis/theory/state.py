@@ -50,8 +50,8 @@ _EXACT_B4 = {
     2: 16 - 36 * math.sqrt(3) / math.pi + 80 / math.pi**2,
 }
 _EXACT_B3 = {3: 10.0, 2: 16 / 3 - 4 * math.sqrt(3) / math.pi}
-# What order between a particle and its own images may do to Z - 1: an envelope of what simulations of 3 to 256 show,
-# at an edge of two diameters, and how it falls per diameter more, at packing fractions.
+# Effect on Z - 1 of correlations between a particle and its periodic images: an envelope of simulations of 3
+# to 256 particles at an edge of two diameters, and its decay per further diameter, by packing fraction.
 _IMAGES = {3: 0.4, 2: 0.6}
 _IMAGES_DECAY = {
     3: ((0.05, 0.1, 0.2, 0.3, 0.4, 0.45, 0.49), (4.0, 3.3, 2.6, 2.1, 1.6, 1.2, 1.0)),
@@ -60,8 +60,8 @@ _IMAGES_DECAY = {
 _KLM_RANGE = (0.0, 0.54)
 _DISCS_RANGE = (0.0, 0.66)
 _SERIES_RANGE = {3: (0.0, 0.5), 2: (0.0, 0.6)}
-# Relative uncertainty of KLM: up to eta = 0.471 pooled simulations of 4e5 to 2e6 spheres agree to 0.4e-6 to 2.4e-6
-# (DynamO, github.com/macioosch/dynamo-hard-spheres-sim); beyond, what its authors state.
+# Relative uncertainty of KLM: up to eta = 0.471 pooled simulations of 4e5 to 2e6 spheres agree to 0.4e-6 to
+# 2.4e-6 (DynamO, github.com/macioosch/dynamo-hard-spheres-sim); beyond, what its authors state.
 _KLM_VERIFIED_TO, _KLM_VERIFIED, _KLM_STATED = 0.471, 5e-6, 4e-5
 # fcc crystal: Schultz and Kofke's fit, Z = 3/y + sum of c_i y^i with y = 1 - rho sigma^3/sqrt(2).
 _FCC = Polynomial(
@@ -194,10 +194,11 @@ def compressibility_factor(eta: ArrayLike, dim: int) -> Prediction:
     Returns
     -------
     Prediction
-        NaN outside that range. 3D: `kolafa_labik_malijevsky`, u = 5e-6 Z up to eta = 0.471, 4e-5 Z beyond. 2D:
-        `virial_discs`, u the largest distance to the formulas of Luding (2001, doi 10.1103/PhysRevE.63.042201) and of
-        Liu (2020), both fitted to simulations: 6e-4 relative at 0.45, 5e-3 at 0.65. In dilute gases u is what
-        `virial_series` leaves open, where that is less: it vanishes with the density faster than Z - 1.
+        NaN outside that range. 3D: `kolafa_labik_malijevsky`, u = 5e-6 Z up to eta = 0.471, 4e-5 Z beyond.
+        2D: `virial_discs`, u the largest distance to the formulas of Luding (2001, doi
+        10.1103/PhysRevE.63.042201) and of Liu (2020), both fitted to simulations: 6e-4 relative at 0.45, 5e-3
+        at 0.65. In dilute gases u is what `virial_series` leaves open, where that is less: it vanishes with
+        the density faster than Z - 1.
     """
     check_dim(dim)
     e = np.asarray(eta, dtype=np.float64)
@@ -218,8 +219,8 @@ def compressibility_factor(eta: ArrayLike, dim: int) -> Prediction:
 def fcc_crystal(eta: ArrayLike) -> Prediction:
     """Return Z of the face-centred cubic crystal of hard spheres, without vacancies.
 
-    Fit of Schultz and Kofke to simulations, from the source of etomica (HardSphereSolid). Z (1 - eta/eta_cp) tends to
-    3 at close packing.
+    Fit of Schultz and Kofke to simulations, from the source of etomica (HardSphereSolid). Z (1 - eta/eta_cp)
+    tends to 3 at close packing.
 
     Parameters
     ----------
@@ -311,10 +312,10 @@ def finite_size_shift(
     V/(2K/d): Z - 1 = (N/(N-1)) (Z_N - 1), which is what an event-driven simulation measures. To leading order
     in eta the two steps cancel.
 
-    Two and three particles are done exactly, as long as no box edge is shorter than N diameters: with y = v0/V,
-    v0 the volume from which a particle excludes another's centre, the configurations are Q = 1 - y for two and
-    1 - 3y + (3 - 3 B3/v0^2) y^2 for three, and Z_N = 1 - (y/N) d ln Q/dy. So Z = 1 + v0/(V - v0) for two,
-    microcanonically.
+    Two and three particles are treated exactly, as long as no box edge is shorter than N diameters: with y =
+    v0/V, v0 the volume from which a particle excludes another's centre, the configurations are Q = 1 - y for
+    two and 1 - 3y + (3 - 3 B3/v0^2) y^2 for three, and Z_N = 1 - (y/N) d ln Q/dy. So Z = 1 + v0/(V - v0) for
+    two, microcanonically.
 
     Parameters
     ----------
@@ -332,11 +333,12 @@ def finite_size_shift(
     Returns
     -------
     Prediction
-        u = 0 for two and three particles as above. Otherwise what the formula leaves out: the next order in 1/N,
-        a part sqrt(0.1^2 + (0.6/N)^2) of the shift (at low density 4 to 16 particles lack 0.6/N of it); and what
-        order between a particle and its own images may do, where the box is small and the fluid dense: (Z - 1) A
-        exp(-k (L - 2)), L the edge in diameters, an envelope of what simulations of 3 to 256 particles show. In 3D
-        A = 0.4, k = 3.3 at eta = 0.1, 2.1 at 0.3, 1.0 at 0.49; in 2D A = 0.6, k = 2.5 at 0.3, 0.95 at 0.6.
+        u = 0 for two and three particles as above. Otherwise what the formula leaves out: the next order in
+        1/N, a part sqrt(0.1^2 + (0.6/N)^2) of the shift (at low density 4 to 16 particles lack 0.6/N of it);
+        and the effect of correlations between a particle and its own images, where the box is small and the
+        fluid dense: (Z - 1) A exp(-k (L - 2)), L the edge in diameters, an envelope of what simulations of 3
+        to 256 particles show. In 3D A = 0.4, k = 3.3 at eta = 0.1, 2.1 at 0.3, 1.0 at 0.49; in 2D A = 0.6, k
+        = 2.5 at 0.3, 0.95 at 0.6.
     """
     infinite = compressibility_factor(eta, dim)
     e = np.asarray(eta, dtype=np.float64)
@@ -362,7 +364,7 @@ def _in_ensemble(canonical: FloatArray, n: int, ensemble: Ensemble) -> FloatArra
 
 
 def _few(e: FloatArray, dim: int, n: int) -> FloatArray:
-    """Return the canonical Z of two or three particles in a box that none of them reaches around."""
+    """Return the largest relative shift of Z - 1 by correlations between a particle and its images."""
     y = 2.0**dim * e / n
     square = 0.0 if n == 2 else 3.0 - 0.75 * _EXACT_B3[dim] / 4.0 ** (dim - 1)  # B3/v0^2 = B3/B2^2 / 4
     linear = 1.0 if n == 2 else 3.0
@@ -371,6 +373,6 @@ def _few(e: FloatArray, dim: int, n: int) -> FloatArray:
 
 
 def _image_order(e: FloatArray, edges: FloatArray, dim: int) -> FloatArray:
-    """Return by how much, relative to Z - 1, order between a particle and its images may shift Z."""
+    """Return the largest shift of Z, relative to Z - 1, by correlations between a particle and its images."""
     decay = np.interp(e, *_IMAGES_DECAY[dim])
     return np.asarray(_IMAGES[dim] * np.exp(-decay * (edges - 2.0)))

@@ -1,4 +1,4 @@
-"""Transport coefficients of Enskog's theory, and what a periodic box does to diffusion."""
+"""Transport coefficients of Enskog's theory, and the effect of a periodic box on diffusion."""
 
 from __future__ import annotations
 
@@ -30,9 +30,10 @@ _CONDUCTIVITY = {3: 1.02522, 2: 1.02972}
 ENSKOG_RANGE = {3: (0.0, 0.494), 2: (0.0, 0.66)}
 """Packing fractions of the fluid, for which Enskog's coefficients are given; NaN outside."""
 _YEH_HUMMER = 2.837297  # cubic lattice sum
-# Of the infinite fluid of spheres, over Enskog's, as simulations found it at these packing fractions. D: this package, 64
-# to 16 384 spheres; public molecular dynamics (macioosch/dynamo-hard-spheres-sim) at 0.157 and 0.367. Viscosity: from how
-# much D depends on the box in the same runs. And what a box of N takes from D besides, in units of D_E/N.
+# Of the infinite fluid of spheres, over Enskog's, as simulations found it at these packing fractions. D: this
+# package, 64 to 16 384 spheres; public molecular dynamics (macioosch/dynamo-hard-spheres-sim) at 0.157 and
+# 0.367. Viscosity: from the dependence of D on the box in the same runs. Last: the further reduction of D in
+# a box of N particles, in units of D_E/N.
 _TRUE_D = (
     (0.0, 0.1, 0.157, 0.2, 0.3, 0.367, 0.4, 0.47, 0.494),
     (1.0, 1.096, 1.19, 1.26, 1.34, 1.27, 1.17, 0.79, 0.65),
@@ -67,8 +68,9 @@ def enskog_diffusion(
     -------
     Prediction
         Enskog leaves out correlated collisions. In the infinite 3D fluid the true D is 9.6 % above D_E at eta
-        = 0.1, 26 % at 0.2, 34 % at 0.3, and falls below it near freezing, by 21 % at 0.47: u = min(1.5 eta, 0.3) D_E. In 2D D has no
-        limit, it grows as the logarithm of the size of the box; the same u is given and means little.
+        = 0.1, 26 % at 0.2, 34 % at 0.3, and falls below it near freezing, by 21 % at 0.47: u = min(1.5 eta,
+        0.3) D_E. In 2D D has no limit, it grows as the logarithm of the size of the box; the same u is given
+        but has no firm basis.
     """
     check_dim(dim)
     e = np.asarray(eta, dtype=np.float64)
@@ -174,11 +176,12 @@ def periodic_diffusion_window(
     mass: float = 1.0,
     temperature: float = 1.0,
 ) -> tuple[float, float]:
-    """Return the lags between which the slope of the mean square displacement is D of a cubic periodic box, [time].
+    """Return the lags where the slope of the mean square displacement is D of a cubic periodic box, [time].
 
-    4 to 6 times the larger of five mean free times and L^2/(4 pi^2 (D + nu)), in which the slowest mode of the
-    momentum that a sphere has passed on decays, nu = eta_s/(rho m) and D by Enskog. Earlier slopes are too small in
-    a large box: they leave out part of the tail t^(-3/2) of the velocity autocorrelation.
+    4 to 6 times the larger of five mean free times and L^2/(4 pi^2 (D + nu)), the decay time of the slowest
+    mode of the momentum that a sphere transfers to the fluid, nu = eta_s/(rho m) and D by Enskog. Earlier
+    slopes are too small in a large box: they leave out part of the tail t^(-3/2) of the velocity
+    autocorrelation.
 
     Parameters
     ----------
@@ -204,16 +207,18 @@ def periodic_diffusion_correction(
 ) -> Prediction:
     """Return what to add to D measured in a cubic periodic box to have that of the infinite fluid.
 
-    D = D_L + 2.837297 kT / (6 pi L (eta_s + rho m D)) + b D_E / N, in 3D only: in 2D there is no infinite limit.
-    The second term is that of Yeh and Hummer (J. Phys. Chem. B 108, 15873 (2004), doi 10.1021/jp0477147) for a
-    particle that moves as fast as momentum spreads: in a mode k of the flow that it has set up itself its velocity
-    decays as exp(-(D + nu) k^2 t), nu = eta_s/(rho m); they had D << nu. The last term is what boxes of a few hundred
-    lack besides: b = 1.5 up to eta = 0.1, 1.2 at 0.2, 0.8 from 0.3 on. With both, boxes of 64 to 16 384 spheres give
-    the same D to 0.2 % at eta = 0.1, 0.2 and 0.3.
+    D = D_L + 2.837297 kT / (6 pi L (eta_s + rho m D)) + b D_E / N, in 3D only: in 2D there is no infinite
+    limit. The second term is that of Yeh and Hummer (J. Phys. Chem. B 108, 15873 (2004), doi
+    10.1021/jp0477147) extended to particles that diffuse as fast as momentum does: in a mode k of the flow
+    that a particle has caused, its velocity decays as exp(-(D + nu) k^2 t), nu = eta_s/(rho m); they assumed
+    D << nu. The last term is a further correction for boxes of a few hundred particles: b = 1.5 up to eta =
+    0.1, 1.2 at 0.2, 0.8 from 0.3 on. With both, boxes of 64 to 16 384 spheres give the same D to 0.2 % at eta
+    = 0.1, 0.2 and 0.3.
 
-    D_L is the slope of the mean square displacement over `periodic_diffusion_window`. What a shorter window, or one
-    in a larger box, leaves out of the tail is added by the same modes: (2 kT tau / 3 m N) times the sum of exp(-n^2
-    t/tau) / n^2 over all integer vectors n but 0, averaged over the window, tau = L^2/(4 pi^2 (D + nu)).
+    D_L is the slope of the mean square displacement over `periodic_diffusion_window`. What a shorter window,
+    or one in a larger box, leaves out of the tail is added by the same modes: (2 kT tau / 3 m N) times the
+    sum of exp(-n^2 t/tau) / n^2 over all integer vectors n but 0, averaged over the window, tau = L^2/(4 pi^2
+    (D + nu)).
 
     Parameters
     ----------
@@ -229,10 +234,10 @@ def periodic_diffusion_correction(
     Returns
     -------
     Prediction
-        The second term has the D and the viscosity that simulations found: Enskog's D times 1.096 at eta = 0.1, 1.26
-        at 0.2, 1.34 at 0.3, 0.79 at 0.47; his viscosity up to 0.3, 1.14 times it at 0.4, 1.65 at 0.47. u: 3 % of it up
-        to eta = 0.3, growing to 20 % at 0.494; a third of the last term; and of what the window leaves out 5/s and 16 %
-        more (50 % at 0.494), s the mean free times before it.
+        The second term uses the D and the viscosity of simulations: Enskog's D times 1.096 at eta = 0.1, 1.26
+        at 0.2, 1.34 at 0.3, 0.79 at 0.47; Enskog's viscosity up to 0.3, 1.14 times it at 0.4, 1.65 at 0.47.
+        u: 3 % of it up to eta = 0.3, growing to 20 % at 0.494; a third of the last term; and of what the
+        window leaves out 5/s and 16 % more (50 % at 0.494), s the mean free times before it.
     """
     density = _mass_density(eta, diameter, mass)
     enskog = float(enskog_diffusion(eta, 3, diameter, mass, temperature).value)

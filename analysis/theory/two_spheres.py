@@ -24,7 +24,7 @@ class TwoSphereRates:
     pair : float
         Collisions of the two with each other, [1/time].
     wall : (d,) array
-        Hits of the two walls of each axis by both spheres, [1/time].
+        Collisions of both spheres with the two walls of each axis, [1/time].
     """
 
     pair: float
@@ -62,7 +62,7 @@ def two_sphere_rates(
     Raises
     ------
     ValueError
-        If the spheres cannot pass each other along some axis, where the formulas end.
+        If the spheres cannot pass each other along some axis, where the formulas do not hold.
     """
     edges = np.asarray(box, dtype=np.float64)
     dim = len(edges)
@@ -87,7 +87,7 @@ def two_sphere_rates(
 
 
 def _beside_a_wall(a: FloatArray, axis: int, s: float) -> float:
-    """Return w_k: places of the pair with one centre on a given wall of an axis."""
+    """Return w_k: the free volume of the pair with one centre on a given wall of an axis."""
     across = np.delete(a, axis)
     full = float(a[axis] * np.prod(across) ** 2)
     if len(a) == 2:

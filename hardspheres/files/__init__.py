@@ -1,4 +1,4 @@
-"""What other programs read and write.
+"""Files for other programs: reading and writing.
 
 Files in reading order: `atoms` (scenes as ASE's Atoms and back), `columns` (names of quantities), `xyz`
 (extended xyz, exact), `foreign` (formats with units of their own), `reader`, `writer`.

@@ -1,16 +1,16 @@
 """Scenes and frames as ASE's Atoms, and back.
 
 An Atoms object holds positions, momenta (mass times velocity; ASE has a unit of its own for velocities, and
-none for momenta), masses, radii, box and boundaries, and in ``info`` `time`, `collisions` and `dimension`. A
-momentum over a mass may be off by a rounding from the velocity that was multiplied, so the column `Velo` has
-the velocities themselves: they are taken from there wherever they times the masses are the momenta, bit for
-bit. A 2D gas lies in the plane z = 0 and has a zero third cell vector.
+none for momenta), masses, radii, box and boundaries, and in ``info`` `time`, `collisions` and `dimension`.
+Momentum over mass may differ from the original velocity by a rounding, so the column `Velo` has the
+velocities themselves; they are used where their products with the masses equal the momenta bit for bit. A 2D
+gas lies in the plane z = 0 and has a zero third cell vector.
 
 **Positions with few digits can overlap.** Two touching spheres whose coordinates were rounded to 8 decimals
 (by other programs, and by this one before it wrote all digits) may end up 2.8e-8 too close (each of the 3
-separations off by 1e-8, each radius by 5e-9). So `from_atoms` takes overlaps up to 3e-8 for rounding: it
-makes all radii smaller, by half of the worst overlap, says so, and moves nothing. Larger ones are refused
-like in any scene. Without any overlap, or with no more than the engine itself leaves at a contact (1e-11
+separations off by 1e-8, each radius by 5e-9). So `from_atoms` treats overlaps up to 3e-8 as rounding: it
+reduces all radii by half of the worst overlap, logs a warning, and moves nothing. Larger ones are refused as
+in any scene. Without any overlap, or with no more than the engine itself leaves at a contact (1e-11
 diameters), every bit is as given.
 """
 
@@ -47,20 +47,20 @@ MIXTURE = (
     "F",
     "B",
     "H",
-)  # colours that OVITO and ASE tell apart: red, blue, yellow...
+)  # colours that differ in OVITO and ASE: red, blue, yellow...
 VELOCITY = (
-    "Velo"  # so spelt, OVITO knows it, and no reader tried takes it for Angstrom/fs, as one does "velo"
+    "Velo"  # OVITO knows this spelling, and no reader tested takes it for Angstrom/fs, as one does "velo"
 )
 PRINTED = 1.5e-8  # most by which a radius is reduced: half of the overlap that 8 decimals can make
 SMALL = 1e-4  # and never by more than this fraction of the smallest radius
-LEFT = 1e-11  # diameters by which contacts may overlap that the engine made (`Simulation.check`)
-FLAT = 1e-6  # of the smallest diameter, of the fastest speed: how far discs may leave their plane (--dim 2)
+LEFT = 1e-11  # largest overlap that the engine leaves, in diameters (`Simulation.check`)
+FLAT = 1e-6  # tolerance for discs out of their plane, in smallest diameters and fastest speeds (--dim 2)
 UNITS = ("reduced", "ase")
 KEYS = {
     "lattice": "Lattice",
     "pbc": "pbc",
     "properties": "Properties",
-}  # that change the meaning, as ASE spells them
+}  # units in ASE's spelling
 
 logger = logging.getLogger(__name__)
 
@@ -91,15 +91,15 @@ class FrameLike(Protocol):
 
 @dataclass(frozen=True)
 class Reading:
-    """How to take what a file leaves open.
+    """How to interpret a file where its content is ambiguous.
 
     Attributes
     ----------
     radius, mass : float, (N,) array_like or mapping, optional
         Of all particles, of each, or of each label (``{"A": 0.5, "B": 0.3}``), whatever the file has.
     units : {"reduced", "ase"}, optional
-        "reduced": numbers as they stand in the file, which is also needed for a column of velocities; "ase":
-        as ASE converts those of formats with units (Angstrom, u, eV).
+        "reduced": numbers as in the file, which is also needed for a column of velocities; "ase": as ASE
+        converts those of formats with units (Angstrom, u, eV).
     box : (d,) array_like, optional
         Edges, for a file without a cell.
     boundary : str or sequence of str, optional
@@ -108,7 +108,7 @@ class Reading:
         2: the file is of discs, whatever its third edge; positions may leave the plane by 1e-6 of the
         smallest diameter, velocities by 1e-6 of the fastest.
     velocities : bool
-        False where those of the file are of no interest.
+        False to ignore those of the file.
     """
 
     radius: ArrayLike | Mapping[str, float] | None = None
@@ -138,7 +138,7 @@ def to_atoms(state: Scene | FrameLike, units: str | None = None) -> Any:
     state : Scene or Frame
         What to convert. A scene counts as time 0.
     units : str, optional
-        Name of the units, for ``info["units"]``: a word for people, nothing is converted.
+        Name of the units, for ``info["units"]``: a label only, nothing is converted.
 
     Returns
     -------
@@ -213,7 +213,7 @@ def from_atoms(atoms: Any, radius: ArrayLike | Mapping[str, float] | None = None
     TrajectoryError
         When there is no orthogonal cell, no radius, or velocities are in a column whose unit is not known.
     SceneError
-        When what is there makes no legal scene.
+        When the content makes no valid scene.
     """
     scene, notes = scene_and_notes(atoms, Reading(radius, **reading))
     for note in notes:
@@ -222,14 +222,14 @@ def from_atoms(atoms: Any, radius: ArrayLike | Mapping[str, float] | None = None
 
 
 def scene_and_notes(atoms: Any, reading: Reading) -> tuple[Scene, list[str]]:
-    """Return the scene in an Atoms object, and a sentence about everything that was not taken as it stands.
+    """Return the scene in an Atoms object, and a sentence about everything that was changed or not used.
 
     Parameters
     ----------
     atoms : ase.Atoms
         See `from_atoms`.
     reading : Reading
-        How to take what is left open.
+        How to interpret what is ambiguous.
 
     Raises
     ------
@@ -377,7 +377,7 @@ def _masses(
 def _velocities(
     atoms: Any, found: dict[str, Found], masses: Floats, reading: Reading, used: set[str]
 ) -> Floats:
-    """Velocities: momenta over masses, unless a column of velocities is what they were made from."""
+    """Velocities: momenta over masses, or the column of velocities from which the momenta were made."""
     momenta, velocities = found.get("momenta"), found.get("velocities")
     if not reading.velocities or (momenta is None and velocities is None):
         return np.zeros((len(atoms), 3))
@@ -429,7 +429,7 @@ def _radii(atoms: Any, found: dict[str, Found], reading: Reading, used: set[str]
 
 
 def _number(found: Found, n: int) -> Any:
-    """Return values that the checks of a scene can name: text as text, and a header's list as it is."""
+    """Return values in a form for the checks of a scene: text as text, a header's list unchanged."""
     values = np.asarray(found.values)
     if values.dtype.kind == "O":
         values = values.astype(str)
@@ -437,7 +437,7 @@ def _number(found: Found, n: int) -> Any:
 
 
 def _by_label(atoms: Any, found: dict[str, Found], values: Any, name: str) -> Any:
-    """Return what a mapping gives to each particle's label; anything but a mapping as it is."""
+    """Return the value of each particle's label in a mapping; anything else unchanged."""
     if not isinstance(values, Mapping):
         return values
     labels = [str(s) for s in (found["label"].values if "label" in found else atoms.get_chemical_symbols())]
@@ -452,7 +452,7 @@ def _by_label(atoms: Any, found: dict[str, Found], values: Any, name: str) -> An
 
 
 def _leaving(positions: Floats, velocities: Floats, share: float, radii: Floats) -> str | None:
-    """Say which particle is not in the plane of the first, or leaves it; None if none does."""
+    """Return a sentence on a particle that is not in the plane of the first, or leaves it; else None."""
     height = np.abs(positions[:, 2] - positions[0, 2])
     out = int(np.argmax(height))
     if not height[out] <= share * 2.0 * radii.min():
@@ -465,7 +465,7 @@ def _leaving(positions: Floats, velocities: Floats, share: float, radii: Floats)
 
 
 def _require_flat(positions: Floats, velocities: Floats, share: float, radii: Floats) -> None:
-    """Refuse a third dimension in a gas that is said to have two."""
+    """Refuse a third dimension in a gas declared two-dimensional."""
     leaving = _leaving(positions, velocities, share, radii) if len(positions) else None
     if leaving is None:
         return
@@ -497,7 +497,7 @@ def _fitting(
     too_long = float(np.max(np.where(periodic, (2 * largest - box) / 4, (largest - box) / 2)))
     beyond = worst_beyond_wall(folded, radii, box, periodic)[0]
     most = min(PRINTED, SMALL * float(radii.min()))
-    if max(too_long, beyond) > most:  # the scene will say what is wrong
+    if max(too_long, beyond) > most:  # the scene's own check gives the error
         return Scene, radii
     overlap = worst_overlap(folded, radii, box, periodic)[2]
     left = max(contact_tolerance(box), LEFT * largest)

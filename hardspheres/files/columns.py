@@ -1,7 +1,7 @@
-"""Which column of a file is which quantity, whatever the program that wrote it calls it.
+"""The quantities in the columns of a file, by the names that various programs use.
 
-A name is compared in lower case. A quantity that two columns give must be the same in both. Whatever holds
-numbers and is not used is named, so that nothing is lost without a word.
+A name is compared in lower case. A quantity in two columns must be the same in both. Unused columns of
+numbers are reported, so that nothing is ignored silently.
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
 """Formats with units, which ASE converts to its own: Angstrom, u, eV, times of Angstrom sqrt(u/eV), 10.18 fs.
 
-In such a file a velocity of 1 becomes 0.01 or 10, and a mass is guessed from a label. Neither is what a gas
-in reduced units means, and neither can be seen in the result, so the user has to say which numbers he wants.
+In such a file a velocity of 1 becomes 0.01 or 10, and a mass is guessed from a label. Both are wrong for a
+gas in reduced units and do not show in the result, so the user has to choose.
 """
 
 import io
@@ -15,7 +15,7 @@ import numpy as np
 from hardspheres.errors import TrajectoryError
 from hardspheres.files.atoms import SINGLE, Reading
 
-AS_THEY_STAND = ("extxyz", "traj", "json", "db")  # ASE's own: what is written is what is read
+AS_THEY_STAND = ("extxyz", "traj", "json", "db")  # ASE's own: numbers are read as they were written
 LAMMPS = ("lammps-dump-text", "lammps-data")
 READ_BY_ASE = {
     *("id", "type", "element", "q", "x", "y", "z", "xs", "ys", "zs", "xu", "yu", "zu", "xsu", "ysu", "zsu"),
@@ -56,7 +56,7 @@ def conversions() -> dict[str, Conversion]:
 
 
 def reader_options(form: str, reading: Reading) -> dict[str, Any]:
-    """Return what ASE's reader of a format is to be told."""
+    """Return the arguments for ASE's reader of a format."""
     return {"units": "ASE"} if form in LAMMPS and reading.units == "reduced" else {}
 
 
@@ -121,7 +121,7 @@ def taken(atoms: Any, form: str, path: Path, reading: Reading, table: Table | No
             "(Angstrom, u, eV), or "
             "convert it to extended xyz"
         )
-    raw = reading.units == "reduced" and form not in LAMMPS  # those were read so
+    raw = reading.units == "reduced" and form not in LAMMPS  # those were read as such
     length, velocity = (known[form].length, known[form].velocity) if raw else (1.0, 1.0)
     if atoms.has("momenta"):  # a column, so that masses do not matter
         atoms.arrays["velocities"] = atoms.get_velocities() / velocity

@@ -46,14 +46,14 @@ def read_structure(path: str | os.PathLike[str], index: int = -1, **reading: Any
 
 
 def read_scene(path: str | os.PathLike[str], reading: Reading, index: int = -1) -> tuple[Scene, list[str]]:
-    """Read the scene in one frame of a file, and a sentence about everything that was not taken as it stands.
+    """Read the scene in one frame of a file, and a sentence about everything changed or not used.
 
     Parameters
     ----------
     path : str or path-like
         Any file that ASE reads.
     reading : Reading
-        How to take what the file leaves open.
+        How to interpret what is ambiguous in the file.
     index : int
         Which of its frames; the last by default.
 
@@ -62,7 +62,7 @@ def read_scene(path: str | os.PathLike[str], reading: Reading, index: int = -1) 
     TrajectoryError
         As `read_structure` and `from_atoms` do.
     SceneError
-        When the frame is no legal scene.
+        When the frame is no valid scene.
     """
     atoms, notes = _structure(path, index, reading)
     with _named(path):
@@ -87,14 +87,14 @@ def read_trajectory(
     Yields
     ------
     Scene
-        Each frame, by `from_atoms`. What was not taken as it stands is logged once, as a warning.
+        Each frame, by `from_atoms`. Everything changed or not used is logged once, as a warning.
 
     Raises
     ------
     TrajectoryError
         When there is no such file, or ASE cannot read it.
     SceneError
-        When a frame is no legal scene.
+        When a frame is no valid scene.
     """
     how, said = Reading(radius, **reading), set()
     for atoms, notes in _structures(path, how):
@@ -109,7 +109,7 @@ def read_trajectory(
 
 @contextmanager
 def _named(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Put the name of the file before what is wrong with its content."""
+    """Put the name of the file before an error about its content."""
     try:
         yield
     except (SceneError, TrajectoryError) as error:
@@ -209,7 +209,7 @@ def binary_frames(path: Path) -> Any:
 
 
 def existing(path: str | os.PathLike[str]) -> Path:
-    """Return the path of a file that is there and not empty.
+    """Return the path of a file that exists and is not empty.
 
     Raises
     ------
@@ -234,7 +234,7 @@ def existing(path: str | os.PathLike[str]) -> Path:
 
 
 def unreadable(file: str | os.PathLike[str], error: Exception, form: str) -> TrajectoryError:
-    """Return the error for what ASE's reader of a format could not read."""
+    """Return the error for a file that ASE's reader of its format could not read."""
     return TrajectoryError(
         f"{file} cannot be read by ASE as {form} ({xyz.said(error)}); it is damaged or of another format"
     )

@@ -28,10 +28,10 @@ class TrajectoryWriter:
     path : str or path-like
         ``.xyz`` or ``.extxyz`` for extended xyz, ``.traj`` for ASE's binary format; replaced if it exists.
     keep : int, default 0
-        Keep so many frames of the file that exists and write on after them; what follows them, such as a
-        frame that was half written when a run was killed, is cut off.
+        Keep so many frames of an existing file and append to them; the rest, such as an incomplete frame of a
+        killed run, is cut off.
     units : str, optional
-        Name of the units for the header, ``units=...``: a word for people, nothing is converted.
+        Name of the units for the header, ``units=...``: a label only, nothing is converted.
 
     Raises
     ------

@@ -1,8 +1,9 @@
 """Extended xyz: text that most programs read, one block of lines for each frame.
 
 ASE defines the format: its functions write the header and read the columns. The digits are written here, the
-fewest that read back to the same float64, so a scene comes back bit for bit; and here a file is divided into
-frames, so that nothing between them is lost, and what is wrong in one is said in a sentence with its line.
+fewest that read back to the same float64, so a scene comes back bit for bit; a file is also divided into
+frames here, so that nothing between them is ignored, and an error in one is reported in a sentence with its
+line.
 """
 
 import io
@@ -28,7 +29,7 @@ KINDS: dict[str, Callable[[str], Any]] = {
     "L": {"T": 1, "F": 0, "True": 1, "False": 0}.__getitem__,
 }
 PLAIN = "species:S:1:pos:R:3"  # columns of a file whose header names none
-SHOWN = 40  # characters of a file that a message repeats
+SHOWN = 40  # characters of a file that a message quotes
 
 
 def frame_text(atoms: Any) -> bytes:
@@ -124,7 +125,7 @@ def frames(path: Path) -> Iterator[Frame]:
 
 
 def to_structure(path: Path, frame: Frame) -> tuple[Any, list[str]]:
-    """Return a frame as ASE reads it, and sentences about what was not taken as it stands.
+    """Return a frame as ASE reads it, and sentences about everything changed or not used.
 
     Labels that are no elements (1, A, Type_1) become a column `label`; ASE reads them as X, of mass 1.
 
@@ -208,7 +209,7 @@ def _check_header(where: str, info: dict[str, Any]) -> None:
 
 
 def _check_rows(path: Path, frame: Frame, columns: list[tuple[str, str, int]], named: bool) -> list[str]:
-    """Refuse rows with too few values, or too many for what the header names; say what stands beyond."""
+    """Refuse rows with too few values, or too many for the header; report columns beyond it."""
     width = sum(width for _, _, width in columns)
     widths = [len(row.split()) for row in frame.rows]
     for k, found in enumerate(widths):
@@ -226,7 +227,7 @@ def _check_rows(path: Path, frame: Frame, columns: list[tuple[str, str, int]], n
 
 
 def _fault(path: Path, frame: Frame, columns: list[tuple[str, str, int]]) -> str | None:
-    """Say which value is not of the kind that its column has; None if all are."""
+    """Return a sentence on a value of the wrong kind for its column; None if there is none."""
     kinds = [(name, kind) for name, kind, width in columns for _ in range(width)]
     wanted = {"R": "a number", "I": "an integer", "L": "T or F"}
     for k, row in enumerate(frame.rows):

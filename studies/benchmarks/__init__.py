@@ -5,6 +5,6 @@ In reading order:
 - `bench`: one gas timed;
 - `gas`: how it is started in equilibrium;
 - `clock`: the windows that are timed, memory, the machine;
-- `rivals`: who runs in turn with us, and `peer`: spheropack;
+- `rivals`: what runs in turn with our engine, and `peer`: spheropack;
 - `suite`: many gases, a table, and `figure`: its figure.
 """

@@ -1,9 +1,10 @@
-"""How many collisions per second: of an equilibrated gas, the event loop alone, in many short windows, beside a peer.
+"""Collisions per second of an equilibrated gas: the event loop alone, in many short windows, beside a peer.
 
-What is timed is `Simulation.run(collisions=...)` less a call that follows a single collision, after the kernels are
-compiled and loaded, after the gas is in equilibrium, and after at least ten collisions per particle (neighbour lists run up to three times too
-fast until they begin to expire). Times are of the processor and of the wall; on a machine that does other things the
-first are the ones to compare. A peer runs in turn with us, window by window, in the same process on the same core.
+What is timed is `Simulation.run(collisions=...)` less a call that follows a single collision, after the
+kernels are compiled and loaded, after the gas is in equilibrium, and after at least ten collisions per
+particle (neighbour lists are up to three times too fast until the first rebuilds). Both processor time and
+wall time are measured; on a busy machine compare processor times. A peer runs in turn with our engine, window
+by window, in the same process on the same core.
 """
 
 from __future__ import annotations
@@ -34,8 +35,8 @@ FloatArray = NDArray[np.float64]
 WINDOWS = 20
 WINDOW_SECONDS = 0.2  # of processor time, where the number of collisions is not given
 IDLE_SHARE = 5.0  # windows are this many times as long as a call that does nothing
-WARM = 20_000  # collisions of start-up at least, however small the gas
-MEMORY_FROM = 30_000  # particles from which the growth of resident memory says something
+WARM = 20_000  # least number of collisions of start-up, for any gas
+MEMORY_FROM = 30_000  # particles from which on the growth of resident memory is significant
 
 
 @dataclass(frozen=True)
@@ -49,9 +50,9 @@ class Bench:
     collisions : int, optional
         How many to time; by default as many as `window_seconds` allow.
     discard : float, optional
-        Collisions per particle to throw away before; by default `Gas.discarded`.
+        Collisions per particle to discard first; by default `Gas.discarded`.
     against : str, optional
-        Who runs in turn: "spheropack" on the same gas, or "plain", our own engine on `Gas.plain`.
+        The peer: "spheropack" on the same gas, or "plain", our own engine on `Gas.plain`.
     seed : int
         Of the start.
     window_seconds : float
@@ -157,7 +158,7 @@ def measure(study: Bench) -> tuple[dict[str, Any], dict[str, FloatArray]]:
     ours, virial = Windows(), []
     for size in _split(total, min(WINDOWS, total)):
         if rival is not None:
-            runner.run(size // 4)  # the rival has filled the caches with its own
+            runner.run(size // 4)  # the peer has replaced the content of the caches
         ours.time(runner, size)
         virial.append(_virial(simulation))
         if rival is not None:
@@ -212,7 +213,7 @@ def measure(study: Bench) -> tuple[dict[str, Any], dict[str, FloatArray]]:
 
 
 def check(study: Bench) -> None:
-    """Raise HardSpheresError for options that make no sense, too many particles, or a peer that is missing."""
+    """Raise HardSpheresError for invalid options, too many particles, or a missing peer."""
     require_room_for(study.gas.n)
     if study.gas.start not in STARTS:
         raise hs.SceneError(f"--start {study.gas.start} is not known; it can be {', '.join(STARTS)}")
@@ -226,7 +227,7 @@ def check(study: Bench) -> None:
 
 @lru_cache
 def load_kernels(gas: Gas) -> None:
-    """Compile or load what this kind of gas needs, once, by running a small one: a thin one that collides, a dense one that grows.
+    """Compile or load what this kind of gas needs, with small runs: a dilute one, and a growth if dense.
 
     Raises
     ------
@@ -234,7 +235,7 @@ def load_kernels(gas: Gas) -> None:
         If there is no such gas.
     """
     small = replace(gas, n=2000, start="auto")
-    limit = {2: 0.4, 3: 0.25}.get(gas.dim, 1.0)  # searched as all denser gases are
+    limit = {2: 0.4, 3: 0.25}.get(gas.dim, 1.0)  # the method of all denser gases
     hs.Simulation(replace(small, packing_fraction=min(gas.packing_fraction, limit)).scene(1)).run(
         collisions=1
     )
@@ -243,7 +244,7 @@ def load_kernels(gas: Gas) -> None:
 
 
 def start_up(simulation: hs.Simulation, collisions_per_particle: float) -> tuple[int, Windows]:
-    """Run and forget.
+    """Run the collisions that are discarded.
 
     Returns
     -------
@@ -260,12 +261,12 @@ def start_up(simulation: hs.Simulation, collisions_per_particle: float) -> tuple
 
 
 def _split(total: int, parts: int) -> list[int]:
-    """Return whole numbers that add up to the total, as equal as can be."""
+    """Return integers that add up to the total and differ by at most one."""
     return [total // parts + (k < total % parts) for k in range(parts)]
 
 
 def _virial(simulation: hs.Simulation) -> tuple[float, float]:
-    """Return time and virial since the tallies began."""
+    """Return time and virial since the last reset of the tallies."""
     tallies = simulation.tallies
     return tallies.time, float(np.trace(tallies.virial))
 
@@ -273,8 +274,8 @@ def _virial(simulation: hs.Simulation) -> tuple[float, float]:
 def _pressure(simulation: hs.Simulation, cumulative: Sequence[tuple[float, float]]) -> Estimate:
     """Return the compressibility factor over the timed run, its error from the spread over stretches of it.
 
-    Windows of a large gas are too short to be independent, so neighbours are taken together: two collisions per
-    particle where there are so many, four stretches at least.
+    Windows of a large gas are too short to be independent, so adjacent ones are joined: two collisions per
+    particle where possible, at least four stretches.
     """
     passed = 2.0 * simulation.tallies.collisions / simulation.scene.n
     times, virials = np.array([(0.0, 0.0), *cumulative]).T
@@ -286,7 +287,7 @@ def _pressure(simulation: hs.Simulation, cumulative: Sequence[tuple[float, float
 
 
 def _agree(measured: float, expected: float, collisions: int) -> bool:
-    """Whether a compressibility factor is the fluid's to 3 % of Z - 1, and the noise of so many collisions."""
+    """Whether Z agrees with that of the fluid to 3 % of Z - 1 plus the noise of so many collisions."""
     return abs(measured - expected) < (0.03 + 5.0 / math.sqrt(collisions)) * (expected - 1.0)
 
 
@@ -337,11 +338,11 @@ def _print(screen: Screen, summary: Mapping[str, Any]) -> None:
         "processor time of setting up: "
         + ", ".join(f"{name.replace('_', '-')} {seconds:.2f} s" for name, seconds in setup.items())
     )
-    screen.say(f"energy drift {summary['energy_drift']:.1e}, late events {summary['late_events']}")
+    screen.say(f"energy drift {summary['energy_drift']:.1e}, events out of order {summary['late_events']}")
     for failure in summary["checks"]["failures"]:
         screen.say(f"CHECK FAILED, {failure}")
     if summary["seconds"] > 1.15 * summary["cpu_seconds"]:
-        screen.note("the machine did other things meanwhile: compare processor times, or measure again")
+        screen.note("the machine was busy with other work: compare processor times, or measure again")
 
 
 def _row(name: str, timing: Mapping[str, float]) -> list[str]:

@@ -1,4 +1,4 @@
-"""The stopwatch of `hardspheres bench`: short windows of a run, what they say together, memory, and the machine."""
+"""Timing for `hardspheres bench`: short windows of a run, their statistics, memory, and the machine."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Runner(Protocol):
         """Advance by so many pair collisions, or about so many."""
 
     def idle(self) -> None:
-        """Do what every call of `run` does besides following collisions."""
+        """Do the fixed work of a call of `run`, without collisions."""
 
 
 class Ours:
@@ -56,7 +56,7 @@ class Ours:
         self.simulation.run(collisions=1)
 
     def reset(self) -> None:
-        """Begin to count for the compressibility factor."""
+        """Start counting for the compressibility factor."""
         self.simulation.reset_tallies()
 
     @property
@@ -69,8 +69,8 @@ class Ours:
 class Windows:
     """Short stretches of a run with the time each took: that of the event loop alone.
 
-    A call that follows (almost) no collisions is timed right before each window and taken off. It costs spheropack
-    a new search of all neighbours, and would otherwise punish it for being asked often.
+    A call with (almost) no collisions is timed right before each window and subtracted. In spheropack it
+    includes a new search of all neighbours, which would otherwise count against it in short windows.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class Windows:
     wall, cpu : list of float
         Seconds on the wall, and of the processor.
     idle : list of float
-        Seconds of the processor that were taken off.
+        Seconds of processor time that were subtracted.
     """
 
     collisions: list[int] = field(default_factory=list)
@@ -88,13 +88,13 @@ class Windows:
     idle: list[float] = field(default_factory=list)
 
     def time(self, runner: Runner, collisions: int) -> None:
-        """Run for so many collisions, or about so many, and note what it took."""
+        """Run for about so many collisions, and record the time."""
         idle = _timed(runner.idle)
         before = runner.collisions
         took = _timed(lambda: runner.run(collisions))
         self.collisions.append(runner.collisions - before)
         wall, cpu = (max(whole - part, 0.1 * whole) for whole, part in zip(took, idle, strict=True))
-        self.wall.append(wall)  # a tenth at least: tiny windows are noise, but never none
+        self.wall.append(wall)  # at least a tenth: tiny windows are noisy, but must not be zero
         self.cpu.append(cpu)
         self.idle.append(idle[1])
 
@@ -118,7 +118,7 @@ def _timed(action: Callable[[], None]) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Timing:
-    """What a set of windows says, in collisions per second.
+    """Statistics of a set of windows, in collisions per second.
 
     Attributes
     ----------
@@ -158,20 +158,20 @@ class Memory:
 
     @staticmethod
     def forget_peak() -> None:
-        """Let the peak begin anew at what is resident now: what made the scene is freed again."""
+        """Reset the peak to the present resident memory, after temporary arrays of the scene are freed."""
         try:
             Path("/proc/self/clear_refs").write_text("5")
         except OSError:
             return
 
     def peak_growth(self) -> int | None:
-        """Return by how many bytes the peak lies above what was resident in the beginning."""
+        """Return by how many bytes the peak exceeds the initial resident memory."""
         peak = self._read("VmHWM")
         return None if peak is None or self.before is None else peak - self.before
 
 
 def machine() -> dict[str, Any]:
-    """Return what the figures were measured on."""
+    """Return a description of the machine."""
     import numba
 
     model = platform.processor() or platform.machine()

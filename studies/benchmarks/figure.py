@@ -1,4 +1,4 @@
-"""The picture of the benchmark: collisions per second against the number of particles."""
+"""Figure of the benchmark: collisions per second against the number of particles."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SAME = 1e-6  # packing fractions closer than this are one curve
 
 
 def rates(states: Sequence[Mapping[str, Any]]) -> Figure:
-    """Draw median rates against N, one curve per packing fraction, bars from quartile to quartile; the peer's hollow.
+    """Draw median rates against N, one curve per packing fraction, with quartiles; the peer's hollow.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
-"""The gases that are timed: how each is started in equilibrium, and which pressure says that it is a fluid.
+"""The gases that are timed: their initial states in equilibrium, and the pressure that identifies a fluid.
 
-A benchmark of a crystal says nothing about a fluid, and fcc at packing fraction 0.49 does not melt in any
-affordable run. So fluids start at random: placed one after another while that is quick, grown from small spheres
-above. A large fluid is a relaxed small one repeated periodically, with new velocities.
+A benchmark of a crystal does not apply to a fluid, and fcc at packing fraction 0.49 does not melt in any
+affordable run. So fluids start at random: placed one after another while that is quick, grown from small
+spheres above. A large fluid is a relaxed small one repeated periodically, with new velocities.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ FloatArray = NDArray[np.float64]
 
 STARTS = ("auto", "lattice", "fluid")
 REPEATED_FROM = 20_000  # particles; a smaller fluid is made in one piece
-REPEATED_ABOVE = 0.05  # packing fraction; a thinner gas is placed at random quickly at any size
+REPEATED_ABOVE = 0.05  # packing fraction; a more dilute gas is placed at random quickly at any size
 PIECE = 4_000  # particles in the box that is repeated
 MELTED = 50.0  # collisions per particle
-AT_LEAST = 10.0  # collisions per particle, until neighbour lists begin to expire
+AT_LEAST = 10.0  # collisions per particle, until neighbour lists are rebuilt regularly
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Gas:
     fraction : float
         Number fraction of the second species; without effect when both ratios are 1.
     start : {"auto", "lattice", "fluid"}
-        Where the particles start; "auto" is a lattice above freezing, and a fluid below.
+        Initial state; "auto" is a lattice above freezing, and a fluid below.
     """
 
     n: int = 4000
@@ -99,13 +99,13 @@ class Gas:
 
     @property
     def discarded(self) -> float:
-        """Collisions per particle to throw away before anything is timed."""
+        """Collisions per particle to discard before timing."""
         if self.on_lattice:
             return AT_LEAST if self.frozen else MELTED
         return RELAXED if self.dense and not self.repeated else AT_LEAST
 
     def describe_start(self) -> str:
-        """Return in words where the particles start."""
+        """Return the initial state in words."""
         if self.on_lattice:
             return "crystal" if self.frozen else "lattice"
         made = "random, compressed" if self.dense else "random"
@@ -140,9 +140,9 @@ class Gas:
         )
 
     def _repeated(self, seed: int) -> hs.Scene:
-        """Return periodic copies of a relaxed box, in random order as any large random start, with new velocities.
+        """Return periodic copies of a relaxed box, with particles in random order and new velocities.
 
-        Where n is no multiple, a few particles are left out at random and the copies are denser by as much.
+        If n is no multiple, a few particles are left out at random and the copies are denser accordingly.
         """
         copies = max(2, round((self.n / PIECE) ** (1 / self.dim)))
         piece = math.ceil(self.n / copies**self.dim)
@@ -162,8 +162,8 @@ class Gas:
     def theory(self, scene: hs.Scene) -> theory.Prediction | None:
         """Return the compressibility factor of the fluid, None where no theory holds.
 
-        One species: `analysis.theory.finite_size_compressibility`. Mixtures: `mixture_compressibility`, without a
-        correction for n. Between walls and above freezing there is none.
+        One species: `analysis.theory.finite_size_compressibility`. Mixtures: `mixture_compressibility`,
+        without a correction for n. Between walls and above freezing there is none.
         """
         if not scene.periodic.all() or self.packing_fraction > THEORY_UP_TO[self.dim]:
             return None

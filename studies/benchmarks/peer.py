@@ -1,7 +1,7 @@
-"""spheropack, the engine that anyone can install beside ours.
+"""spheropack, another event-driven engine, installed beside ours for comparison.
 
-spheropack (PyPI, C++; `rejection_free.System` with `HardSpheres`) moves hard spheres from collision to collision as
-we do: particles fly straight, every contact is an elastic collision of equal masses.
+spheropack (PyPI, C++; `rejection_free.System` with `HardSpheres`) is event-driven as ours: free flight
+between elastic collisions of equal masses.
 """
 
 from __future__ import annotations
@@ -35,14 +35,15 @@ def require_spheropack() -> Any:
 
 
 class Spheropack:
-    """The peer at work on the same gas.
+    """The peer, on the same gas.
 
     Parameters
     ----------
     scene : Scene
-        Where to start: 3D, periodic, one species, in equilibrium.
+        Initial state: 3D, periodic, one species, in equilibrium.
     collision_rate : float
-        Expected pair collisions of the whole gas per unit time; the peer runs for times, not for collisions.
+        Expected pair collisions of the whole gas per unit time; the peer runs for a time, not for a number of
+        collisions.
 
     Raises
     ------
@@ -80,7 +81,7 @@ class Spheropack:
         self.system.run(0.0)
 
     def reset(self) -> None:
-        """Begin to count for the compressibility factor."""
+        """Start counting for the compressibility factor."""
         self._since = (self.collisions, float(self.system.time))
 
     @property

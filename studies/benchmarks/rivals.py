@@ -1,6 +1,6 @@
-"""Who runs in turn with us: spheropack on the same gas, or our own engine on a plain one.
+"""Peers that run in turn with our engine: spheropack on the same gas, or our own engine on a plain one.
 
-Rates of a machine drift by a third from minute to minute, so only what ran in turn is compared.
+Speeds of a machine vary by a third from minute to minute, so only runs in turn are compared.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The table of speeds: many states one after another, a line and a row of bench.csv as each is done, then a figure."""
+"""The table of speeds: many states in sequence, with a row of bench.csv after each, then a figure."""
 
 from __future__ import annotations
 
@@ -58,14 +58,14 @@ def suite_named(
     Raises
     ------
     HardSpheresError
-        If there is none of this name, or a number of particles makes no sense, or is more than there is room for.
+        If there is none of this name, or a number of particles is invalid, or too large for the memory.
     """
     if name not in SUITES:
         raise hs.HardSpheresError(f"--suite {name} is not known; it can be {' or '.join(SUITES)}")
     suite = SUITES[name]
     for n in sizes or ():
         if n < 2:
-            raise hs.HardSpheresError(f"--n {n}: nobody collides with another; ask for at least 2")
+            raise hs.HardSpheresError(f"--n {n}: a collision takes two particles; ask for at least 2")
         require_room_for(n)
     sizes = tuple(sorted(sizes or suite.sizes))
     return replace(
@@ -147,7 +147,7 @@ def run_suite(suite: Suite, study: Bench, out: OutputFolder, screen: Screen) -> 
 
 
 def _columns(states: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
-    """Return the columns of bench.csv; empty where something was not measured. Rates are per second of the processor."""
+    """Return the columns of bench.csv, empty where not measured; rates are per second of processor time."""
     rows = [_row(state) for state in states]
     return {name: [row[name] for row in rows] for name in rows[0]}
 

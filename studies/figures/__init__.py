@@ -1,5 +1,5 @@
-"""Figures of the studies that ask about a gas: one style, and one file per study with the panels that it draws.
+"""Figures of the physics studies: one style, and one file per study with its panels.
 
-In reading order: `style`, `pressure` and `pressure_suite`, `free_path`, `diffusion`, `mixture`, `thermalisation` (its moving
-gas too).
+In reading order: `style`, `pressure` and `pressure_suite`, `free_path`, `diffusion`, `mixture`,
+`thermalisation` (its moving gas too).
 """

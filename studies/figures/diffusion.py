@@ -1,4 +1,4 @@
-"""The picture of self-diffusion: how far, how long velocities last, and D against packing fraction."""
+"""Figure of self-diffusion: displacements, velocity autocorrelation, and D against packing fraction."""
 
 from __future__ import annotations
 
@@ -105,9 +105,15 @@ def _draw_diffusion(axes: Axes, states: Sequence[DiffusionState]) -> None:
     limit = 0.494 if dim == 3 else 0.66
     fine = fine[fine <= limit]
     band = theory.enskog_diffusion(fine, dim)
-    doubt = band.uncertainty / band.value
+    uncertainty = band.uncertainty / band.value
     axes.fill_between(
-        fine, 1 - doubt, 1 + doubt, color=COLOURS["band"], alpha=0.35, lw=0, label="its uncertainty"
+        fine,
+        1 - uncertainty,
+        1 + uncertainty,
+        color=COLOURS["band"],
+        alpha=0.35,
+        lw=0,
+        label="its uncertainty",
     )
     axes.axhline(1.0, color=COLOURS["theory"], lw=1.2, label="Enskog")
     here, error = (np.array([getattr(s.here, name) for s in states]) for name in ("value", "standard_error"))

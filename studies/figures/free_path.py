@@ -1,4 +1,4 @@
-"""The picture of free paths: their mean against packing fraction, how they are distributed, and lambda(v)."""
+"""Figure of free paths: their mean against packing fraction, their distribution, and lambda(v)."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def _draw_means(axes: Axes, states: Sequence[FreePathState]) -> None:
 
 
 def _draw_mean_residuals(axes: Axes, states: Sequence[FreePathState]) -> None:
-    """Draw measured over expected mean free path, less 1, with the theory's uncertainty as bars of its own."""
+    """Draw measured over expected mean free path, less 1, with the theory's uncertainty as bars."""
     eta = np.array([state.fluid.packing_fraction for state in states])
     axes.axhline(0.0, color=COLOURS["theory"], lw=1.2)
     largest, kinds = 0.0, len(states[0].labels)
@@ -98,14 +98,14 @@ def _draw_mean_residuals(axes: Axes, states: Sequence[FreePathState]) -> None:
         shifted = eta * (1.0 + 0.08 * (k - (kinds - 1) / 2))
         means = [_mean_of(state, k) for state in states]
         expected = np.array([mean.expected for mean in means])
-        doubt = 1e3 * np.array([mean.uncertainty for mean in means]) / expected
+        uncertainty = 1e3 * np.array([mean.uncertainty for mean in means]) / expected
         residual = 1e3 * (np.array([mean.measured.value for mean in means]) / expected - 1.0)
         error = 1e3 * np.array([mean.measured.standard_error for mean in means]) / expected
         axes.bar(
             shifted,
-            2 * doubt,
+            2 * uncertainty,
             0.07 * shifted,
-            -doubt,
+            -uncertainty,
             color=COLOURS["band"],
             alpha=0.45,
             lw=0,
@@ -121,7 +121,7 @@ def _draw_mean_residuals(axes: Axes, states: Sequence[FreePathState]) -> None:
             color=SPECIES[k % len(SPECIES)],
             zorder=3,
         )
-        largest = max(largest, float(np.max(np.abs(residual) + error)), float(doubt.max()))
+        largest = max(largest, float(np.max(np.abs(residual) + error)), float(uncertainty.max()))
     axes.set_xscale("log")
     axes.set_ylim(-1.3 * largest, 1.8 * largest)
     axes.set_xlabel("packing fraction")
@@ -130,7 +130,7 @@ def _draw_mean_residuals(axes: Axes, states: Sequence[FreePathState]) -> None:
 
 
 def _draw_survival(axes: Axes, below: Axes, states: Sequence[FreePathState], shades: FloatArray) -> None:
-    """Draw how large a part of the flights is longer than x of their means, over the law of a thin gas."""
+    """Draw the survival function of free paths over that of a dilute gas."""
     x = np.linspace(0.0, 5.4, 120)
     axes.plot(x, np.exp(-x), color=COLOURS["band"], lw=1.0, ls=(0, (4, 2)), label="exponential")
     below.axhline(0.0, color=COLOURS["theory"], lw=1.2)
@@ -151,7 +151,7 @@ def _draw_survival(axes: Axes, below: Axes, states: Sequence[FreePathState], sha
             )
     axes.set_yscale("log")
     axes.set_title("Free paths longer than x")
-    axes.set_ylabel("part of the flights")
+    axes.set_ylabel("fraction of the flights")
     axes.legend(fontsize=7.5)
     below.set_xlabel("x / mean free path")
     below.set_ylabel("ratio to theory \u2212 1\nin per cent", fontsize=8.5)

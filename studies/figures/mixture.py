@@ -1,4 +1,4 @@
-"""The picture of two temperatures that become one."""
+"""Figure of temperature equilibration."""
 
 from __future__ import annotations
 
@@ -62,18 +62,18 @@ def _draw_temperatures(axes: Axes, result: Result) -> None:
     axes.plot([], [], color=COLOURS["theory"], label="two Maxwellians")
     axes.set_xlabel(r"time / $\sigma_1 \sqrt{m_1/kT}$")
     axes.set_ylabel("temperature $kT$")
-    axes.set_title("Two temperatures become one")
+    axes.set_title("Temperature equilibration")
     axes.legend(loc="best")
 
 
 def _draw_difference(axes: Axes, result: Result) -> None:
     time, start = result.time, result.difference[0]
     share, error = result.difference / start, result.difference_error / abs(start)
-    expected, doubt = result.theory_difference / start, result.theory_difference_error / abs(start)
+    expected, uncertainty = result.theory_difference / start, result.theory_difference_error / abs(start)
     axes.fill_between(
         time,
-        expected - doubt,
-        expected + doubt,
+        expected - uncertainty,
+        expected + uncertainty,
         color=COLOURS["band"],
         alpha=0.4,
         lw=0,
@@ -89,7 +89,7 @@ def _draw_difference(axes: Axes, result: Result) -> None:
     axes.set_ylim(0.3 * float(min(share[share > 0.0].min(), expected[-1])), 1.4)
     axes.tick_params(labelbottom=False)
     axes.set_ylabel("$(T_1 - T_2)$ / at the start")
-    axes.set_title("How fast the difference goes")
+    axes.set_title("Decay of the difference")
     axes.legend(loc="lower left")
 
 

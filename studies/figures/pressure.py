@@ -1,4 +1,4 @@
-"""The picture of the equation of state: Z against packing fraction, and how far it is from theory."""
+"""Figure of the equation of state: Z against packing fraction, and its deviation from theory."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def _range(states: Sequence[State]) -> FloatArray:
 
 
 def _spread(states: Sequence[State]) -> dict[str, float]:
-    """Return how far to shift the points of each way of measuring sideways, so that none hides another."""
+    """Return the horizontal offsets of the points of each method, so that none hides another."""
     eta = [state.fluid.packing_fraction for state in states]
     names = list(states[0].measured)
     step = 0.012 * (eta[-1] - eta[0]) if len(eta) > 1 else 0.004
@@ -110,14 +110,20 @@ def _draw_residuals(axes: Axes, states: Sequence[State]) -> None:
     """Draw relative residuals, the theory's uncertainty as a band, and the classic formula as a line."""
     eta = np.array([state.fluid.packing_fraction for state in states])
     best = np.array([float(state.best.value) for state in states])
-    doubt = 1e3 * np.array([float(state.best.uncertainty) for state in states]) / best
+    uncertainty = 1e3 * np.array([float(state.best.uncertainty) for state in states]) / best
     axes.axhline(0.0, color=COLOURS["theory"], lw=1.2)
     name = next(iter(states[0].theories))
     if len(eta) > 1:
         axes.fill_between(
-            eta, -doubt, doubt, color=COLOURS["band"], alpha=0.35, lw=0, label="uncertainty of theory"
+            eta,
+            -uncertainty,
+            uncertainty,
+            color=COLOURS["band"],
+            alpha=0.35,
+            lw=0,
+            label="uncertainty of theory",
         )
-    largest = float(doubt.max())
+    largest = float(uncertainty.max())
     shift = _spread(states)
     for way, (mark, colour) in MARKS.items():
         if way in shift:

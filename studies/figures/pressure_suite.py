@@ -1,4 +1,4 @@
-"""The picture of the suite: how far each measured Z is from its theory, with both uncertainties."""
+"""Figure of the suite: deviation of each measured Z from its theory, with both uncertainties."""
 
 from __future__ import annotations
 
@@ -63,13 +63,19 @@ def _draw(axes: Axes, states: Sequence[State], by_name: bool) -> None:
         else np.array([state.fluid.packing_fraction for state in states])
     )
     best = np.array([float(state.best.value) for state in states])
-    doubt = 1e4 * np.array([float(state.best.uncertainty) for state in states]) / best
+    uncertainty = 1e4 * np.array([float(state.best.uncertainty) for state in states]) / best
     width = 0.03 * (float(np.ptp(places)) if len(states) > 1 else 1.0)
     axes.axhline(0.0, color=COLOURS["theory"], lw=1.2)
     axes.bar(
-        places, 2 * doubt, 2 * width, -doubt, color=COLOURS["band"], alpha=0.4, label="uncertainty of theory"
+        places,
+        2 * uncertainty,
+        2 * width,
+        -uncertainty,
+        color=COLOURS["band"],
+        alpha=0.4,
+        label="uncertainty of theory",
     )
-    largest = float(doubt.max())
+    largest = float(uncertainty.max())
     for way, (mark, colour) in MARKS.items():
         having = [k for k, state in enumerate(states) if way in state.measured]
         if having:

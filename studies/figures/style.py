@@ -1,4 +1,4 @@
-"""One style for all figures: colours that anybody can tell apart, the name of the gas, deviations, and what is lost in noise."""
+"""One style for all figures: colours for any colour vision, the name of the gas, deviations, upper limits."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ COLOURS = {
     "dark": PALETTE[3],
     "words": "#4a5562",
 }
-"""Colours of all figures: theory is a dark line, simulation is blue points."""
+"""Colours of all figures: theory as a dark line, simulation as blue points."""
 
 SPECIES, MARKS = PALETTE, ("o", "s", "^", "D", "v")
 """Colours and marks of species, the same in all figures."""
 
-SEEN = 2.0  # standard errors below which a quantity that falls to 0 counts as lost in noise
+SEEN = 2.0  # standard errors below which a decaying quantity counts as lost in noise
 
 LIMIT = "upper limit (2 std. errors)"
 
@@ -86,7 +86,7 @@ def species_look(kind: int) -> dict[str, Any]:
 
 
 def name_gas(figure: Figure, gas: str) -> None:
-    """Write above a figure which gas it is of, and make it that much higher."""
+    """Write the name of the gas above a figure, and make it higher accordingly."""
     width, height = figure.get_size_inches()
     text = textwrap.fill(gas, int(14 * width))
     figure.set_size_inches(width, height + 0.1 + 0.17 * (1 + text.count("\n")))
@@ -94,14 +94,14 @@ def name_gas(figure: Figure, gas: str) -> None:
 
 
 def deviations(axes: Axes, *series: tuple[ArrayLike, ArrayLike, dict[str, Any]]) -> None:
-    """Draw deviations in standard errors around 0, over the band in which 19 of 20 belong.
+    """Draw deviations in standard errors around 0, over the band that holds 95 % of them.
 
     Parameters
     ----------
     axes : Axes
         Where.
     *series : triples
-        Places, deviations, and what else `Axes.plot` shall know.
+        Abscissae, deviations, and further arguments of `Axes.plot`.
     """
     axes.axhspan(-2, 2, color=COLOURS["band"], alpha=0.25, lw=0)
     axes.axhline(0.0, color=COLOURS["theory"], lw=1.0)
@@ -122,9 +122,10 @@ def falling(
     noise: float = 0.0,
     **look: Any,
 ) -> None:
-    """Draw on a logarithmic axis what falls to 0: points as long as it is seen, then upper limits of two standard errors.
+    """Draw a decaying quantity on a logarithmic axis: points, then upper limits of two standard errors.
 
-    From the first point that is lost in noise on all are limits: to drop only those that are low would let the rest seem to rise.
+    From the first point that is lost in noise on, all are limits: dropping only the low ones would make the
+    rest appear to rise.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The pictures of the thermalisation study: speed histograms, relaxation, and the moving gas."""
+"""Figures of the thermalisation study: speed histograms, relaxation, and the moving gas."""
 
 from __future__ import annotations
 
@@ -84,13 +84,13 @@ def distributions(
 
 
 def _bins(curve: RelaxationCurve) -> int:
-    """Return how many bins the histograms bear: some 30 particles in each."""
+    """Return the number of histogram bins, for some 30 particles in each."""
     fewest = curve.n_replicas * curve.n_per_replica / max(len(curve.labels), 1)
     return 80 if fewest > 20000 else 40 if fewest > 1000 else 20
 
 
 def _mark_spike(axes: Axes, edges: FloatArray, density: FloatArray) -> None:
-    """Say that a bar is cut off, and how much of the gas it holds."""
+    """Label a truncated bar with its share of the gas."""
     peak = int(np.argmax(density))
     share = density[peak] / density.sum()
     axes.annotate(
@@ -129,7 +129,7 @@ def relaxation(curve: RelaxationCurve, reference: Comparison | None) -> Figure:
             upper, lower = panels[0], panels[1]
         elif directed is None:
             upper, lower = figure.subplots(1, 2, sharex=True), []
-        else:  # no theory comes with a start that prefers a direction
+        else:  # there is no theory for an anisotropic start
             first, *upper = figure.subplots(1, 3, sharex=True)
             lower = []
             _draw_parallel(first, curve, directed)
@@ -183,7 +183,7 @@ def _draw_a2(axes: Axes, curve: RelaxationCurve, reference: Comparison | None) -
         for kind, (label, a2) in enumerate(zip(curve.labels, curve.a2_by_species.T, strict=True)):
             axes.plot(curve.s, a2, ls="", ms=4.5, mfc="none", label=label, **species_look(kind))
     axes.set_ylabel("fourth cumulant $a_2$")
-    axes.set_title("How far the speeds are from Maxwell\u2013Boltzmann")
+    axes.set_title("Deviation of the speeds from Maxwell\u2013Boltzmann")
     axes.legend(loc="best")
 
 
@@ -202,7 +202,7 @@ def _draw_parallel(axes: Axes, curve: RelaxationCurve, direction: FloatArray) ->
     value, error = curve.temperature_along(direction)
     _points(axes, curve.s, value, error, COLOURS["simulation"], "simulation")
     axes.set_ylabel(r"$T_\parallel / T$")
-    axes.set_title("The direction of the start is forgotten")
+    axes.set_title("Decay of the initial anisotropy")
     axes.legend(loc="upper right")
 
 
@@ -220,7 +220,7 @@ def _draw_h(axes: Axes, curve: RelaxationCurve, reference: Comparison | None) ->
     axes.set_ylim(bottom, max(float(h.max()), 10 * floor) * 2.5)
     axes.set_xlim(-0.02 * curve.s.max(), 1.02 * curve.s.max())
     axes.set_ylabel(r"$H - H_\mathrm{eq}$")
-    axes.set_title("Boltzmann\u2019s H falls to its least value")
+    axes.set_title("Decay of Boltzmann\u2019s H")
     axes.legend(loc="upper right")
 
 
@@ -231,17 +231,17 @@ def _points(axes: Axes, x: FloatArray, y: FloatArray, error: FloatArray, colour:
 
 _DARK, _PALE, _GROUND = "#10161f", "#c9d3de", "#0b1017"
 _SPEEDS = LinearSegmentedColormap.from_list("speeds", ["#5f8ce0", "#d072b4", "#ff9a5c", "#ffe76e"])
-"""Colours of speeds from 0 to `_TOP` thermal speeds: ever lighter, and the slowest well above the ground."""
+"""Colours of speeds from 0 to `_TOP` thermal speeds, from dark to light on a darker background."""
 _TOP = 3.0
 _FARTHEST = 0.75  # opacity of the sphere farthest away
 _OUTLINES = ("none", "#ffffff", "#7fc8d8", "#e8b23a", "#c8403f")  # of species
-_CROWD = 300  # particles that can be told apart
+_CROWD = 300  # particles that can be distinguished
 _LEAST = 0.006  # radius of a sphere that can be seen, over the width of the view
 
 
 @dataclass(frozen=True)
 class View:
-    """What of a gas a film shows.
+    """The part of a gas that a film shows.
 
     Attributes
     ----------
@@ -250,7 +250,7 @@ class View:
     scale : float
         How much larger spheres are drawn than they are.
     words : str
-        Both, said to whoever looks.
+        Both in words, for the caption.
     """
 
     window: FloatArray
@@ -259,7 +259,7 @@ class View:
 
     @classmethod
     def of(cls, scene: Scene) -> View:
-        """Return a view of the whole box, or of a corner with some 300 particles, in which the smallest sphere can be seen."""
+        """Return a view of the whole box, or of a corner with some 300 particles, with visible spheres."""
         share = min(1.0, (_CROWD / scene.n) ** (1 / scene.dim))
         window = np.asarray(scene.box) * share
         scale = max(1.0, _LEAST * float(window.max()) / float(scene.radii.min()))
@@ -288,8 +288,8 @@ def animation(movie: Movie, scene: Scene, curve: RelaxationCurve, path: Path, ga
 
     Notes
     -----
-    What is shown is told below the film, see `View`. In 3D spheres that are farther away are a little darker, and nearer ones
-    cover them. The second species and further ones have outlines. The histogram is of the whole replica.
+    The caption describes the view, see `View`. In 3D, spheres farther away are slightly darker, and nearer
+    ones cover them. The second species and further ones have outlines. The histogram is of the whole replica.
     """
     dim, n = scene.dim, scene.n
     view_of = View.of(scene)
@@ -354,7 +354,7 @@ def animation(movie: Movie, scene: Scene, curve: RelaxationCurve, path: Path, ga
 
 
 def _name_species(figure: Figure, labels: Sequence[str]) -> None:
-    """Say which outline is which species."""
+    """Add a legend of outlines and species."""
     handles = [
         Line2D([], [], ls="", marker="o", ms=7, mfc="#d072b4", mec=outline, mew=1.2, label=label)
         for label, outline in zip(labels, _OUTLINES, strict=False)

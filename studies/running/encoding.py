@@ -1,9 +1,10 @@
 """Values to files and back: numbers, texts, arrays, containers, and objects of our own classes; nothing else.
 
-A file is a sealed archive (`hardspheres.archive`) of two members: a tree in JSON, and the bytes of all arrays in it. Reading
-one executes nothing and imports nothing: objects are made of classes that are loaded already and that this module knows
-(dataclasses, estimators, scenes, simulations), without calling their constructors. What is read equals what was written to
-the last bit; an array that appeared in several places is one array again.
+A file is a sealed archive (`hardspheres.archive`) of two members: a tree in JSON, and the bytes of all arrays
+in it. Reading one executes nothing and imports nothing: objects are made of classes that are loaded already
+and that this module knows (dataclasses, estimators, scenes, simulations), without calling their constructors.
+What is read equals what was written to the last bit; an array that appeared in several places is one array
+again.
 """
 
 from __future__ import annotations
@@ -47,14 +48,14 @@ def _known(name: str) -> type | None:
 
 
 def _contents(value: Any) -> dict[str, Any]:
-    """Return what an object consists of; what it has derived and kept stays behind."""
+    """Return the fields of an object, without cached values."""
     if is_dataclass(value):
         return {field.name: getattr(value, field.name) for field in fields(value)}
     return dict(vars(value))
 
 
 class _Encoder:
-    """Turns values into a tree for JSON and a list of arrays."""
+    """Converts values to a tree for JSON and a list of arrays."""
 
     def __init__(self) -> None:
         self.arrays: list[NDArray[Any]] = []
@@ -143,8 +144,8 @@ def encode(value: Any) -> Arrays:
     Parameters
     ----------
     value
-        None, numbers, texts, arrays of numbers, lists, tuples, dicts and deques of such, scenes, simulations, estimators,
-        and dataclasses of this project.
+        None, numbers, texts, arrays of numbers, lists, tuples, dicts and deques of such, scenes, simulations,
+        estimators, and dataclasses of this project.
 
     Raises
     ------
@@ -192,7 +193,7 @@ def decode(members: Arrays) -> Any:
 
 
 def write(path: Path, value: Any, *, durable: bool = True) -> None:
-    """Write a value into a file, which a crash leaves either old or new, see `encode` and `write_archive`.
+    """Write a value to a file atomically, see `encode` and `write_archive`.
 
     Raises
     ------

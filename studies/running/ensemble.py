@@ -1,4 +1,4 @@
-"""Replicas over any `concurrent.futures` executor: same results, same order, whoever computes them."""
+"""Replicas over any `concurrent.futures` executor, with the same results in the same order."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ __all__ = ["available_cores", "replica_seeds", "run_replicas", "spawned_processe
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-PATIENCE = 5.0  # seconds in which a worker may save what it has
+PATIENCE = 5.0  # seconds in which a worker may save its state
 
 
 def replica_seeds(seed: int, count: int) -> list[np.random.SeedSequence]:
@@ -52,8 +52,8 @@ def available_cores() -> int:
 def spawned_processes(workers: int) -> Iterator[Executor]:
     """Yield a pool of spawned worker processes, none of which outlives the context or this process.
 
-    Ctrl-C and the end of a terminal reach this process alone: workers ignore them, and are asked from here to save what they
-    have and to end. Who has not done so after `PATIENCE` is ended.
+    Ctrl-C and the end of a terminal reach this process alone: workers ignore them, and are asked by this
+    process to save their state and to end. A worker that has not ended after `PATIENCE` is killed.
 
     Parameters
     ----------
@@ -70,16 +70,17 @@ def spawned_processes(workers: int) -> Iterator[Executor]:
         _end(set(multiprocessing.active_children()) - before)
         pool.shutdown(
             cancel_futures=True
-        )  # a worker just being started is no child yet: it shall find nothing to do
+        )  # a worker just being started is no child yet: it must find nothing to do
         raise
     pool.shutdown()
 
 
 @contextlib.contextmanager
 def _starting(workers: int | None) -> Iterator[None]:
-    """Start processes in which no signal arrives but SIGTERM; say it in a sentence where the system gives no more.
+    """Start processes with all signals but SIGTERM blocked; turn failures of the system into one sentence.
 
-    A terminal sends its signals to all, also to workers that do not yet ignore them, and to the process that cleans up after them.
+    A terminal sends its signals to all, also to workers that do not yet ignore them, and to the process that
+    cleans up after them.
     """
     mask = getattr(signal, "pthread_sigmask", lambda *_: ())
     before = mask(getattr(signal, "SIG_BLOCK", 0), set(STOPPING) - {signal.SIGTERM})  # which children inherit
@@ -90,8 +91,8 @@ def _starting(workers: int | None) -> Iterator[None]:
     except (OSError, RuntimeError, ImportError) as error:  # a thread; semaphores, where there are none
         reason = getattr(error, "strerror", None) or error
         raise SimulationError(
-            f"{workers or 'the'} worker processes cannot be started: {reason}; ask for fewer with --workers, or raise the limits "
-            "(ulimit -n, ulimit -u)"
+            f"{workers or 'the'} worker processes cannot be started: {reason}; ask for fewer with --workers, "
+            "or raise the limits (ulimit -n, ulimit -u)"
         ) from error
     finally:
         mask(getattr(signal, "SIG_SETMASK", 0), before)
@@ -131,8 +132,7 @@ def run_replicas(
 ) -> list[Result]:
     """Apply a task to every item and return the results in the order of the items.
 
-    What is compiled should be compiled, and cached on disk, before: call the task's kernels once in this
-    process.
+    Compile kernels, and cache them on disk, beforehand: call the task's kernels once in this process.
 
     Parameters
     ----------
@@ -148,8 +148,8 @@ def run_replicas(
     done : callable, optional
         Called without arguments after each finished item.
     shelf : Shelf, optional
-        Where results are kept; what is there already is not computed again, and a `Resumable` task goes on from where it
-        was left.
+        Where results are kept; those that are there already are not computed again, and a `Resumable` task
+        continues from its saved state.
 
     Returns
     -------
@@ -160,7 +160,7 @@ def run_replicas(
     ValueError
         If `workers` is less than one.
     SimulationError
-        If worker processes cannot be started, or one was killed from outside, for example for want of memory.
+        If worker processes cannot be started, or one was killed from outside, for example when out of memory.
     Exception
         Whatever the task raises first; the rest is cancelled.
     """
@@ -207,7 +207,7 @@ def _collect(
                 done()
     except BrokenExecutor as error:
         raise SimulationError(
-            "a worker process was killed, perhaps for want of memory; use fewer workers"
+            "a worker process was killed, perhaps out of memory; use fewer workers"
         ) from error
     except BaseException:
         for future in futures if cancel else ():

@@ -1,16 +1,15 @@
 """The checkpoint folder of a study: results of what is finished, and the state of what is running.
 
-    DIR/checkpoint/lock              held by the run that writes here
-    DIR/checkpoint/manifest.json     study, version and options; there is something to resume once it exists
-    DIR/checkpoint/done-0007.npz     the result of item 7
-    DIR/checkpoint/running-0007.npz  the state of item 7, saved at an interval
-    DIR/checkpoint/finished.json     what was the manifest, while the rest is being removed
+    DIR/checkpoint/lock              held by the run that writes here DIR/checkpoint/manifest.json     study,
+    version and options; there is something to resume once it exists DIR/checkpoint/done-0007.npz     the
+    result of item 7 DIR/checkpoint/running-0007.npz  the state of item 7, saved at an interval
+    DIR/checkpoint/finished.json     the former manifest, while the rest is being removed
 
-Every file is written whole or not at all, so that `kill -9` costs what was done since the last one and no more. When the study
-has finished they are removed, and the folder if it is then empty.
+Every file is written atomically, so that `kill -9` loses only the work since the last one. When the study has
+finished they are removed, and the folder if it is then empty.
 
-A folder of this name that no run of ours has made is refused. Only files with the names above are ever removed, one by one, and never
-what a link leads to.
+A folder of this name that was not made by this package is refused. Only files with the names above are ever
+removed, one by one, and links are not followed.
 """
 
 from __future__ import annotations
@@ -67,8 +66,9 @@ class Shelf:
         return _whole(self._path("done", index))
 
     def store(self, index: int, result: Any) -> None:
-        """Keep the result of an item; its state is no longer needed."""
-        write(self._path("done", index), result, durable=False)  # there are many, and the checksum tells
+        """Save the result of an item; its state is no longer needed."""
+        # there are many, and the checksum reveals a torn one
+        write(self._path("done", index), result, durable=False)
         self._path("running", index).unlink(missing_ok=True)
 
     def state(self, index: int) -> Any:
@@ -77,12 +77,12 @@ class Shelf:
         return None if found is None else found[0]
 
     def save(self, index: int, state: Any) -> None:
-        """Keep the state of an item that is running, in place of the one before."""
+        """Save the state of a running item, replacing the one before."""
         write(self._path("running", index), state)
 
 
 def _whole(path: Path) -> tuple[Any] | None:
-    """Return what a file holds in a tuple, None where it is missing or damaged: then that item is run again."""
+    """Return the content of a file in a tuple; None where it is missing or damaged and must be redone."""
     if not path.exists():
         return None
     try:
@@ -96,7 +96,7 @@ def _whole(path: Path) -> tuple[Any] | None:
 def _said() -> Iterator[None]:
     try:
         yield
-    except OutputError:  # says it already
+    except OutputError:  # has the message already
         raise
     except OSError as error:
         where = f"{error.filename} " if error.filename else ""
@@ -140,14 +140,15 @@ def _words(value: Any) -> str:
 
 
 def unfinished_run(out: Path) -> CheckpointError:
-    """Return what is said where an unfinished run is in the way."""
+    """Return the message for an unfinished run that is in the way."""
     return CheckpointError(
-        f"{out} holds an unfinished run; add --resume to go on with it or --force to begin anew, or give another folder with --out"
+        f"{out} holds an unfinished run; add --resume to continue it or --force to start again, or give "
+        "another folder with --out"
     )
 
 
 class Journal:
-    """The checkpoint folder of one study, seen by the process that conducts it.
+    """The checkpoint folder of one study, for the process that conducts it.
 
     Parameters
     ----------
@@ -158,16 +159,17 @@ class Journal:
     every : float
         Seconds of wall time between two states of an item that is running.
     resume : bool
-        Whether to go on with what is there.
+        Whether to continue the run in the folder.
     force : bool, default False
-        Whether to begin anew where there is something to resume.
+        Whether to start again where there is something to resume.
     place : Path, optional
         The output folder with its whole path, where `out` is how it is called.
 
     Attributes
     ----------
     own : set of str
-        Files in the output folder that this run may replace: those of an earlier one, and what it has written itself.
+        Files in the output folder that this run may replace: those of an earlier one, and what it has written
+        itself.
     """
 
     def __init__(
@@ -195,14 +197,15 @@ class Journal:
         return self.shelf.folder / "finished.json"
 
     def check(self) -> None:
-        """Refuse what `open` would refuse, and make nothing.
+        """Raise the errors that `open` would raise, without making anything.
 
         Raises
         ------
         OutputError
             If another run writes into the folder, or it is not ours.
         CheckpointError
-            If there is nothing to resume, or something else; or an unfinished run where none is to be resumed.
+            If there is nothing to resume, or something else; or an unfinished run where none is to be
+            resumed.
         """
         with _said():
             if os.path.lexists(self.shelf.folder):
@@ -232,10 +235,10 @@ class Journal:
             raise
 
     def _require_ours(self) -> None:
-        """Refuse a folder with files but without a manifest of ours, unless a run of ours was just about to write it.
+        """Refuse a folder with files but without our manifest, unless a run of ours was about to write it.
 
-        Refuse one of ours, too, in which something that is no file has the name of one of ours, so that nothing is written
-        to where a link leads.
+        Refuse one of ours, too, in which something that is no file has the name of one of ours, so that
+        nothing is written through a link.
         """
         for path in self.shelf.folder.iterdir():
             own = OURS.fullmatch(path.name) or path in (
@@ -255,12 +258,13 @@ class Journal:
             names = {name for name in names - {"lock"} if not NAME.fullmatch(name)}
         if self._manifest_path.name in names:
             raise OutputError(
-                f"{self._manifest_path} cannot be understood, so {self.shelf.folder} is not of a run of hardspheres; give another "
-                "folder with --out"
+                f"{self._manifest_path} cannot be understood, so {self.shelf.folder} is not of a run of "
+                "hardspheres; give another folder with --out"
             )
         if names:
             raise OutputError(
-                f"{self.shelf.folder} is not of a run of hardspheres: it holds {min(names)}; give another folder with --out"
+                f"{self.shelf.folder} is not of a run of hardspheres: it holds {min(names)}; give another "
+                "folder with --out"
             )
 
     def unfinished(self) -> bool:
@@ -289,21 +293,21 @@ class Journal:
             old, new = before["options"].get(name), now["options"].get(name)
             if old != new:
                 raise CheckpointError(
-                    f"{self.out} holds an unfinished run with {name} {_words(old)}, not {_words(new)}; resume it with the "
-                    "options that it was begun with"
+                    f"{self.out} holds an unfinished run with {name} {_words(old)}, not {_words(new)}; "
+                    "resume it with its original options"
                 )
 
     @contextlib.contextmanager
     def open(self, claim: Callable[[set[str]], set[str]] = set) -> Iterator[Shelf]:
-        """Hold the folder while the context lasts; remove it when that ends well.
+        """Hold the folder while the context lasts; remove it at the end unless there was an error.
 
         An error that leaves something to resume gets a note that says so.
 
         Parameters
         ----------
         claim : callable, optional
-            Called before a run begins, with the files of an unfinished run that it takes the place of; returns all that it
-            may replace, or raises.
+            Called before a run begins, with the files of an unfinished run that it takes the place of;
+            returns all that it may replace, or raises.
 
         Raises
         ------
@@ -325,7 +329,7 @@ class Journal:
         except BaseException as error:
             if self._manifest_path.exists():
                 error.add_note(
-                    f"what was done is kept in {self.out / FOLDER}: the same command with --resume goes on"
+                    f"what was done is kept in {self.out / FOLDER}: the same command with --resume continues"
                 )
             raise
         finally:
@@ -336,7 +340,7 @@ class Journal:
                 self._lock.release()
 
     def may_write(self, name: str) -> None:
-        """Remember that a file in the output folder is this run's, before it is there."""
+        """Record that a file in the output folder is this run's, before it is written."""
         if name not in self.own:
             self.own.add(name)
             self._write_manifest()
@@ -359,16 +363,17 @@ class Journal:
                 temporary.unlink(missing_ok=True)
 
     def _discard(self) -> None:
-        """Remove results and states. From the first moment on there is nothing to resume; to the last the folder is known as ours."""
+        """Remove results and states: first what makes the folder resumable, last what marks it as ours."""
         with _said():
             if self._manifest_path.exists():
                 os.replace(self._manifest_path, self._finished_path)
             for path in list(self.shelf.folder.iterdir()):
-                if OURS.fullmatch(path.name) and is_ordinary(path):  # again: it is not to be undone
+                # checked again: a removal cannot be undone
+                if OURS.fullmatch(path.name) and is_ordinary(path):
                     path.unlink()
 
     def _remove_folder(self) -> None:
-        """Remove the folder; where something else is in it, that and the mark that the folder is ours stay."""
+        """Remove the folder, unless it holds other files: then they and our mark stay."""
         with contextlib.suppress(OSError):
             left = {path.name for path in self.shelf.folder.iterdir()}
             if left <= {"lock", self._finished_path.name}:

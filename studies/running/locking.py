@@ -1,6 +1,6 @@
 """One run at a time in a folder: a lock that the system releases however its holder ends, `kill -9` included.
 
-Where there is no `fcntl` (Windows), or the file system knows no locks, nobody is refused.
+Where there is no `fcntl` (Windows), or the file system has no locks, no run is refused.
 """
 
 from __future__ import annotations
@@ -17,12 +17,13 @@ __all__ = ["Lock"]
 
 
 class Lock:
-    """The right to write into a folder.
+    """The exclusive right to write into a folder.
 
     Parameters
     ----------
     path : Path
-        A file in an existing folder, made where it is missing. It may be removed while the lock is held. No link is followed.
+        A file in an existing folder, made where it is missing. It may be removed while the lock is held. No
+        link is followed.
     """
 
     MARK = b"held by the run of hardspheres that writes here\n"
@@ -50,7 +51,7 @@ class Lock:
                 os.close(handle)
                 return False
             except FileNotFoundError:
-                pass  # removed by who held it until now
+                pass  # removed by its last holder
             except OSError:  # a file system without locks
                 self._handle = handle
                 return True
@@ -74,7 +75,7 @@ class Lock:
         return self.path.is_file() and not self.path.is_symlink() and self.path.read_bytes() == self.MARK
 
     def release(self) -> None:
-        """Give it back; a second time does nothing."""
+        """Release it; a second call does nothing."""
         if self._handle is not None:
             os.close(self._handle)
             self._handle = None

@@ -1,4 +1,4 @@
-"""Whose files are in an output folder: those of a run of ours may be replaced where that is asked for, nobody else's ever."""
+"""Ownership of files in an output folder: only those of a run of ours may ever be replaced."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ WRITTEN: dict[str, tuple[str, ...]] = {
 
 
 def is_ordinary(path: Path) -> bool:
-    """Return whether there is a file of this name that is one itself, and not a link to one."""
+    """Return whether there is an ordinary file of this name, not a link to one."""
     return path.is_file() and not path.is_symlink()
 
 
@@ -50,7 +50,7 @@ def load_object(path: Path) -> dict[str, Any] | None:
 
 
 def files_of_finished_run(folder: Path) -> set[str] | None:
-    """Return the names of the files that the finished run in a folder has left, None where there is no finished run of ours."""
+    """Return the names of the files of the finished run in a folder; None where there is none."""
     summary = load_object(folder / SUMMARY) or {}
     files = summary.get("files")
     known = isinstance(summary.get("study"), str) and isinstance(summary.get("version"), str)
@@ -61,5 +61,5 @@ def files_of_finished_run(folder: Path) -> set[str] | None:
 
 
 def strange_file(folder: Path, names: Iterable[str], own: Iterable[str]) -> str | None:
-    """Return which of these names something has that is not own."""
+    """Return which of these names exist and are not among our own files."""
     return next((name for name in sorted(set(names) - set(own)) if os.path.lexists(folder / name)), None)

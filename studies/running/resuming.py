@@ -1,8 +1,8 @@
-"""Work that can be left at any moment and taken up again, with the same result to the last bit.
+"""Work that can be interrupted at any moment and resumed, with the same result to the last bit.
 
-A `Resumable` task keeps everything that it has reached in a state of plain values, estimators and simulations, and pauses
-wherever that state is complete. `perform` saves it at an interval, and when it is asked to stop. Nothing that it computes
-may depend on where it paused.
+A `Resumable` task keeps its progress in a state of plain values, estimators and simulations, and pauses
+wherever that state is complete. `perform` saves it at intervals, and when it is asked to stop. Results must
+not depend on where it paused.
 """
 
 from __future__ import annotations
@@ -27,22 +27,22 @@ PAUSE = 100_000  # collisions between two pauses: a fraction of a second
 
 
 class Resumable(ABC, Generic[Item, State, Result]):
-    """A task for `run_replicas` that need not begin again when it was interrupted."""
+    """A task for `run_replicas` that can be resumed after an interruption."""
 
     @abstractmethod
     def begin(self, item: Item) -> State:
-        """Return the state in which the work on an item begins."""
+        """Return the initial state of the work on an item."""
 
     @abstractmethod
     def steps(self, item: Item, state: State) -> Iterator[None]:
-        """Go on from a state and change it in place; yield, often, where it is complete."""
+        """Continue from a state and change it in place; yield often, wherever it is complete."""
 
     @abstractmethod
     def result(self, item: Item, state: State, seconds: float) -> Result:
         """Return the result, given the last state and the wall time that it took."""
 
     def __call__(self, item: Item) -> Result:
-        """Do all of it, without saving."""
+        """Do all the work, without saving."""
         return perform(self, item, lambda: None, lambda state: None, every=float("inf"))
 
 
@@ -61,14 +61,14 @@ def perform(
     save: Callable[[Any], None],
     every: float,
 ) -> Result:
-    """Work on one item from where it was left.
+    """Work on one item from its saved state.
 
     Parameters
     ----------
     task, item
         What to do.
     load : callable
-        Returns what `save` was given last, None where there is nothing.
+        Returns the last argument of `save`, None where there is none.
     save : callable
         Keeps its argument.
     every : float
@@ -89,19 +89,19 @@ def perform(
                 break
         else:
             stopped = False
-    if stopped:  # by a signal that somebody has chosen to survive
+    if stopped:  # by a signal whose handler returned
         raise KeyboardInterrupt
     return task.result(item, kept.state, time.perf_counter() - began)
 
 
 @dataclass(frozen=True)
 class Recorded(Generic[Item, Result]):
-    """A task whose results, and states on the way if it has such, are kept on a shelf.
+    """A task whose results, and intermediate states if it has any, are kept on a shelf.
 
     Attributes
     ----------
     task : callable
-        From an item to its result; `Resumable` where it shall not begin again.
+        From an item to its result; `Resumable` if it can continue from a state.
     shelf : Shelf
         Where.
     """
@@ -128,14 +128,14 @@ class Recorded(Generic[Item, Result]):
 
 
 def until(simulation: hs.Simulation, collisions: int) -> Iterator[None]:
-    """Run up to a total of pair collisions, and pause now and then."""
+    """Run up to a total of pair collisions, with pauses."""
     while simulation.collisions < collisions:
         simulation.run(collisions=min(collisions - simulation.collisions, PAUSE))
         yield
 
 
 class Measuring(Protocol):
-    """A state that knows its simulation, and how many blocks of it are measured."""
+    """A state with a simulation and the number of blocks measured."""
 
     simulation: hs.Simulation
     done: int
@@ -147,7 +147,7 @@ def in_blocks(state: Measuring, ends: Sequence[int], add: Callable[[hs.Frame], o
     Parameters
     ----------
     state : Measuring
-        Where to go on.
+        The state to continue from.
     ends : sequence of int
         Ascending.
     add : callable

@@ -1,4 +1,4 @@
-"""Ctrl-C, SIGTERM and SIGHUP wait for a moment at which all that was done can be saved."""
+"""Ctrl-C, SIGTERM and SIGHUP are deferred until the state can be saved."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ STOPPING = [
 def signals_held() -> Iterator[Callable[[], bool]]:
     """Hold SIGINT, SIGTERM and SIGHUP back while the context lasts; they take effect when it ends.
 
-    A second Ctrl-C takes effect at once. Signals that are ignored stay so, and outside the main thread, where Python
-    delivers none, nothing is held.
+    A second Ctrl-C takes effect at once. Signals that are ignored stay so, and outside the main thread, where
+    Python delivers none, nothing is held.
 
     Yields
     ------
     callable
-        Says whether a signal is waiting.
+        Returns whether a signal is pending.
     """
     waiting: list[int] = []
     if threading.current_thread() is not threading.main_thread():

@@ -1,8 +1,8 @@
-"""Speed against error: the engine, the plain solver and two time-stepping programs on the same gases in one run.
+"""Speed against error: the engine, the reference solver and two time-stepping programs on the same gases.
 
-Few particles are compared with the trajectory at 50 digits (`studies.validation.accuracy_few`), many with exact
-values of the pressure and the mean free path (`studies.validation.accuracy_long`). Everything is timed in turn
-on one core.
+Few particles are compared with the trajectory at 50 digits (`studies.validation.accuracy_few`), many with
+exact values of the pressure and the mean free path (`studies.validation.accuracy_long`). Everything is timed
+in turn on one core.
 """
 
 from __future__ import annotations
@@ -108,15 +108,18 @@ class Accuracy:
         for eta in self.packing_fractions:
             if eta > limit:
                 raise hs.SceneError(
-                    f"packing fraction {eta:g} is above {limit:g}, where the pressure is not known well enough; ask for less"
+                    f"packing fraction {eta:g} is above {limit:g}, where the pressure is not known well "
+                    "enough; ask for less"
                 )
             if eta < 1e-4:
                 raise hs.SceneError(
-                    f"packing fraction {eta:g}: particles so rare take time steps for ever to meet; ask for at least 1e-4"
+                    f"packing fraction {eta:g}: in so dilute a gas time steps take too long to a collision; "
+                    "ask for at least 1e-4"
                 )
         if self.n < 200:
             raise hs.SceneError(
-                f"--n {self.n} is too few for an exact pressure, whose finite-size correction is known from 200 particles on"
+                f"--n {self.n} is too few for an exact pressure, whose finite-size correction is known from "
+                "200 particles on"
             )
 
     def fluid(self, eta: float, n: int) -> Fluid:
@@ -141,7 +144,7 @@ class Compared:
     exact : Exact
         What the long runs should give.
     engine_test : float
-        The engine's processor time per pair it looks at.
+        The engine's processor time per pair tested.
     """
 
     fluid: Fluid
@@ -229,7 +232,7 @@ class Compared:
 
 @dataclass(frozen=True)
 class _Large:
-    """What the gas of many particles gives at one packing fraction, see `Compared`."""
+    """Results of the gas of many particles at one packing fraction, see `Compared`."""
 
     long: dict[Method, Long]
     exact: Exact
@@ -238,7 +241,7 @@ class _Large:
 
 @dataclass(frozen=True)
 class Parts:
-    """A part of the work, for `run_replicas`: one scene of few particles, or the long runs at one packing fraction.
+    """Part of the work, for `run_replicas`: one scene of few particles, or the long runs of one density.
 
     Attributes
     ----------
@@ -272,7 +275,7 @@ class Parts:
 def compare(
     study: Accuracy, done: Callable[[], None] | None = None, shelf: Shelf | None = None
 ) -> list[Compared]:
-    """Run all methods at every packing fraction, on one core, so that nothing disturbs what is timed.
+    """Run all methods at every packing fraction, on one core, for undisturbed timing.
 
     Parameters
     ----------
@@ -375,7 +378,7 @@ def accuracy(study: Accuracy, out: OutputFolder, screen: Screen) -> tuple[dict[s
 
 
 def answers(state: Compared) -> list[str]:
-    """Return what one packing fraction says, in sentences."""
+    """Return the results at one packing fraction, in sentences."""
     sentences = [
         _pressure_answer(state),
         *_trajectory_answers(state),
@@ -404,23 +407,29 @@ def _trajectory_answers(state: Compared) -> list[str]:
     engine = state.engine_few
     worst, seconds = max(engine.trajectory), float(np.median(engine.seconds))
     text = f"trajectory after {COLLISIONS_PER_PARTICLE:g} collision per particle: the engine is "
-    text += f"{np.median(engine.trajectory):.1e} diameters off, in the worst of {len(engine.trajectory)} scenes {worst:.1e}"
+    text += f"{np.median(engine.trajectory):.1e} diameters off, "
+    text += f"in the worst of {len(engine.trajectory)} scenes {worst:.1e}"
     bounce, back_up = state.trajectory_curve(BOUNCE), state.trajectory_curve(BACK_UP, worst=True)
     error, dt = bounce.error[-1], bounce.dt[-1]
-    said = f"bouncing balls are {error:.1e} off with dt = {dt:g}, in {bounce.seconds[-1] / seconds:.2g} times the engine's time"
+    said = (
+        f"bouncing balls are {error:.1e} off with dt = {dt:g}, "
+        f"in {bounce.seconds[-1] / seconds:.2g} times the engine's time"
+    )
     floor, at = rounding_floor(error / dt, state.trajectory_curve(BACK_UP).error[-1] * back_up.dt[-1])
     if floor < error:
         said += (
-            f"; the error falls as dt^{bounce.order:.2g}, and the rounding of so many steps ends that at about "
-            f"{floor:.0e} near dt = {at:.0e} (extrapolated)"
+            f"; the error falls as dt^{bounce.order:.2g}, and the rounding of so many steps ends that at "
+            f"about {floor:.0e} near dt = {at:.0e} (extrapolated)"
         )
     best = int(np.argmin(back_up.error))
-    backed = f"with back-up at best {back_up.error[best]:.1e} in the worst scene, with dt = {back_up.dt[best]:g} in "
-    backed += f"{back_up.seconds[best] / seconds:.2g} times the engine's time"
+    backed = (
+        f"with back-up at best {back_up.error[best]:.1e} in the worst scene, with dt = {back_up.dt[best]:g} "
+        f"in {back_up.seconds[best] / seconds:.2g} times the engine's time"
+    )
     if best < len(back_up.dt) - 1:
         backed += (
-            f"; no time step reaches less than {back_up.error[best] / worst:.2g} times the engine's worst: longer ones take "
-            "another course in some scenes, shorter ones round more often"
+            f"; no time step reaches less than {back_up.error[best] / worst:.2g} times the engine's worst: "
+            "longer ones change the sequence of collisions in some scenes, shorter ones round more often"
         )
     return [text, said, backed]
 
@@ -431,9 +440,10 @@ def _horizon_answer(state: Compared) -> str:
     expected = state.expected_horizon
     words = f", {expected:.2g} by the Lyapunov exponent {lyapunov_exponent(eta, dim):.3g}"
     return (
-        f"the engine stays on the true trajectory (to {LOST:g} diameters) for {state.horizon:.3g} collisions per particle"
-        f"{words if math.isfinite(expected) else ''}; its error grows by exp({state.growth:.3g} s); it missed {missed} of {true} "
-        f"collisions beside the oracle, {long.missed * long.audited:.0f} of {long.audited:.0f} in the long run"
+        f"the engine stays on the true trajectory (to {LOST:g} diameters) for {state.horizon:.3g} collisions "
+        f"per particle{words if math.isfinite(expected) else ''}; its error grows by exp({state.growth:.3g} "
+        f"s); it missed {missed} of {true} collisions beside the oracle, {long.missed * long.audited:.0f} of "
+        f"{long.audited:.0f} in the long run"
     )
 
 
@@ -443,8 +453,8 @@ def _fairness(state: Compared) -> str:
     ratio = test / state.engine_test
     verdict = "fair" if ratio < FAIR else "NOT fair: a better program would be faster"
     return (
-        f"time of a neighbour test: engine {state.engine_test * 1e9:.2g} ns, time stepping {test * 1e9:.2g} ns (longest steps, "
-        f"which do little else), {ratio:.2g} times ({verdict})"
+        f"time of a neighbour test: engine {state.engine_test * 1e9:.2g} ns, time stepping {test * 1e9:.2g} "
+        f"ns (longest steps, which do little else), {ratio:.2g} times ({verdict})"
     )
 
 
@@ -488,7 +498,7 @@ def _row(state: Compared, key: Method) -> dict[str, Any]:
 def _state_summary(state: Compared) -> dict[str, Any]:
     return {
         "packing_fraction": state.fluid.packing_fraction,
-        "exact": {"z": state.exact.z, "z_minus_1_relative_uncertainty": state.exact.z_doubt},
+        "exact": {"z": state.exact.z, "z_minus_1_relative_uncertainty": state.exact.z_uncertainty},
         "engine": {
             "pressure_error": estimate_json(state.engine_long.pressure),
             "free_path_error": estimate_json(state.engine_long.free_path),
@@ -523,16 +533,16 @@ def _state_summary(state: Compared) -> dict[str, Any]:
 def _in_words(study: Accuracy) -> str:
     kind = "spheres" if study.dim == 3 else "discs"
     return (
-        f"hard {kind}, periodic box: {FEW} for the distance from the true trajectory, {study.n} for everything else; packing "
-        f"fraction {', '.join(f'{eta:g}' for eta in study.packing_fractions)}"
+        f"hard {kind}, periodic box: {FEW} for the distance from the true trajectory, {study.n} for "
+        f"everything else; packing fraction {', '.join(f'{eta:g}' for eta in study.packing_fractions)}"
     )
 
 
 def _print(screen: Screen, study: Accuracy, compared: Sequence[Compared], summary: dict[str, Any]) -> None:
     kind = "spheres" if study.dim == 3 else "discs"
     screen.say(
-        f"{FEW} hard {kind} beside the trajectory at 50 digits, {study.n} against exact pressure and mean free path; "
-        "processor time in us per true collision"
+        f"{FEW} hard {kind} beside the trajectory at 50 digits, {study.n} against exact pressure and mean "
+        "free path; processor time in us per true collision"
     )
     header = [
         "",
@@ -552,12 +562,12 @@ def _print(screen: Screen, study: Accuracy, compared: Sequence[Compared], summar
         screen.table(f"packing fraction {state.fluid.packing_fraction:g}", header, rows, keys=2)
     screen.say()
     screen.say(
-        f"trajectory: rms distance from the true one after {COLLISIONS_PER_PARTICLE:g} collision per particle, in diameters, "
-        "median and worst of the scenes"
+        f"trajectory: rms distance from the true one after {COLLISIONS_PER_PARTICLE:g} collision per "
+        "particle, in diameters, median and worst of the scenes"
     )
     screen.say(
-        "missed: pairs that come and go within one step or are not seen at all, per true collision; overlap: the deepest, in diameters; "
-        "Z - 1, mean free path: relative error"
+        "missed: pairs that pass through each other within a step or are not detected, per true collision; "
+        "overlap: the deepest, in diameters; Z - 1, mean free path: relative error"
     )
     drift = max(
         row["energy_drift"]
@@ -565,7 +575,9 @@ def _print(screen: Screen, study: Accuracy, compared: Sequence[Compared], summar
         for row in state["rows"]
         if not math.isnan(row["energy_drift"])
     )
-    screen.say(f"energy: no method lost more than {drift:.0e} of it, so energy says nothing about the rest")
+    screen.say(
+        f"energy: no method lost more than {drift:.0e} of it, so energy is no measure of the other errors"
+    )
     screen.say()
     for sentence in summary["answers"]:
         screen.say(sentence)

@@ -1,4 +1,4 @@
-"""What exactness costs, in words: how long a time step may be for a given error, and what no time step reaches."""
+"""The cost of exactness: the time step needed for a given error, and the errors that no step reaches."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import numpy as np
 
 __all__ = ["Curve", "Need", "rounding_floor"]
 
-SEEN = 3.0  # standard errors from which on an error counts as seen
+SEEN = 3.0  # standard errors from which on an error is significant
 SMALL = 0.2  # errors below follow a power of dt,
 MODEL = 0.05  # to this relative accuracy
 
 
 @dataclass(frozen=True)
 class Need:
-    """What a method needs for an error.
+    """The time step and cost that a method needs for a given error.
 
     Attributes
     ----------
@@ -27,7 +27,7 @@ class Need:
     seconds : float
         Processor time per true collision.
     extrapolated : bool
-        Whether the error of a step as short was not measured, or not told from noise.
+        Whether the error of so short a step was not measured, or not significant.
     """
 
     dt: float
@@ -42,7 +42,8 @@ class Curve:
     Attributes
     ----------
     dt, error, noise, seconds : sequences of float
-        Time steps, descending; errors without sign and their standard errors; processor time per true collision.
+        Time steps, descending; errors without sign and their standard errors; processor time per true
+        collision.
     """
 
     dt: Sequence[float]
@@ -52,7 +53,7 @@ class Curve:
 
     @property
     def seen(self) -> list[int]:
-        """The points whose errors stand out of the noise, from the longest step to the first that does not."""
+        """The points with significant errors, from the longest step to the first that is not significant."""
         chosen = []
         for k, (error, noise) in enumerate(zip(self.error, self.noise, strict=True)):
             if not error > SEEN * noise or error == 0.0:
@@ -62,12 +63,12 @@ class Curve:
 
     @property
     def order(self) -> float:
-        """The power of dt with which the error falls, see `_line`."""
+        """The order of convergence, the power of dt of the error; see `_line`."""
         return self._line[0]
 
     @property
     def _line(self) -> tuple[float, float]:
-        """Slope and intercept of the logarithms of small errors that are seen, the last four, weighted by how well."""
+        """Slope and intercept of the logarithms of the last four small significant errors, weighted."""
         chosen = [k for k in self.seen if self.error[k] < SMALL][-4:]
         if len(chosen) < 2:
             return math.nan, math.nan
@@ -77,10 +78,11 @@ class Curve:
         return float(slope), float(intercept)
 
     def need(self, error: float) -> Need | None:
-        """Return what an error no larger than this needs, None where too little is seen to tell.
+        """Return the need for an error no larger than this; None where too few errors are significant.
 
-        Between measured steps the logarithms are interpolated. Where the error drowns in noise, the longest step that is good
-        enough for certain (to two standard errors) counts; beyond all of them the error follows `order` and the time 1/dt.
+        Between measured steps the logarithms are interpolated. Where the error is not significant, the
+        longest step that certainly suffices (to two standard errors) is taken; below the shortest measured
+        step, the error follows `order` and the time 1/dt.
         """
         seen = self.seen
         for long, short in itertools.pairwise(seen):
@@ -108,6 +110,6 @@ class Curve:
 
 
 def rounding_floor(error_per_dt: float, rounding_times_dt: float) -> tuple[float, float]:
-    """Return the smallest of a dt + b/dt, and the dt where it is: each step more is a rounding more."""
+    """Return the smallest of a dt + b/dt, and the dt where it is: each further step adds a rounding."""
     dt = math.sqrt(rounding_times_dt / error_per_dt)
     return 2.0 * error_per_dt * dt, dt

@@ -1,4 +1,4 @@
-"""Few particles beside the true trajectory: how far each method is from it after a while, and how long the engine stays on it."""
+"""Few particles beside the true trajectory: error of each method, and how long the engine follows it."""
 
 from __future__ import annotations
 
@@ -45,14 +45,14 @@ TIMED_STEPS = 3000
 TIMED_COLLISIONS = 2000
 CERTAIN = 1e-6  # error in diameters below which the same collisions must have happened
 LOST = 0.01  # error in diameters at which a trajectory counts as lost
-FOLLOWED_TO = 0.3  # error in diameters at which there is nothing left to follow
+FOLLOWED_TO = 0.3  # error in diameters at which following ends
 GROWTH = (1e-12, 1e-3)  # errors between which the growth is exponential
 
 LYAPUNOV = {
     2: {0.01: 8.69, 0.1: 2.77, 0.3: 1.19, 0.5: 0.671},
     3: {0.01: 6.15, 0.1: 1.69, 0.2: 0.974, 0.4: 0.448},
 }
-"""Largest Lyapunov exponents per s by packing fraction, from tangent space: 100 discs, 125 spheres, good to 2 %."""
+"""Largest Lyapunov exponents per s, by packing fraction, from tangent space; 100 discs, 125 spheres; 2 %."""
 
 
 def lyapunov_exponent(eta: float, dim: int) -> float:
@@ -89,14 +89,14 @@ class Few:
 
 
 def distance(positions: FloatArray, other: FloatArray, scene: hs.Scene) -> float:
-    """Return the root mean square distance of particles from where they should be, in diameters."""
+    """Return the root mean square distance of particles from their true positions, in diameters."""
     r = positions - other
     r -= scene.box * np.rint(r / scene.box)
     return math.sqrt(float(np.mean((r * r).sum(axis=1)))) / (2.0 * float(scene.radii[0]))
 
 
 def beside_oracle(scene: hs.Scene, s: float, steps: Sequence[float], reference: bool) -> dict[Method, Few]:
-    """Run every method from the same scene to s collisions per particle, in turn, and compare with the oracle.
+    """Run every method in turn from the same scene to s collisions per particle; compare with the oracle.
 
     Parameters
     ----------
@@ -189,7 +189,7 @@ def _by_steps(
 
 @dataclass(frozen=True)
 class Horizon:
-    """How long one scene's computed trajectory is the true one.
+    """How long the computed trajectory of one scene follows the true one.
 
     Attributes
     ----------
@@ -198,8 +198,8 @@ class Horizon:
     error : (k,) array
         Distance of the engine's particles from the oracle's, as in `Few`.
     missed, collisions : int
-        By how many collisions the engine's count was off while the error was below `CERTAIN`, the sum over the moments
-        looked at; and how many true ones there were until then.
+        Error of the engine's collision count while the distance was below `CERTAIN`, summed over all
+        comparisons; and the number of true collisions until then.
     """
 
     s: FloatArray
@@ -215,7 +215,7 @@ class Horizon:
 
     @property
     def growth(self) -> float:
-        """Exponent of the error's growth per collision per particle, from a straight line through its logarithm."""
+        """Exponent of the error's growth per collision per particle, by a linear fit of its logarithm."""
         chosen = (self.error > GROWTH[0]) & (self.error < GROWTH[1])
         if chosen.sum() < 3:
             return math.nan
@@ -223,14 +223,14 @@ class Horizon:
 
 
 def followed(scene: hs.Scene, every: int = 4, longest: float = 300.0) -> Horizon:
-    """Follow a scene with the engine and the oracle until they part.
+    """Follow a scene with the engine and the oracle until they diverge.
 
     Parameters
     ----------
     scene : Scene
         Few equal particles, periodic.
     every : int
-        Collisions between two looks.
+        Collisions between two comparisons.
     longest : float
         Collisions per particle after which to give up.
     """

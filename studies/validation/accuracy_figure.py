@@ -1,4 +1,4 @@
-"""The picture of speed against error: processor time per true collision over each kind of error."""
+"""Figure of speed against error: processor time per true collision over each kind of error."""
 
 from __future__ import annotations
 
@@ -40,7 +40,8 @@ def figure(compared: Sequence[Compared]) -> Figure:
     Parameters
     ----------
     compared : sequence of Compared
-        By ascending packing fraction: filled marks and full lines for the last, open ones and dashes for the others.
+        By ascending packing fraction: filled marks and full lines for the last, open ones and dashes for the
+        others.
 
     Returns
     -------
@@ -113,7 +114,7 @@ def _trajectory(state: Compared, method: str) -> list[Point]:
 
 
 def _missed(state: Compared, method: str) -> list[Point]:
-    """Missed collisions; where there was none, one in all that were looked at is the limit."""
+    """Missed collisions; where there was none, the upper limit is one in all that were tested."""
     points = []
     for (name, _), long in state.long.items():
         if name == method:
@@ -123,7 +124,7 @@ def _missed(state: Compared, method: str) -> list[Point]:
 
 
 def _of_run(state: Compared, method: str, name: str) -> list[Point]:
-    """Overlap or energy drift, from the long run; of the reference solver from the few particles. None: at the edge."""
+    """Overlap or energy drift of the long run; of few particles for the reference solver; None: no point."""
     if method == REFERENCE:
         few = next(few for (own, _), few in state.few.items() if own == method)
         found = [(max(getattr(few, name)), float(np.median(few.seconds)))]

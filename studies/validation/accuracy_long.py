@@ -1,4 +1,4 @@
-"""Long runs of many particles, in turn: what time steps do to the pressure and the mean free path, and what all this costs."""
+"""Long runs of many particles, in turn: effect of time steps on pressure and mean free path, and the cost."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ __all__ = ["Exact", "Long", "engine_test_seconds", "long_runs", "passed_through"
 FloatArray = NDArray[np.float64]
 
 BLOCKS = 32
-SETTLE = 2.0  # collisions per particle in which a stepper finds its own steady state
+SETTLE = 2.0  # collisions per particle in which a stepper reaches its own steady state
 MOST_COLLISIONS = 400.0  # per particle
 PILOT_STEPS = 60
-# Seconds that decide how long runs are, so that their results do not depend on the machine's speed: of a collision in the
-# engine, of a particle's flight and of a test of a pair in a step.
+# Nominal seconds that set the lengths of runs, so that results do not depend on the machine's speed: per
+# collision in the engine, per particle and per tested pair in a step.
 ENGINE_COST, FLIGHT_COST, TEST_COST = 1.5e-6, 2.5e-9, 4.5e-9
 AUDIT_STEPS = 4000
 AUDIT_COLLISIONS = 100_000
@@ -38,7 +38,7 @@ AUDIT_WINDOWS = 200  # of the engine
 
 
 class _Runner(Protocol):
-    """A gas in motion that counts."""
+    """A running gas with counters."""
 
     def run(self, duration: float) -> None:
         """Advance by a time."""
@@ -99,20 +99,20 @@ class _Steps:
 
 @dataclass(frozen=True)
 class Exact:
-    """What a gas of so many particles should show, kT = m = diameter = 1.
+    """Exact values for a gas of so many particles, kT = m = diameter = 1.
 
     Attributes
     ----------
-    z, z_doubt : float
+    z, z_uncertainty : float
         Compressibility factor and its uncertainty, relative to Z - 1.
-    rate, rate_doubt : float
+    rate, rate_uncertainty : float
         Collisions per particle and time, and its relative uncertainty.
     """
 
     z: float
-    z_doubt: float
+    z_uncertainty: float
     rate: float
-    rate_doubt: float
+    rate_uncertainty: float
 
     @classmethod
     def of(cls, scene: hs.Scene) -> Exact:
@@ -190,8 +190,8 @@ def long_runs(scene: hs.Scene, steps: Sequence[float], seconds: float) -> dict[M
     steps : sequence of float
         Time steps.
     seconds : float
-        Processor time for each time step and method, roughly, as a usual machine would need; the engine gets twice that.
-        None runs for more than `MOST_COLLISIONS` per particle.
+        Processor time for each time step and method, roughly, as a usual machine would need; the engine gets
+        twice that. None runs for more than `MOST_COLLISIONS` per particle.
 
     Returns
     -------
@@ -245,21 +245,21 @@ def _result(each: _Clocked, scene: hs.Scene, exact: Exact) -> Long:
     return Long(
         float(np.median(each.cpu)) / true_collisions,
         int(rows[:, 1].sum()),
-        _doubted(pressure, exact.z_doubt),
-        _doubted(path, exact.rate_doubt),
+        _with_uncertainty(pressure, exact.z_uncertainty),
+        _with_uncertainty(path, exact.rate_uncertainty),
         abs(each.runner.drift()),
         each.overlap,
     )
 
 
-def _doubted(estimate: Estimate, doubt: float) -> Estimate:
+def _with_uncertainty(estimate: Estimate, uncertainty: float) -> Estimate:
     """Return an estimate with another relative uncertainty in its error."""
-    error = math.hypot(estimate.standard_error, doubt)
+    error = math.hypot(estimate.standard_error, uncertainty)
     return Estimate(estimate.value, error, estimate.n_effective, estimate.degrees_of_freedom)
 
 
 def _audit(scene: hs.Scene, method: str, dt: float, rate: float) -> tuple[float, float]:
-    """Return how many pairs pass through each other unseen per collision that should be, and how many of these there were."""
+    """Return missed pairs per true collision, and the number of true collisions."""
     stepper = Stepper(scene, dt, method, audit=True)
     wanted = 2.0 * AUDIT_COLLISIONS / (rate * scene.n)
     stepper.run(min(max(wanted, 20 * dt), AUDIT_STEPS * dt))
@@ -269,7 +269,7 @@ def _audit(scene: hs.Scene, method: str, dt: float, rate: float) -> tuple[float,
 
 
 def _audit_engine(scene: hs.Scene, rate: float) -> tuple[float, float]:
-    """Return missed collisions per true one and how many true ones there were, of the engine, by `passed_through`."""
+    """Return missed collisions of the engine per true one, and the number of these."""
     simulation = hs.Simulation(scene)
     sigma = 2.0 * float(scene.radii[0])
     fastest = float(np.sqrt((scene.velocities**2).sum(axis=1).max()))
@@ -283,7 +283,8 @@ def _audit_engine(scene: hs.Scene, rate: float) -> tuple[float, float]:
 def passed_through(states: Iterable[tuple[FloatArray, FloatArray]], scene: hs.Scene, window: float) -> int:
     """Count the pairs that pass through each other between neighbouring states.
 
-    Only of two particles that kept their velocities through a window is the flight known, so those are looked at.
+    The flight is known only of particles that kept their velocities through a window, so only pairs of these
+    are tested.
 
     Parameters
     ----------
@@ -292,7 +293,7 @@ def passed_through(states: Iterable[tuple[FloatArray, FloatArray]], scene: hs.Sc
     scene : Scene
         Equal particles in that box.
     window : float
-        Time between two states; nobody may fly a third of the box in it.
+        Time between two states; no particle may move by a third of the box in it.
     """
     sigma, missed = 2.0 * float(scene.radii[0]), 0
     for (x, v), (_, later) in itertools.pairwise(states):
@@ -310,10 +311,10 @@ def passed_through(states: Iterable[tuple[FloatArray, FloatArray]], scene: hs.Sc
 
 
 def engine_test_seconds(scene: hs.Scene, repeats: int = 5) -> float:
-    """Return the engine's processor time per pair that it looks at, from complete searches of the scene.
+    """Return the engine's processor time per pair tested, from complete searches of the scene.
 
-    A simulation that has just been made searches for all next events at its first step. Pairs: those of each particle with
-    the half of the cells around it, and for neighbour lists every particle with its list.
+    A simulation that has just been made searches for all next events at its first step. Pairs: those of each
+    particle with the half of the cells around it, and for neighbour lists every particle with its list.
     """
     taken = []
     for _ in range(repeats):

@@ -1,8 +1,8 @@
-"""Are the error bars right? Every estimator over many independent short runs, beside what it should have measured.
+"""Calibration of error bars: every estimator over many independent short runs, beside the true value.
 
-(value - truth) / standard error should follow Student's t with the degrees of freedom that the estimator quotes. The truth is
-exact or theory where there is one that is much better than a single run, else the mean of all runs, which tests the
-spread and shape but not the value.
+(value - truth) / standard error should follow Student's t with the degrees of freedom that the estimator
+quotes. The true value is exact, or from a theory much more precise than a single run; otherwise it is the
+mean of all runs, which tests spread and shape but not the value.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Calibrations:
         """Raise SceneError for options that make no sense."""
         if self.runs < FEWEST_RUNS:
             raise hs.SceneError(
-                f"--runs {self.runs} cannot tell a wrong error bar from a right one; ask for at least {FEWEST_RUNS}"
+                f"--runs {self.runs} are too few to detect a wrong error bar; ask for at least {FEWEST_RUNS}"
             )
 
 
@@ -75,7 +75,7 @@ class Row:
     pulls : (R,) array
         (value - truth) / standard error.
     result : Calibration
-        What they say.
+        The test of these pulls.
     """
 
     family: str
@@ -136,8 +136,8 @@ def calibration(study: Calibrations, out: OutputFolder, screen: Screen) -> tuple
     summary : dict
         The content of summary.json.
     sound : bool
-        Whether every estimator is calibrated: Kolmogorov-Smirnov p above 0.001 and the spread within 3 standard
-        errors of that of Student's t.
+        Whether every estimator is calibrated: Kolmogorov-Smirnov p above 0.001 and the spread within 3
+        standard errors of that of Student's t.
 
     Raises
     ------
@@ -251,12 +251,12 @@ def _print(
         screen.table("", header, table)
         screen.say()
     screen.say(
-        "error: mean standard error of one run over the truth; mean, spread: of (value - truth) / standard error over "
-        "the runs"
+        "error: mean standard error of one run over the truth; mean, spread: of (value - truth) / standard "
+        "error over the runs"
     )
     screen.say(
-        "Student's t: its standard deviation with the quoted degrees of freedom, in brackets the standard error of the "
-        "difference; z: difference in these"
+        "Student's t: its standard deviation with the quoted degrees of freedom, in brackets the standard "
+        "error of the difference; z: difference in these"
     )
     screen.say("mean of runs: no theory is good enough, so that only spread and shape are tested")
     chance = 1.0 - (1.0 - 0.0037) ** len(rows)

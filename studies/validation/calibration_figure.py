@@ -1,4 +1,4 @@
-"""The picture of the calibration: the pulls of every estimator over its Student's t."""
+"""Figure of the calibration: the pulls of every estimator over its Student's t."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""The short runs that calibrate the estimators: each family makes one gas, or series, and feeds all that fits it.
+"""Short runs for the calibration: each family makes one gas, or series, for all estimators that fit it.
 
-They are small so that hundreds cost little; nothing else about them is special.
+They are small, so that hundreds are cheap.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class Family:
 
 
 def measure(item: tuple[str, Seed]) -> dict[str, Estimate]:
-    """Run one family once; warnings of short series are part of the game."""
+    """Run one family once; warnings of short series are expected here."""
     name, seed = item
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SeriesWarning)
@@ -132,7 +132,7 @@ def _sphere_truths() -> dict[str, tuple[float, str]]:
     z = float(theory.finite_size_compressibility(ETA, 3, SPHERES).value)
     rate = float(theory.finite_size_collision_rate(ETA, 3, SPHERES).value)
     density = SPHERES / (SPHERES * math.pi / 6.0 / ETA)
-    ideal = density * (SPHERES - 1) / SPHERES  # kT = 1 over N - 1 free momenta along each axis
+    ideal = density * (SPHERES - 1) / SPHERES  # kT = 1 over N - 1 degrees of freedom along each axis
     freedom = 3 * (SPHERES - 1)
     law = theory.finite_energy_law(freedom, 3, 1.0 / SPHERES)
     low, high = 0.8, 1.2
@@ -170,7 +170,7 @@ def _mixture_start(seed: Seed) -> hs.Simulation:
 
 
 def _mixture(seed: Seed, blocks: int = 256) -> dict[str, Estimate]:
-    """Return how often species meet, and the pressure of that."""
+    """Return collision rates between species, and the pressure from them."""
     simulation = _mixture_start(seed)
     simulation.run(collisions=1000)
     scene = simulation.to_scene()
@@ -199,7 +199,7 @@ def _load_mixture() -> None:
 
 
 def _walls(seed: Seed, blocks: int = 128) -> dict[str, Estimate]:
-    """Return what walls feel, of 24 discs between them."""
+    """Return pressures on the walls from 24 discs between them."""
     simulation = hs.Simulation(hs.random_gas(n=24, packing_fraction=0.2, dim=2, boundary="wall", seed=seed))
     simulation.run(collisions=240)
     pressure = Pressure(simulation.to_scene())
@@ -224,7 +224,7 @@ def _sound_start(seed: Seed) -> hs.Simulation:
 
 
 def _sound(seed: Seed) -> dict[str, Estimate]:
-    """Return what walls feel in half a sound wave across, and in a whole one, whose ends differ most."""
+    """Return pressures on walls over half a period of the sound wave between them, and over a whole one."""
     simulation = _sound_start(seed)
     simulation.run(collisions=20 * 200)
     pressure = Pressure(simulation.to_scene())
@@ -283,7 +283,7 @@ def _two_species(seed: Seed) -> hs.Scene:
 
 
 def _temperatures(seed: Seed) -> dict[str, Estimate]:
-    """Return the rate at which two temperatures become one, from a few gases."""
+    """Return the rate of temperature equilibration, from a few gases."""
     decay = TemperatureEquilibration()
     for own in seed.spawn(REPLICAS):
         for frame in hs.Simulation(_two_species(own)).frames(times=[0.0, 8.0]):
@@ -307,7 +307,7 @@ def _autoregressive(rng: np.random.Generator, length: int) -> FloatArray:
 
 
 def _series(seed: Seed) -> dict[str, Estimate]:
-    """Return what the statistics say of series and samples whose truth is known."""
+    """Return estimates from series and samples with known true values."""
     rng = np.random.default_rng(seed)
     one, other = _autoregressive(rng, LENGTH), _autoregressive(rng, LENGTH)
     below = 1.0 + 0.2 * one
@@ -345,13 +345,15 @@ def _nothing() -> None:
 
 FAMILIES: dict[str, Family] = {
     "spheres": Family(
-        f"{SPHERES} spheres in equilibrium, packing fraction {ETA:g}, periodic box, 320 collisions per particle",
+        f"{SPHERES} spheres in equilibrium, packing fraction {ETA:g}, periodic box, 320 collisions per "
+        "particle",
         _spheres,
         _load_spheres,
         _sphere_truths(),
     ),
     "mixture": Family(
-        "48 spheres in equilibrium, masses 1:10, diameters 1:2, packing fraction 0.1, 256 collisions per particle",
+        "48 spheres in equilibrium, masses 1:10, diameters 1:2, packing fraction 0.1, 256 collisions per "
+        "particle",
         _mixture,
         _load_mixture,
         {"Z of a mixture, virial - rates": (0.0, "exact")},
@@ -375,7 +377,8 @@ FAMILIES: dict[str, Family] = {
         {},
     ),
     "temperatures": Family(
-        f"{REPLICAS} gases of 120 spheres, masses 1:4, diameters 1:2, temperatures 3:1, packing fraction 0.01",
+        f"{REPLICAS} gases of 120 spheres, masses 1:4, diameters 1:2, temperatures 3:1, packing fraction "
+        "0.01",
         _temperatures,
         _load_temperatures,
         {},

@@ -1,7 +1,7 @@
-"""The true trajectory to fifty digits: the plain solver of `hardspheres.reference`, told by double precision whom to look at.
+"""The true trajectory to fifty digits: the reference solver, with candidate pairs from double precision.
 
-Every number that enters the trajectory is computed with `mpmath` and 50 digits. Double precision only leaves out pairs that
-cannot be next: those whose estimated time of contact lies well behind the earliest one.
+Every number that enters the trajectory is computed with `mpmath` and 50 digits. Double precision is used only
+to exclude pairs that cannot be next: those whose estimated contact is well after the earliest one.
 """
 
 from __future__ import annotations
@@ -23,12 +23,13 @@ __all__ = ["DIGITS", "Oracle"]
 FloatArray = NDArray[np.float64]
 
 DIGITS = 50
-ROUNDING = 1e-9  # relative: double precision puts no contact off by nearly as much, but for those that graze
+# relative: far above the error of contact times in double precision, except for grazing collisions
+ROUNDING = 1e-9
 GRAZING = 1e-12  # discriminants below this share of v^2 sigma^2 are not trusted
 
 
 class Oracle(ReferenceSimulation):
-    """`ReferenceSimulation` with 50 digits for equal particles in a periodic box, fast enough for thousands of collisions.
+    """`ReferenceSimulation` with 50 digits for equal particles in a periodic box, for many collisions.
 
     Parameters
     ----------
@@ -45,7 +46,8 @@ class Oracle(ReferenceSimulation):
         alike = np.ptp(scene.radii) == 0.0 and np.ptp(scene.masses) == 0.0
         if not (alike and scene.periodic.all() and scene.box.min() > 4.01 * scene.radii[0]):
             raise hs.SceneError(
-                "the oracle follows one kind of particle in a periodic box longer than two diameters; ask for more particles"
+                "the oracle follows one kind of particle in a periodic box longer than two diameters; ask "
+                "for more particles"
             )
         with mpmath.workdps(DIGITS):
             super().__init__(scene, mpmath.mpf, mpmath.sqrt)
@@ -65,7 +67,7 @@ class Oracle(ReferenceSimulation):
             return float(self.time + self.next_event(None)[0] / 2)
 
     def at(self, time: float) -> tuple[FloatArray, FloatArray]:
-        """Return positions and velocities, (N, d), at a time not before the last collision nor after the next one."""
+        """Return positions and velocities, (N, d), at a time between the last and the next collision."""
         with mpmath.workdps(DIGITS):
             wait = mpmath.mpf(time) - self.time
             rows = zip(self.positions, self.velocities, strict=True)
@@ -91,16 +93,16 @@ class Oracle(ReferenceSimulation):
         return found
 
     def _estimate(self, r: FloatArray, u: FloatArray) -> FloatArray:
-        """Return times of contact in double precision, a little early where a graze leaves them in doubt."""
+        """Return contact times in double precision, slightly early for grazing pairs."""
         b, rr, speed2 = (r * u).sum(axis=1), (r * r).sum(axis=1), (u * u).sum(axis=1)
         axes = itertools.combinations(range(r.shape[1]), 2)
         cross2 = sum((r[:, a] * u[:, c] - r[:, c] * u[:, a]) ** 2 for a, c in axes)
         d = speed2 * self._sigma**2 - cross2
-        doubt = GRAZING * speed2 * rr
-        meets = (b < 0.0) & (d > -doubt)
+        margin = GRAZING * speed2 * rr
+        meets = (b < 0.0) & (d > -margin)
         gap = np.maximum(rr - self._sigma**2, 0.0)
         wait = np.where(meets, gap / np.where(meets, np.sqrt(np.maximum(d, 0.0)) - b, 1.0), np.inf)
-        return np.where(np.abs(d) < doubt, wait * (1.0 - 1e-5), wait)
+        return np.where(np.abs(d) < margin, wait * (1.0 - 1e-5), wait)
 
     def _contact(self, i: int, j: int) -> Any:
         """Time until i touches the nearest image of j, with all digits."""

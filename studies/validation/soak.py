@@ -1,4 +1,4 @@
-"""Very long runs: what must not change over 1e9 collisions, measured a hundred times on the way."""
+"""Very long runs: invariants over 1e9 collisions, measured a hundred times during the run."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class Soaked:
-    """What one run hands back: `samples` has a row for each moment and a column for each of `COLUMNS`."""
+    """Result of one run: `samples` has a row for each moment and a column for each of `COLUMNS`."""
 
     samples: Floats
     failures: tuple[str, ...]
@@ -97,7 +97,7 @@ class Soaked:
 
 
 def growth_exponent(values: Floats) -> float:
-    """With which power of its length the change of a quantity over a stretch of a run grows: 1/2 in a random walk, 1 in a drift.
+    """Exponent of growth of a quantity with the length of a run: 1/2 in a random walk, 1 in a drift.
 
     Parameters
     ----------
@@ -107,8 +107,8 @@ def growth_exponent(values: Floats) -> float:
     Returns
     -------
     exponent : float
-        log10 of the root mean square change over ten samples to that over one; NaN where there are not twenty samples, or
-        nothing has changed. With 100 samples of a random walk it scatters by about 0.08.
+        log10 of the root mean square change over ten samples to that over one; NaN where there are not twenty
+        samples, or nothing has changed. With 100 samples of a random walk it scatters by about 0.08.
     """
     course = np.concatenate(([0.0], values))
     if len(values) < 20:
@@ -119,7 +119,7 @@ def growth_exponent(values: Floats) -> float:
 
 @dataclass
 class _Soaking:
-    """A run on its way."""
+    """A run in progress."""
 
     simulation: hs.Simulation
     samples: list[tuple[float, ...]]
@@ -145,7 +145,7 @@ class Soaking(Resumable[tuple[Gas, np.random.SeedSequence], _Soaking, Soaked]):
         return _Soaking(hs.Simulation(gas.fluid.scene(seed)), [], [])
 
     def steps(self, item: tuple[Gas, np.random.SeedSequence], state: _Soaking) -> Iterator[None]:
-        """Run, and look at regular numbers of collisions."""
+        """Run, and sample at regular numbers of collisions."""
         simulation, total = state.simulation, item[0].collisions
         first, before = simulation.collisions, math.nan
         warm = first + min(WARM, total // 10)
@@ -153,7 +153,7 @@ class Soaking(Resumable[tuple[Gas, np.random.SeedSequence], _Soaking, Soaked]):
             yield from until(simulation, total * sample // SAMPLES)
             overlap, status, failure = simulation.worst_overlap, simulation.status(), broken(simulation)
             if math.isnan(before) and simulation.collisions >= warm:
-                encode(state)  # nothing that is needed once in a process shall count as growth
+                encode(state)  # first, so that one-time allocations do not count as growth
                 before = resident()
             row = [simulation.collisions, simulation.time, status["energy_drift"], status["momentum_drift"]]
             state.samples.append((*row, overlap, status["late_events"], resident() - before))
@@ -167,7 +167,7 @@ class Soaking(Resumable[tuple[Gas, np.random.SeedSequence], _Soaking, Soaked]):
         found = Soaked(samples, tuple(state.failures), state.simulation.status(), seconds)
         late, growth = found.worst("late_events"), found.worst("memory_growth")
         failures = [*state.failures]
-        failures += [f"{late:.0f} events were late"] if late else []
+        failures += [f"{late:.0f} events were out of order"] if late else []
         failures += [f"resident memory grew by {growth / 1e6:.1f} MB"] if growth >= MOST_GROWTH else []
         return Soaked(samples, tuple(failures), found.status, seconds)
 
@@ -189,7 +189,8 @@ def soak(study: Soak, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any]
     summary : dict
         The content of summary.json.
     sound : bool
-        Whether energy and momentum were conserved, nobody overlapped, no event was late and no memory was lost.
+        Whether energy and momentum were conserved, no particles overlapped, no event was out of order and
+        memory did not grow.
 
     Raises
     ------
@@ -278,7 +279,7 @@ def _print(
     header = [
         "gas",
         "collisions",
-        "hits of walls",
+        "wall collisions",
         "energy",
         "growth",
         "momentum",
@@ -309,9 +310,9 @@ def _print(
     screen.table("", header, rows)
     screen.say()
     screen.say(
-        "energy, momentum: largest change, relative, and of sum m |v|, and how it grows with the number n of collisions "
-        "(random walk: n^0.5, drift: n^1)"
+        "energy, momentum: largest change, relative, and of sum m |v|, and how it grows with the number n "
+        "of collisions (random walk: n^0.5, drift: n^1)"
     )
     screen.say("overlap: deepest, in contact distances")
-    screen.say("late: events executed after their time; memory: most that the process grew once it was warm")
+    screen.say("late: events executed out of order; memory: largest growth of the process after the start-up")
     say_checks(screen, summary, out)

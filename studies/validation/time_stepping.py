@@ -1,11 +1,12 @@
-"""Hard spheres by time steps: the two programs that people write before they follow events, made as fast as such programs are.
+"""Hard spheres by time steps: two common kinds of program, optimised as such programs are.
 
-`BOUNCE`: move everybody by dt; whoever then overlaps and approaches exchanges momentum where it is.
-`BACK_UP`: the same, but such a pair first goes back to the moment of its contact within the step, collides there, and flies on.
+`BOUNCE`: move all particles by dt; pairs that then overlap and approach exchange momentum in place.
+`BACK_UP`: the same, but such a pair is first moved back to its contact within the step, collides there, and
+moves for the rest of the step.
 
-Both collide by `hardspheres.collision`'s rule, so energy and momentum are as exact as the engine's; what is not is where and
-whether particles collide. Pairs that could overlap soon come from cells and are kept in a list until somebody may have flown
-half the list's margin. They know one kind of sphere in a periodic box.
+Both collide by `hardspheres.collision`'s rule, so energy and momentum are as exact as the engine's; positions
+and occurrence of collisions are not. Pairs that could overlap soon are found by cells and kept in a list
+until a particle may have moved by half of the list's margin. They treat one kind of sphere in a periodic box.
 """
 
 from __future__ import annotations
@@ -33,19 +34,20 @@ part: Any = jit.called
 pointer: Any = pointers.pointer
 entry: Any = jit.entry_point
 
-# What `_advance` adds up.
+# Indices into the totals of `_advance`.
 COLLISIONS, VIRIAL, MISSED, TESTS = range(4)
 DONE, NO_ROOM, NO_MARGIN = range(3)  # what it returns
-# Costs in ns that `best_margin` weighs: of a pair in the list and in the cells, and of a particle when lists are made.
+# Costs in ns that `best_margin` weighs: of a pair in the list and in the cells, and of a particle when lists
+# are made.
 LISTED, SEARCHED, SORTED = 1.5, 1.5, 40.0
 
 
 @part
 def _find_pairs(x, y, z, n, box, cells, reach, room, first, second, order, start, places):  # type: ignore[no-untyped-def]
-    """List all pairs nearer than `reach`; returns how many pairs were looked at and how many are listed, -1 if too many.
+    """List all pairs nearer than `reach`; return the numbers tried and listed, or -1 if too many.
 
-    Particles are sorted into cells at least `reach` wide, so that those of three cells in a row along z stand together. With
-    fewer than three cells along an axis every pair is looked at.
+    Particles are sorted into cells at least `reach` wide, so that those of three cells in a row along z are
+    contiguous. With fewer than three cells along an axis every pair is tested.
     """
     lx, ly, lz = box
     cx, cy, cz = cells
@@ -116,7 +118,7 @@ def _find_pairs(x, y, z, n, box, cells, reach, room, first, second, order, start
                         begin, end = start[other + low], start[other + high + 1]
                         for p in range(start[own + c], start[own + c + 1]):
                             if half == 0 and turn == 0:
-                                begin = p + 1  # of the own column those that stand behind
+                                begin = p + 1  # in the same column only later ones
                             px, py, pz = places[p] - sx, places[n + p] - sy, places[2 * n + p] - sz
                             hits = 0
                             for q in range(begin, end):
@@ -138,9 +140,10 @@ def _find_pairs(x, y, z, n, box, cells, reach, room, first, second, order, start
 
 
 def _advance(state, box, cells, sigma, margin, dt, steps, back_up, audit, scratch, ids, total):  # type: ignore[no-untyped-def]
-    """Do so many steps of dt; `total` gets what happened. Returns DONE or what it was short of.
+    """Do so many steps of dt and add to `total`. Returns DONE, NO_ROOM or NO_MARGIN.
 
-    With `audit` pairs are counted that came from outside and passed each other within one step: they recede when they are seen.
+    With `audit`, also count pairs that approached and passed each other within one step: they are found
+    receding.
     """
     n = state.shape[1]
     room = ids.shape[1] - 1
@@ -258,7 +261,7 @@ def best_margin(density: float, dim: int, diameter: float, speed: float, dt: flo
 
 @dataclass(frozen=True)
 class Count:
-    """What a stepper has done since `Stepper.reset`.
+    """Counters of a stepper since `Stepper.reset`.
 
     Attributes
     ----------
@@ -267,7 +270,7 @@ class Count:
     virial : float
         Sum of r.dp over them, [energy time].
     missed : int
-        Pairs that passed each other within one step, nearer than a diameter, unseen; 0 without audit.
+        Pairs that passed each other undetected within one step, nearer than a diameter; 0 without audit.
     tests : int
         Pairs whose distance was computed.
     """
@@ -279,7 +282,7 @@ class Count:
 
 
 class Stepper:
-    """A gas that moves by time steps.
+    """A gas simulated by time steps.
 
     Parameters
     ----------
@@ -318,7 +321,7 @@ class Stepper:
         self.reset()
 
     def reset(self) -> None:
-        """Begin to count anew."""
+        """Reset the counters."""
         self._total = np.zeros(4)
 
     def run(self, time: float) -> None:
@@ -348,7 +351,7 @@ class Stepper:
 
     @property
     def _cells(self) -> tuple[int, ...]:
-        """Cells along each axis, each at least as wide as the list of pairs reaches; not many more than particles."""
+        """Cells along each axis, each at least as wide as the cutoff of the list; about one per particle."""
         most = max(2 * self.scene.n, 27) ** (1.0 / self.scene.dim)
         cells = np.ones(3, np.int64)
         cells[: self.scene.dim] = np.maximum(
@@ -358,7 +361,7 @@ class Stepper:
 
     @property
     def count(self) -> Count:
-        """What happened since the last `reset`."""
+        """Counters since the last `reset`."""
         total = self._total
         mass = float(self.scene.masses[0])
         return Count(
@@ -367,7 +370,7 @@ class Stepper:
 
     @property
     def positions(self) -> FloatArray:
-        """Positions, (N, d), on whichever side of the periodic box."""
+        """Positions, (N, d), wrapped or not."""
         return np.ascontiguousarray(self._state[: self.scene.dim].T)
 
     @property
@@ -382,6 +385,6 @@ class Stepper:
 
     @property
     def worst_overlap(self) -> float:
-        """Depth of the deepest overlap now, in diameters; 0 where nobody overlaps."""
+        """Depth of the deepest overlap now, in diameters; 0 without overlaps."""
         positions, scene = np.mod(self.positions, self.scene.box), self.scene
         return max(worst_overlap(positions, scene.radii, scene.box, scene.periodic)[2], 0.0) / self._sigma

@@ -230,7 +230,7 @@ def test_exact_energies_of_small_gases_with_unequal_masses(dim):
     assert theory.finite_energy_law(dim * 6, dim, 1 / 7).moment(2) == pytest.approx(share, rel=1e-12)
     area = integrate.quad(lambda e: float(theory.energy_pdf(e, dim, 2.0)), 0, 3)[0]
     assert area == pytest.approx(float(theory.energy_cdf(3.0, dim, 2.0)), rel=1e-8)
-    with pytest.raises(ValueError, match="free_momenta = 3"):
+    with pytest.raises(ValueError, match="degrees_of_freedom = 3"):
         theory.finite_energy_law(3, 3)
 
 

@@ -139,7 +139,7 @@ def test_a_crystal_beside_the_theory_of_crystals_and_a_dense_gas_beside_none():
             warnings.simplefilter("error", theory.TheoryRangeWarning)  # the check says it
             ((name, nothing),) = Pressure(scene).predictions.items()
         assert math.isnan(nothing.value) and math.isnan(nothing.uncertainty)
-        assert "says nothing here" in str(
+        assert "gives no value here" in str(
             TheoryCheck("Z", name, check.measured, nothing.value, nothing.uncertainty)
         )
 
@@ -224,7 +224,8 @@ def test_error_bars_between_walls_cover():
     virial, walls = ([getattr(run, name) for run in runs] for name in ("virial", "walls"))
     forces = [run.wall_forces["x high"] for run in runs]
     assert calibrate(virial, float(np.mean([e.value for e in virial]))).passed
-    # between walls the boundary terms of neighbouring blocks cancel: errors are too large there, never too small
+    # between walls the boundary terms of neighbouring blocks cancel: errors are too large there, never too
+    # small
     for estimates in (walls, forces):
         result = calibrate(estimates, float(np.mean([e.value for e in estimates])))
         assert result.spread < result.expected_spread + 3 * result.spread_error

@@ -51,7 +51,7 @@ def test_moments_are_those_of_the_frames(gas):
     assert curve.ks[0] == pytest.approx(ks_distance(speeds, 3), abs=1.1 / len(speeds) + 1e-3)
     assert curve.temperature_by_species.shape == (1, 2)
     share = curve.temperature_by_species[0] @ [300, 500] / 800
-    assert share == pytest.approx(curve.free_momenta / 2400, rel=1e-12)
+    assert share == pytest.approx(curve.degrees_of_freedom / 2400, rel=1e-12)
     assert curve.temperature_by_axis[0].sum() == pytest.approx(3 * share, rel=1e-12)
     edges, density, error = curve.speed_histogram(0, bins=32)
     assert density.shape == error.shape == (2, 32)

@@ -107,7 +107,7 @@ def test_a_check_without_theory_says_so():
     )
     assert (
         str(check)
-        == "Z from the virial 22.1(2); Kolafa-Labik-Malijevsky says nothing here, there is nothing to compare with"
+        == "Z from the virial 22.1(2); Kolafa-Labik-Malijevsky gives no value here: outside its range"
     )
     assert math.isnan(check.z) and not check.better_than_theory
 

@@ -13,8 +13,8 @@ from analysis import theory
 from analysis.relaxation import RelaxationCurve
 from analysis.theory import state
 
-# eta, Z, chi of the hard-sphere fluid: Kolafa et al. 2004, agreeing with the independent fit of Schultz and Kofke
-# (etomica, HardSphereFluid) to 1e-5 relative
+# eta, Z, chi of the hard-sphere fluid: Kolafa et al. 2004, agreeing with the independent fit of Schultz and
+# Kofke (etomica, HardSphereFluid) to 1e-5 relative
 SPHERES = np.array(
     [
         (0.005, 1.020252, 1.012616), (0.01, 1.041019, 1.025466), (0.02, 1.084152, 1.051895), (0.05, 1.227485, 1.137427),
@@ -75,7 +75,8 @@ def test_the_uncertainty_of_spheres_is_that_of_large_simulations():
     assert np.all(np.abs(prediction.value - measured) < 2 * np.hypot(error, prediction.uncertainty))
     assert np.all(prediction.uncertainty <= 5e-6 * prediction.value)
     assert theory.compressibility_factor(0.48, 3).uncertainty == pytest.approx(4e-5 * 11.393139)
-    # sibling: u = 4e-5 at any density is ten times what these runs leave open, and Carnahan and Starling's Z is not it
+    # sibling: u = 4e-5 at any density is ten times what these runs leave open, and Carnahan and Starling's Z
+    # is not it
     assert np.all(np.abs(prediction.value - measured) < 0.1 * 4e-5 * measured)
     assert abs(theory.carnahan_starling(math.pi / 6 * 0.3) - measured[1]) > 20 * 5e-6 * measured[1]
 
@@ -120,7 +121,8 @@ def test_low_densities_reproduce_the_virial_series(dim, virials):
 
 
 def test_finite_size_correction():
-    # to order eta: canonical Z - 1 carries (N-1)/N, microcanonical N/(N-1) more, so that it is that of the infinite gas
+    # to order eta: canonical Z - 1 carries (N-1)/N, microcanonical N/(N-1) more, so that it is that of the
+    # infinite gas
     for dim in (2, 3):
         eta, n = 1e-6, 10
         canonical = theory.finite_size_compressibility(eta, dim, n, "canonical").value
@@ -284,7 +286,7 @@ def test_outside_its_range_a_theory_says_nothing(dim):
         lambda: theory.mixture_contact_values(*dense, dim),
         lambda: theory.enskog_diffusion(0.7, dim),
     ):
-        with pytest.warns(theory.TheoryRangeWarning, match=r"says nothing \(NaN\) at 0\.7"):
+        with pytest.warns(theory.TheoryRangeWarning, match=r"gives no value \(NaN\) at 0\.7"):
             function()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", theory.TheoryRangeWarning)
@@ -361,7 +363,8 @@ def test_mixtures(dim):
     assert pure.uncertainty == pytest.approx(float(expected.uncertainty), rel=1e-9)
     g = theory.mixture_contact_values(rho, sigma, dim)
     np.testing.assert_allclose(g, g.T)
-    # Santos, Yuste and Lopez de Haro in closed form: 2D, (1 - xi)/(1 - eta) + xi Z; 3D, with moments of the diameters
+    # Santos, Yuste and Lopez de Haro in closed form: 2D, (1 - xi)/(1 - eta) + xi Z; 3D, with moments of the
+    # diameters
     eta = float((theory.packing_fraction(1.0, sigma, dim) * rho).sum())
     one, two, three = (float(rho @ sigma**k) / 0.4 for k in (1, 2, 3))
     z = float(theory.compressibility_factor(eta, dim).value)
@@ -377,7 +380,8 @@ def test_mixtures(dim):
     eta = float(theory.packing_fraction(0.1, 1.0, dim))
     z = float(theory.compressibility_factor(eta, dim).value)
     assert 0.5 * points == pytest.approx(0.4 / (1 - eta) + 0.1 * z, rel=1e-6)
-    # the pressure is that of the collisions: Z - 1 = (1/(d rho kT)) sum over pairs of rate sigma_ij sqrt(2 pi mu_ij kT)
+    # the pressure is that of the collisions: Z - 1 = (1/(d rho kT)) sum over pairs of rate sigma_ij sqrt(2 pi
+    # mu_ij kT)
     kT = 0.8
     rates = theory.mixture_collision_rates(rho, sigma, mass, dim, kT)
     contact = np.add.outer(sigma, sigma) / 2

@@ -212,7 +212,7 @@ def test_spheres_diffuse_as_known():
 
 def test_a_run_too_short_for_its_box_says_so():
     diffusion, _ = spheres(0.2, 256, 2.0, 20)
-    with pytest.raises(ValueError, match=r"the lags reach 6\.707; .* from 6\.018 to 9\.027: run on, or"):
+    with pytest.raises(ValueError, match=r"the lags reach 6\.707; .* from 6\.018 to 9\.027: run longer, or"):
         diffusion.infinite_diffusion()
 
 

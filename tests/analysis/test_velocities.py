@@ -43,7 +43,7 @@ def not_maxwell(rng, n, dim):
 
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("boundary", ["periodic", "wall"])
-def test_reduced_velocities_have_the_energy_of_their_free_momenta(dim, boundary, gas):
+def test_reduced_velocities_have_the_energy_of_their_degrees_of_freedom(dim, boundary, gas):
     rng = np.random.default_rng(1)
     masses = np.repeat([1.0, 7.0], 200)
     frame = gas.frame(gas.maxwell(rng, 400, dim, masses, 2.5) + 3.0, masses, boundary=boundary)

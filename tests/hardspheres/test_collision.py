@@ -15,7 +15,7 @@ from hardspheres.collision import (
     discriminant_3d,
     elastic_collision,
     impulse,
-    seed_rule,
+    one_dimensional_rule,
 )
 
 EPS = np.finfo(float).eps
@@ -24,14 +24,14 @@ masses = st.fractions(min_value=Fraction(1, 1000), max_value=1000, max_denominat
 
 
 @given(masses, masses, rationals, rationals, st.lists(rationals, min_size=2, max_size=3).filter(any))
-def test_impulse_form_is_the_seed_rule_exactly(m1, m2, v1, v2, r):
+def test_impulse_form_is_the_one_dimensional_rule_exactly(m1, m2, v1, v2, r):
     """Along the line of centres both forms agree, across it nothing changes: in exact rationals, any masses, any r."""
     rr = sum(x * x for x in r)
     across = [-r[1], r[0], Fraction(0)][: len(r)]
     velocity1 = [v1 * x + 3 * y for x, y in zip(r, across, strict=True)]
     velocity2 = [v2 * x - 2 * y for x, y in zip(r, across, strict=True)]
     after1, after2 = elastic_collision(m1, velocity1, m2, velocity2, r)
-    along1, along2 = seed_rule(m1, v1, m2, v2)
+    along1, along2 = one_dimensional_rule(m1, v1, m2, v2)
     assert after1 == [along1 * x + 3 * y for x, y in zip(r, across, strict=True)]
     assert after2 == [along2 * x - 2 * y for x, y in zip(r, across, strict=True)]
     assert m1 * along1 + m2 * along2 == m1 * v1 + m2 * v2

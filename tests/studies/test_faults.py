@@ -40,7 +40,7 @@ ALONE = [*THERMALISE, "--workers", "1"]
 THERMALISE += ["--workers", "2"]
 OFTEN = ["--checkpoint-every", "0"]
 HUNG_UP = "hung up, as a terminal does when it is closed"
-KEPT = "the same command with --resume goes on"
+KEPT = "the same command with --resume continues"
 
 
 def start(*options, **more):
@@ -276,7 +276,7 @@ def test_a_killed_worker_is_told_and_a_killed_parent_takes_its_workers_along(vic
     if victim == "worker":
         assert run.returncode == 2
         assert errors.startswith(
-            "error: a worker process was killed, perhaps for want of memory; use fewer workers;"
+            "error: a worker process was killed, perhaps out of memory; use fewer workers;"
         )
         assert KEPT in errors and "Traceback" not in errors
     wait_for(lambda: not any(Path(f"/proc/{worker}").exists() for worker in workers), seconds=20)

@@ -1,4 +1,4 @@
-"""Two temperatures become one, end to end: physics in standard errors, with siblings that must fail, files."""
+"""Temperature equilibration, end to end: physics in standard errors, with siblings that must fail, files."""
 
 import csv
 import json
@@ -74,7 +74,7 @@ def test_temperatures_follow_the_two_maxwellians():
     assert result.failures == []
     assert all(check.p_value > 1e-4 for check in result.checks)
     assert np.nanmax(np.abs(result.deviations)) < float(stats.t(79).isf(5e-5))
-    # the known deviation is towards a slower decay; without it and its doubt the measurement still is close
+    # the known deviation is towards a slower decay; without it and its uncertainty the measurement still is close
     assert 0.9 < result.rate.measured.value / result.rate.expected < 1.05
     # sibling: the rate of equal masses at the same densities
     alike = Mixture(Fluid(n=2000, packing_fraction=0.01, diameter_ratio=2.0, mass_ratio=5.0))

@@ -23,7 +23,9 @@ def test_a_short_run_names_quantity_and_option():
     notes = {}
     for eta in (0.05, 0.25):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("analysis.pressure.remembered", lambda eta, dim: 30.0 if eta > 0.2 else 0.0)
+            patch.setattr(
+                "analysis.pressure.virial_block_length", lambda eta, dim: 30.0 if eta > 0.2 else 0.0
+            )
             fluid = Fluid(n=200, packing_fraction=eta)
             notes[eta] = combine(fluid, [States(study)((fluid, seed))]).notes
     assert notes[0.05] == ()

@@ -11,7 +11,7 @@ import pytest
 
 import studies
 from analysis import theory
-from analysis.memory import remembered, variance_growth
+from analysis.correlation_times import variance_growth, virial_block_length
 from studies.cli import main
 from studies.fluid import Fluid
 from studies.pressure import EquationOfState
@@ -122,14 +122,14 @@ def test_a_run_is_as_long_as_its_precision_and_its_memory_ask():
     study = EquationOfState(precision=1e-3)
     thin, dense = Fluid(packing_fraction=0.01), Fluid(packing_fraction=0.49)
     assert study.length(thin) == 40.0
-    assert study.length(dense) == pytest.approx(3000.0) == pytest.approx(10 * remembered(0.49, 3))
+    assert study.length(dense) == pytest.approx(3000.0) == pytest.approx(10 * virial_block_length(0.49, 3))
     collisions = 2 * 4000 / 2 * replace(study, precision=1e-4).length(dense)
     assert collisions == pytest.approx(variance_growth(0.49, 3) * (1.25e4 * (1 - 1 / 12.17)) ** 2, rel=0.01)
     assert EquationOfState().length(thin) == 300.0 and EquationOfState().length(dense) == pytest.approx(
         3000.0
     )
     assert EquationOfState(collisions_per_particle=50.0).length(dense) == 50.0
-    assert remembered(0.1, 3) == 0.0 and remembered(0.69, 2) == pytest.approx(2000)
+    assert virial_block_length(0.1, 3) == 0.0 and virial_block_length(0.69, 2) == pytest.approx(2000)
 
 
 @pytest.mark.parametrize(

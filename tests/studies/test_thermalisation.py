@@ -79,7 +79,7 @@ def test_beams_are_shown_along_their_direction(tmp_path, capsys):
     summary, text = told(
         Recipe(n=500, packing_fraction=0.001, velocities="beams"), tmp_path / "beams", capsys
     )
-    assert "T_par/T  theory     z" in text and "not thermal yet at s = 3: " in text
+    assert "T_par/T  theory     z" in text and "not in equilibrium yet at s = 3: " in text
     table = summary["relaxation"]
     assert table["temperature_parallel"][0] == pytest.approx(3.0)
     assert np.nanmax(np.abs(table["temperature_parallel_z"])) < 4
@@ -92,11 +92,13 @@ def test_a_mixture_of_two_temperatures_is_not_thermal_yet(tmp_path, capsys):
     """a2, KS and H of all together are noise when T1 still differs from T2; at equilibrium (sibling) nothing is said of it."""
     mixed = Recipe(n=200, velocities="two-temperatures", mass_ratio=7.0, diameter_ratio=0.6)
     summary, text = told(mixed, tmp_path / "mixture", capsys)
-    assert "not thermal yet at s = 3: " in text and "T1/T = " in text.split("not thermal yet")[1]
+    assert (
+        "not in equilibrium yet at s = 3: " in text and "T1/T = " in text.split("not in equilibrium yet")[1]
+    )
     assert [check["thermal"] for check in summary["thermal"]["checks"]] == [True, False, False]
     calm = Recipe(n=200, velocities="maxwell", mass_ratio=7.0, diameter_ratio=0.6)
     summary, text = told(calm, tmp_path / "calm", capsys)
-    assert summary["thermal"]["passed"] and "cannot be told from a thermal one" in text
+    assert summary["thermal"]["passed"] and "is indistinguishable from one in equilibrium" in text
 
 
 def test_two_replicas_make_no_discovery(tmp_path, capsys):

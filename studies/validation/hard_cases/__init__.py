@@ -1,4 +1,4 @@
-"""Hard cases: scenes whose answer is exact, or where methods break, one after another; a table tells how many digits are right."""
+"""Hard cases: scenes with exact answers, or where methods break; a table gives the correct digits."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ GROUPS: dict[str, ModuleType] = {
 }
 """The groups by their names on the command line, in the order of the table."""
 
-COLUMNS = ("case", "what is exact", "what the engine gave", "digits right", "")
+COLUMNS = ("case", "exact", "engine", "correct digits", "")
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def groups_named(names: Sequence[str] | None) -> dict[str, ModuleType]:
     Raises
     ------
     HardSpheresError
-        If there is none of a name.
+        If there is no group of a name.
     """
     for name in names or ():
         if name not in GROUPS:

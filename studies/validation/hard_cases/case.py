@@ -1,4 +1,4 @@
-"""One line of the table of hard cases: what is exact, what the engine gave, how many digits of it are right."""
+"""One row of the table of hard cases: the exact answer, the engine's, and the number of correct digits."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ MOST_DIGITS = 16.0  # that a float64 has
 
 @dataclass(frozen=True)
 class Case:
-    """A hard case and how it went.
+    """A hard case and its result.
 
     Attributes
     ----------
     name : str
         What was tried.
     exact : str
-        What is exact, and by what.
+        The exact answer, and its source.
     engine : str
-        What the engine gave.
+        The engine's answer.
     error : float
-        Deviation from the exact answer, relative to its natural scale; 0: every digit is right. NaN fails.
+        Deviation from the exact answer, relative to its natural scale; 0: every digit is correct. NaN fails.
     allowed : float
         The largest error that passes.
     """
@@ -59,7 +59,7 @@ class Case:
 
     @property
     def digits(self) -> float:
-        """Decimal digits that are right: minus the logarithm of the error, from 0 to 16."""
+        """Correct decimal digits: minus the logarithm of the error, from 0 to 16."""
         if self.error == 0.0:
             return MOST_DIGITS
         return min(max(-math.log10(self.error), 0.0), MOST_DIGITS) if self.error > 0.0 else 0.0
@@ -71,7 +71,7 @@ class Case:
 
 
 def counted(name: str, exact: int, measured: int, what: str) -> Case:
-    """Return the case of a number that must be hit exactly.
+    """Return the case of a count that must be exact.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def counted(name: str, exact: int, measured: int, what: str) -> Case:
 
 
 def pick(size: Size, choices: Sequence[T]) -> T:
-    """Return the one of three choices that belongs to a size, small, full or long."""
+    """Return the choice for a size, small, full or long."""
     return choices[SIZES.index(size)]
 
 
@@ -104,15 +104,15 @@ def _set(value: tuple[Shelf, Iterator[int]] | None) -> Iterator[None]:
 
 
 def keeping(shelf: Shelf) -> contextlib.AbstractContextManager[None]:
-    """Return a context in which what `kept` functions give goes onto a shelf, by the number of the call."""
+    """Return a context in which results of `kept` functions are saved, by the number of the call."""
     return _set((shelf, itertools.count()))
 
 
 def kept(function: Callable[P, T]) -> Callable[P, T]:
-    """Return a function that takes from the shelf what the same call gave in a run that was interrupted.
+    """Return a function that reuses the result of the same call in an interrupted run.
 
-    Cases come in the same order every time, so a call is known by its number; within one others are not counted. Outside of
-    `keeping` the function is as it was.
+    Cases run in the same order every time, so a call is identified by its number; nested calls are not
+    counted. Outside of `keeping` the function is unchanged.
 
     Parameters
     ----------

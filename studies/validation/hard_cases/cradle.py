@@ -1,9 +1,10 @@
 """Touching balls: Newton's cradle, and impacts on several balls at once.
 
-When several pairs touch at one moment, the engine lets them collide one after the other, by (time, lower id, higher id). A
-cradle has one outcome whatever the order. A ball that hits two at once, or a rack of balls, has not: hard spheres do not say
-what simultaneous impacts do, the limits from either side differ, and the documented order is a choice. What is exact then is
-that choice, momentum and energy.
+When several pairs touch at one time, the engine executes their collisions in the order (time, lower id,
+higher id). The outcome of a cradle does not depend on the order. That of a ball that hits two at once, or of
+a rack of balls, does: hard-sphere dynamics does not define simultaneous impacts of these, the limits from
+either side differ, and the documented order is a choice. Exact are then the result for that order, momentum
+and energy.
 """
 
 from __future__ import annotations
@@ -22,12 +23,12 @@ ROUNDINGS = 2e-15
 
 
 def cradle(balls: int, moving: int, dim: int) -> hs.Scene:
-    """Return a row of touching balls of which the first few, touching each other, are on their way to the rest.
+    """Return a row of touching balls, of which the first few, also touching, move towards the rest.
 
     Parameters
     ----------
     balls, moving : int
-        All of them, and those that come with speed 1 from half a diameter away.
+        Number of balls, and of those that arrive with speed 1 from half a diameter away.
     dim : int
         2 or 3.
     """
@@ -40,7 +41,7 @@ def cradle(balls: int, moving: int, dim: int) -> hs.Scene:
 
 
 def rack(rows: int) -> hs.Scene:
-    """Return a cue ball on its way to a triangle of discs, each of which touches those of the next row.
+    """Return a cue ball moving towards a triangle of discs, each of which touches those of the next row.
 
     Diameters are 5 and neighbours are 4 along and 3 across apart, so that they touch exactly.
     """
@@ -60,7 +61,7 @@ def into_the_gap() -> hs.Scene:
 
 @kept
 def outcome(name: str, scene: hs.Scene, until: float) -> Case:
-    """Compare the velocities after a simultaneous impact with those of exact arithmetic in the documented order."""
+    """Compare velocities after a simultaneous impact with exact arithmetic in the documented order."""
     exact = rational_simulation(scene)
     while (event := exact.step()).time <= until:
         pairs, velocities = exact.collisions, np.array(as_floats(exact.velocities))
@@ -68,7 +69,8 @@ def outcome(name: str, scene: hs.Scene, until: float) -> Case:
     simulation = hs.Simulation(scene)
     simulation.run(time=until)
     off = float(np.abs(simulation.velocities - velocities).max())
-    # Touching discs that part at no speed may, by a rounding, approach at 1e-17: one more collision, of no consequence.
+    # Touching discs at relative rest may, by a rounding, approach at 1e-17: one more collision, without
+    # effect.
     return Case(
         name,
         f"{pairs} collisions in the order (time, lower id, higher id), in rationals",
@@ -79,7 +81,7 @@ def outcome(name: str, scene: hs.Scene, until: float) -> Case:
 
 
 def conserved(name: str, scene: hs.Scene, until: float) -> Case:
-    """Check momentum and energy of an impact without a unique outcome, and tell how far from symmetric it is."""
+    """Check momentum and energy of an impact without a unique outcome; report its asymmetry."""
     simulation = hs.Simulation(scene)
     simulation.run(time=until)
     momentum = total_momentum(simulation.velocities, scene.masses) - total_momentum(

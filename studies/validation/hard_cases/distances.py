@@ -40,14 +40,14 @@ def tight(spheres: int) -> hs.Scene:
 
 
 def late_meeting(wait: float) -> hs.Scene:
-    """Return two slow spheres that meet after some time, and one that flies past at speed 1 and sets the pace."""
+    """Return two slow spheres that meet late, and one that passes at speed 1 and sets the time scale."""
     speed = 5.0 / wait
     places = [[100.0, 20.0, 20.0], [111.0, 20.0, 20.0], [30.0, 80.0, 80.0]]
     return hs.Scene(places, [[speed, 0.0, 0.0], [-speed, 0.0, 0.0], [1.0, 0.0, 0.0]], box=[128.0] * 3)
 
 
 def deflection(size: float) -> Case:
-    """Compare the turn of a sphere that comes from afar with the exact one, 2 (1 - b^2) of its velocity."""
+    """Compare the deflection of a sphere from far away with the exact one, 2 (1 - b^2) of its velocity."""
     simulation = hs.Simulation(aimed(size))
     simulation.run(collisions=1)
     along = simulation.scene.velocities[0]
@@ -97,11 +97,12 @@ def cases(size: Size) -> Iterator[Case]:
     yield straight(pick(size, (1e7, 1e9, 1e9)))
     wait = pick(size, (1e6, 1e8, 1e9))
     simulation = hs.Simulation(late_meeting(wait))
-    # So long alone, `run(collisions=1)` would take them for ones that never meet.
+    # On their own, `run(collisions=1)` would conclude that they never meet.
     simulation.run(time=0.999 * wait)
     simulation.run(collisions=1)
     off = abs(simulation.time / wait - 1.0)
-    # Both places, up to 128, are rounded at each epoch's end, always by the same as their steps are; they are 10 apart at first.
+    # Both places, up to 128, are rounded at each epoch's end, always by the same as their steps are; they are
+    # 10 apart at first.
     epochs = wait / float(simulation.status()["epoch_length"])
     yield Case(
         f"two slow spheres meet after time {wait:.0e}",

@@ -1,4 +1,4 @@
-"""Gases whose collisions can be counted by a formula."""
+"""Gases whose collision counts are known exactly."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def fractions(numbers: Floats) -> list[Fraction]:
 
 
 def in_equilibrium(box: tuple[float, ...], rng: np.random.Generator) -> hs.Scene:
-    """Return two spheres in a hard box, drawn from the microcanonical ensemble of energy 1: free places, and a direction."""
+    """Return two spheres in a hard box, drawn from the microcanonical ensemble of energy 1."""
     edges = np.array(box)
     while True:
         places = 0.5 + rng.random((2, len(box))) * (edges - 1.0)
@@ -40,9 +40,10 @@ def in_equilibrium(box: tuple[float, ...], rng: np.random.Generator) -> hs.Scene
 def two_spheres(box: tuple[float, ...], time: float, runs: int) -> Iterator[Case]:
     """Measure the rates of two spheres in a hard box.
 
-    The ensemble is stationary, so that the mean number of collisions in a fixed time is exact however short that is. The other way
-    round, the time of a fixed number of collisions, misleads: the two can bounce to and fro past each other for very long, these
-    rare flights are missing in most samples, and the rate then looks too high, by several of its too small standard errors.
+    The ensemble is stationary, so that the mean number of collisions in any fixed time is exact. The mean
+    time of a fixed number of collisions is not usable: the two can pass each other for very long times, these
+    rare flights are missing in most samples, and the rate then appears too high, by several of its too small
+    standard errors.
 
     Parameters
     ----------
@@ -73,7 +74,7 @@ def two_spheres(box: tuple[float, ...], time: float, runs: int) -> Iterator[Case
 
 
 def line(masses: tuple[float, float, float], gaps: Floats, velocities: Floats) -> hs.Scene:
-    """Return three discs on the middle line of a channel; the middle one is smaller, which does not matter on a line."""
+    """Return three discs on the middle line of a channel; the smaller one in the middle has no effect."""
     radii = np.array([0.5, 0.25, 0.5])
     x = 500.0 + np.array([-gaps[0] - 0.75, 0.0, gaps[1] + 0.75])
     places = np.column_stack([x, np.full(3, 2.0)])
@@ -112,9 +113,9 @@ def rods(n: int, walls: bool, seed: int) -> hs.Scene:
 def tonks(n: int, walls: bool, time: float) -> Iterator[Case]:
     """Count the collisions of rods (Tonks 1936, doi:10.1103/PhysRev.50.955).
 
-    Equal rods exchange velocities, so less their lengths they are points that pass through each other: each pair of points on a ring
-    of length L - N sigma meets whenever their distance is a multiple of it, each point between walls hits one whenever it has flown
-    that far.
+    Equal rods exchange velocities, so with their lengths removed they are points that pass through each
+    other: each pair of points on a ring of length L - N sigma meets whenever their distance is a multiple of
+    it, and each point between walls hits one after each such distance.
     """
     scene = rods(n, walls, 5)
     simulation = hs.Simulation(scene)
@@ -127,7 +128,7 @@ def tonks(n: int, walls: bool, time: float) -> Iterator[Case]:
         hits = sum(
             abs(math.floor((x + v * duration) / free)) for x, v in zip(points, velocities, strict=True)
         )
-        yield counted(f"{n} rods {where}, time {time:g}", hits, simulation.wall_collisions, "hits of walls")
+        yield counted(f"{n} rods {where}, time {time:g}", hits, simulation.wall_collisions, "wall collisions")
     else:
         pairs = 0
         for (x, v), (y, w) in itertools.combinations(zip(points, velocities, strict=True), 2):
@@ -135,7 +136,8 @@ def tonks(n: int, walls: bool, time: float) -> Iterator[Case]:
         yield counted(f"{n} rods {where}, time {time:g}", pairs, simulation.collisions, "collisions")
     speeds = [np.sort(np.abs(v[:, 1])) for v in (scene.velocities, simulation.velocities)]
     off = float(np.abs(speeds[0] - speeds[1]).max())
-    # Rods exchange the same ten numbers over and over, and roundings of equal numbers are equal: they add up, one a collision.
+    # Rods exchange the same ten numbers repeatedly, and roundings of equal numbers are equal: they add up,
+    # one per collision.
     allowed = max(1e-11, EPS * 2.0 * simulation.collisions / n)
     yield Case(f"{n} rods {where}, velocities", "the first ones, permuted", f"off by {off:.1e}", off, allowed)
 

@@ -1,8 +1,9 @@
-"""Galperin's billiard: two balls and a wall that count out the digits of pi.
+"""Galperin's billiard: collisions of two balls and a wall that count the digits of pi.
 
-A light ball rests near a wall and a heavy one, 100^k times its mass, comes in along the line. They hit each other, and the
-light one the wall, floor(pi 10^k) times in all (G. Galperin, Regul. Chaotic Dyn. 8, 375 (2003),
-doi:10.1070/RD2003v008n04ABEH000252): one collision too many or too few is seen at once.
+A light ball rests near a wall and a heavy one, 100^k times its mass, approaches along the line. The
+collisions of the two and those of the light one with the wall are floor(pi 10^k) in all (G. Galperin, Regul.
+Chaotic Dyn. 8, 375 (2003), doi:10.1070/RD2003v008n04ABEH000252): any missed or extra collision changes the
+count.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ TITLE = "Galperin's billiard"
 
 
 def billiard(mass_ratio: float) -> hs.Scene:
-    """Return the two discs in a channel long enough that the heavy one is through before it meets the far wall.
+    """Return two discs in a channel so long that the count ends before the heavy one meets the far wall.
 
     Parameters
     ----------
@@ -31,7 +32,7 @@ def billiard(mass_ratio: float) -> hs.Scene:
 
 @kept
 def hits(mass_ratio: float) -> tuple[int, bool]:
-    """Return the number of hits, and whether the balls then part for ever, the light one not faster than the heavy one."""
+    """Return the number of collisions, and whether the balls then separate for ever."""
     simulation = hs.Simulation(billiard(mass_ratio))
     simulation.run(time=30.0)
     light, heavy = simulation.velocities[:, 0]

@@ -1,9 +1,10 @@
-"""Spheres that just touch, or just miss; and how exactly contacts are found from far away.
+"""Grazing collisions and near misses, and the accuracy of contacts of distant spheres.
 
-Two spheres pass at an impact parameter sigma (1 - 10^-k): they meet, at a time that goes with the square root of 10^-k; at
-sigma (1 + 10^-k) they do not. Whether they do is decided by the plain solver with 50 digits, from the same float64 numbers. Then
-the error of the contact distance against the distance of the start: a few roundings of that distance (Bannerman, Strobl,
-Formella and Poeschel 2014, doi:10.1007/s40571-014-0021-8), and not of its square.
+Two spheres pass at an impact parameter sigma (1 - 10^-k): they meet, at a time that goes with the square root
+of 10^-k; at sigma (1 + 10^-k) they do not. Whether they do is decided by the plain solver with 50 digits,
+from the same float64 numbers. Then the error of the contact distance against the initial distance: a few
+roundings of that distance (Bannerman, Strobl, Formella and Poeschel 2014, doi:10.1007/s40571-014-0021-8), and
+not of its square.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ def passing(k: float, inside: bool, rng: np.random.Generator, far: float = FAR) 
     rng : Generator
         For the direction.
     far : float
-        Diameters that one flies to the other.
+        Initial distance in diameters.
     """
     along, across = np.linalg.qr(rng.normal(size=(3, 3)))[0][:2]
     impact = 1.0 + (-1.0 if inside else 1.0) * 10.0**-k
@@ -49,7 +50,7 @@ def meets(scene: hs.Scene) -> bool:
 
 
 def depth(scene: hs.Scene) -> float:
-    """Return by how many diameters the impact parameter of two spheres is below one, with 50 digits from the float64 numbers."""
+    """Return one less the impact parameter, in diameters, with 50 digits from the float64 numbers."""
     with mpmath.workdps(50):
         r = [mpmath.mpf(a) - mpmath.mpf(b) for a, b in zip(*scene.positions.tolist(), strict=True)]
         v = [-mpmath.mpf(u) for u in scene.velocities[1].tolist()]
@@ -58,7 +59,7 @@ def depth(scene: hs.Scene) -> float:
 
 
 def contact_error(scene: hs.Scene) -> float:
-    """Return by how many diameters the engine's contact misses touching, with 50 digits from its rows."""
+    """Return the engine's contact error in diameters, with 50 digits from its rows."""
     simulation = hs.Simulation(scene)
     simulation.run(collisions=1)
     r = simulation.unwrapped_positions
@@ -68,7 +69,7 @@ def contact_error(scene: hs.Scene) -> float:
 
 
 def formula_error(distance: float, offset: float) -> float:
-    """Return by how many diameters `hardspheres.collision` misses touching, from `distance` diameters at this impact parameter."""
+    """Return the contact error of `hardspheres.collision`, in diameters, for a start at `distance`."""
     along = np.array([0.48, 0.6, 0.64])
     across = np.array([0.8, -0.64, 0.0]) / math.hypot(0.8, 0.64)
     r, v = (along * distance + across * offset).tolist(), (-1.37 * along).tolist()
@@ -92,7 +93,8 @@ def cases(size: Size) -> Iterator[Case]:
             truth = meets(scene)
             hits += truth
             wrong = truth != (simulation.collisions > 0)
-            # Nearer than one rounding of the distance flown, the separation itself is not known well enough: shown, not held against us.
+            # Below one rounding of the distance flown, the separation itself is not known well enough: shown,
+            # but not a failure.
             unclear += wrong and abs(depth(scene)) < FAR * EPS
             missed += wrong and truth and abs(depth(scene)) >= FAR * EPS
             phantom += wrong and not truth and abs(depth(scene)) >= FAR * EPS

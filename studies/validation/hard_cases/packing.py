@@ -28,7 +28,7 @@ def crystal(dim: int, gap: float) -> hs.Scene:
 
 
 def jammed_ring() -> hs.Scene:
-    """Return six touching discs on a ring with no gap: each velocity goes round for ever, and no time passes."""
+    """Return six touching discs on a closed ring: velocities circulate for ever, and no time passes."""
     positions = np.column_stack([np.arange(6) + 0.5, np.full(6, 2.0)])
     velocities = np.column_stack([[1.0, -1.0, 0.5, 0.25, -0.5, -0.25], np.zeros(6)])
     return hs.Scene(positions, velocities, box=(6.0, 4.0))
@@ -44,11 +44,12 @@ def cluster(dim: int) -> hs.Scene:
 def pressed(dim: int, gap: float, collisions: int) -> Case:
     """Measure Z of a crystal against its limit at close packing.
 
-    There the free volume is a polytope that shrinks with the gap, so that Z_MD (1 - eta/eta_cp) -> d, for any N (Salsburg and
-    Wood 1962, doi:10.1063/1.1733163). The run is long enough for about 1 %.
+    There the free volume is a polytope that shrinks with the gap, so that Z_MD (1 - eta/eta_cp) -> d, for any
+    N (Salsburg and Wood 1962, doi:10.1063/1.1733163). The run is long enough for about 1 %.
 
-    Bonds that hardly turn keep some of their roundings, too: discs next to close packing lose energy always, 0.08 roundings / N for
-    each collision, where it is a random walk elsewhere. So `hardspheres.Simulation.check` is the measure of what is conserved.
+    Where contact directions hardly change, some roundings repeat: discs near close packing lose energy
+    steadily, 0.08 roundings / N per collision, instead of a random walk. The bounds of
+    `hardspheres.Simulation.check` are therefore used.
     """
     simulation = hs.Simulation(crystal(dim, gap))
     simulation.run(collisions=collisions // 4)

@@ -1,4 +1,4 @@
-"""The plain solver in rational numbers: collisions without any rounding, so that simultaneous is simultaneous."""
+"""The reference solver in rational numbers: without rounding, simultaneous events are simultaneous."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ DIGITS = 10**60
 
 
 def _root(square: Fraction) -> Fraction:
-    """Return the square root: exact where it is rational, else to some 60 digits (of times that come later anyway)."""
+    """Return the square root: exact where it is rational, else to 60 digits (for later times only)."""
     top, bottom = math.isqrt(square.numerator), math.isqrt(square.denominator)
     if top * top == square.numerator and bottom * bottom == square.denominator:
         return Fraction(top, bottom)
@@ -36,7 +36,7 @@ class _Rational(ReferenceSimulation):
 
 
 def rational_simulation(scene: hs.Scene) -> ReferenceSimulation:
-    """Return the plain solver of a scene, in exact arithmetic."""
+    """Return the reference solver of a scene, in exact arithmetic."""
     return _Rational(scene, Fraction, _root)
 
 

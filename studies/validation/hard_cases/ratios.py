@@ -1,10 +1,10 @@
 """Masses, diameters and speeds many orders of magnitude apart in one gas.
 
-Exact are energy, momentum, and that nothing overlaps; nearby, while chaos has not yet amplified a rounding, also the events
-themselves, which the plain solver with 50 digits gives. The depth of the worst overlap says how exact contacts are: about a
-rounding of the time within an epoch, times the speed. Epochs become shorter where light particles become much faster than
-anybody was at the start, though only when one ends: within the one in which a light particle is squeezed between heavy ones, its
-contacts are off by as much as it has become faster.
+Exact are energy, momentum, and the absence of overlaps; at first, before chaos has amplified roundings, also
+the events, which the reference solver with 50 digits gives. The depth of the worst overlap measures the
+accuracy of contacts: about a rounding of the time within an epoch, times the speed. Epochs become shorter
+where light particles become much faster than any was at the start, but only when one ends: in an epoch in
+which a light particle is squeezed between heavy ones, its contact errors grow with its speed.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from hardspheres.reference import ReferenceSimulation
 from studies.validation.hard_cases.case import EPS, Case, Size, kept, pick
 
 TITLE = "Wide ratios of mass, diameter and speed"
-DRIFT = 1e-12  # of energy and momentum, or ten roundings times the root of the number of collisions, over N: a random walk
+# of energy and momentum, or ten roundings times the root of the number of collisions, over N: a random walk
+DRIFT = 1e-12
 OVERLAP = 1e-11  # diameters
 AGREED = 1e-6  # deviation from the oracle up to which events are compared
 
@@ -30,7 +31,7 @@ Floats = NDArray[np.float64]
 
 
 def gas(dim: int, masses: Floats, radii: Floats, packing_fraction: float, boundary: str) -> hs.Scene:
-    """Return a gas at random places with Maxwell velocities (see `hardspheres.random_gas`)."""
+    """Return a gas at random positions with Maxwell velocities (see `hardspheres.random_gas`)."""
     return hs.random_gas(
         n=len(radii),
         packing_fraction=packing_fraction,
@@ -76,7 +77,7 @@ def invariants(name: str, scene: hs.Scene, collisions: int) -> Case:
 
 @kept
 def resolved(name: str, scene: hs.Scene, looks: int) -> Case:
-    """Look at a gas after each hundred collisions: the deepest overlap against the resolution of time times the largest speed.
+    """Compare, every hundred collisions, the deepest overlap with time resolution times the largest speed.
 
     Parameters
     ----------
@@ -102,14 +103,14 @@ def resolved(name: str, scene: hs.Scene, looks: int) -> Case:
     return Case(
         name,
         "overlap within eps (fastest x epoch + box)",
-        f"{ratio:.1g} of it at most, {deepest:.0e} diameters; {gain:.0e} times faster than at first",
+        f"{ratio:.1g} of it at most, {deepest:.0e} diameters; {gain:.0e} times faster than initially",
         max(ratio - 1.0, 0.0),
     )
 
 
 @kept
 def followed(name: str, scene: hs.Scene, most: int) -> Case:
-    """Compare the events with those of the plain solver at 50 digits, until the trajectories are 1e-6 apart.
+    """Compare the events with the reference solver at 50 digits, until trajectories differ by 1e-6.
 
     Parameters
     ----------
@@ -151,7 +152,7 @@ def _next_pair(oracle: ReferenceSimulation) -> set[int]:
 
 
 def _distance(simulation: hs.Simulation, oracle: ReferenceSimulation, size: float, fastest: float) -> float:
-    """Return the largest deviation of a position, in the smallest diameter, and of a velocity, in the largest speed."""
+    """Return the largest deviations of positions (smallest diameters) and velocities (largest speeds)."""
     box, periodic = simulation.scene.box, simulation.scene.periodic
     dx = simulation.positions - np.array(oracle.positions, dtype=np.float64)
     dx -= np.where(periodic, box * np.rint(dx / box), 0.0)
@@ -160,7 +161,7 @@ def _distance(simulation: hs.Simulation, oracle: ReferenceSimulation, size: floa
 
 
 def cold(scene: hs.Scene) -> hs.Scene:
-    """Return the gas with its light half at rest: collisions will make it faster than anybody was."""
+    """Return the gas with its light half at rest: collisions make it faster than any initial speed."""
     velocities = np.random.default_rng(2).normal(size=scene.velocities.shape)
     velocities[scene.masses == scene.masses.min()] = 0.0
     return scene.replace(velocities=velocities)
@@ -186,7 +187,9 @@ def cases(size: Size) -> Iterator[Case]:
             scene = gas(dim, np.where(odd, ratio, 1.0), radii, 0.1, boundary)
             yield invariants(f"masses 1:{ratio:.0e}, {dim}D", scene, collisions)
         yield invariants(f"masses 1:{ratio:.0e}, {dim}D, light ones at rest", cold(scene), collisions)
-        yield resolved(f"masses 1:{ratio:.0e}, {dim}D, hurried", cold(scene), pick(size, (100, 1000, 10_000)))
+        yield resolved(
+            f"masses 1:{ratio:.0e}, {dim}D, accelerated", cold(scene), pick(size, (100, 1000, 10_000))
+        )
         for ratio in pick(size, ((1e3,), (1e1, 1e2, 1e3), (1e1, 1e2, 1e3))):
             large = np.arange(n) == 0
             scene = gas(dim, np.where(large, 100.0, 1.0), np.where(large, 0.5, 0.5 / ratio), 0.02, boundary)

@@ -1,8 +1,9 @@
-"""Loschmidt's reversal: run, turn every velocity round, come back, and see how far from the start that is.
+"""Loschmidt's reversal: run, reverse every velocity, run back, and compare with the initial state.
 
-In exact arithmetic, to the start. Every rounding grows by exp(lambda) for each collision per particle, lambda the largest Lyapunov
-exponent, so that the logarithm of the error is a straight line of slope lambda: no engine in float64 can do better, and one with a
-flaw would lie above the line. The exponent is measured beside it in tangent space.
+In exact arithmetic the gas returns exactly. Every rounding grows by exp(lambda) per collision per particle,
+lambda the largest Lyapunov exponent, so that the logarithm of the error is a straight line of slope lambda:
+no engine in float64 can do better, and one with a defect would lie above the line. The exponent is also
+measured in tangent space.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ def return_error(scene: hs.Scene, s: float) -> float:
 
 @kept
 def growth(n: int, gases: int, stops: list[float]) -> tuple[float, float, float]:
-    """Return the slope of the mean logarithm of the error against s, its standard error, and the mean error at the first stop."""
+    """Return the slope of the mean log error against s, its standard error, and the first mean error."""
     logs = np.array(
         [[math.log(return_error(scene, s)) for s in stops] for scene in (gas(n, k) for k in range(gases))]
     )
@@ -54,7 +55,7 @@ def growth(n: int, gases: int, stops: list[float]) -> tuple[float, float, float]
 
 
 def cases(size: Size) -> Iterator[Case]:
-    """Yield the return itself, its growth against tangent space, and that against a known value."""
+    """Yield the return, its error growth beside tangent space, and the latter beside a known value."""
     n, gases = pick(size, (32, 108, 256)), pick(size, (6, 12, 24))
     measured, error, first = growth(n, gases, [4.0, 8.0, 12.0, 16.0, 20.0, 24.0])
     yield Case(

@@ -1,7 +1,8 @@
-"""What cannot matter: units, names, mirrors, the origin, and a common velocity.
+"""Symmetries: units, order of particles, reflections, the origin, and a common velocity.
 
-Lengths and times scaled by powers of two must give the same bits. All else changes roundings, which chaos amplifies: the events are
-the same up to half the horizon of float64 (17 collisions per particle at packing fraction 0.2), and afterwards the statistics are.
+Lengths and times scaled by powers of two must give the same bits. The other symmetries change roundings,
+which chaos amplifies: events agree up to half the predictability horizon of float64 (17 collisions per
+particle at packing fraction 0.2), and statistics after it.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ Transformation = Callable[[hs.Scene, np.random.Generator], tuple[hs.Scene, NDArr
 
 
 def sequence(scene: hs.Scene, collisions: int) -> list[tuple[int, ...]]:
-    """Return who collided with whom, in order; the scene is periodic."""
+    """Return the partners of all collisions, in order; the scene is periodic."""
     simulation = hs.Simulation(scene)
     pairs = []
     before = simulation.velocities
@@ -36,7 +37,7 @@ def sequence(scene: hs.Scene, collisions: int) -> list[tuple[int, ...]]:
 
 
 def permuted(scene: hs.Scene, rng: np.random.Generator) -> tuple[hs.Scene, NDArray[np.int64]]:
-    """Return the particles in another order, and who is who."""
+    """Return the particles in another order, and the permutation."""
     order = rng.permutation(scene.n)
     moved = hs.Scene(
         scene.positions[order], scene.velocities[order], scene.radii[order], scene.masses[order], scene.box
@@ -52,7 +53,7 @@ def mirrored(scene: hs.Scene, rng: np.random.Generator) -> tuple[hs.Scene, NDArr
 
 
 def shifted(scene: hs.Scene, rng: np.random.Generator) -> tuple[hs.Scene, NDArray[np.int64]]:
-    """Return the gas moved by some vector, and back into the box."""
+    """Return the gas shifted by a vector and wrapped into the box."""
     return _same(
         scene, (scene.positions + rng.normal(size=scene.dim) * scene.box) % scene.box, scene.velocities
     )
@@ -61,7 +62,7 @@ def shifted(scene: hs.Scene, rng: np.random.Generator) -> tuple[hs.Scene, NDArra
 def shifted_by_lattice_vector(
     scene: hs.Scene, rng: np.random.Generator
 ) -> tuple[hs.Scene, NDArray[np.int64]]:
-    """Return the gas moved by whole boxes, and back."""
+    """Return the gas shifted by whole boxes and back."""
     shift = rng.integers(-9, 10, scene.dim) * scene.box
     return _same(scene, (scene.positions + shift) % scene.box, scene.velocities)
 
@@ -76,7 +77,7 @@ def turned(scene: hs.Scene, rng: np.random.Generator) -> tuple[hs.Scene, NDArray
 
 
 def boosted(scene: hs.Scene, rng: np.random.Generator) -> tuple[hs.Scene, NDArray[np.int64]]:
-    """Return the gas as seen by somebody who moves: all velocities with the same added."""
+    """Return the gas in a moving frame: all velocities with a constant added."""
     return _same(scene, scene.positions, scene.velocities + rng.normal(size=scene.dim))
 
 
@@ -100,7 +101,7 @@ TRANSFORMATIONS: dict[str, Transformation] = {
 
 
 def agreement(scene: hs.Scene, name: str, collisions: int, seed: int) -> int:
-    """Return for how many collisions a gas and its transformed twin have the same partners in the same order."""
+    """Return the number of collisions over which a gas and its transformed twin have the same partners."""
     twin, who = TRANSFORMATIONS[name](scene, np.random.default_rng(seed))
     here, there = sequence(scene, collisions), sequence(twin, collisions)
     for agreed, (one, other) in enumerate(zip(here, there, strict=True)):
@@ -135,7 +136,7 @@ def same_bits(scene: hs.Scene, length: float, time: float, collisions: int) -> b
 
 @kept
 def compressibility(scene: hs.Scene, collisions: int) -> float:
-    """Return Z - 1 over so many collisions, after as many for a tenth of it."""
+    """Return Z - 1 over so many collisions, after a tenth as many."""
     simulation = hs.Simulation(scene)
     simulation.run(collisions=collisions // 10)
     simulation.reset_tallies()

@@ -1,4 +1,4 @@
-"""The largest Lyapunov exponent of hard spheres in tangent space, carried along by the engine's events."""
+"""The largest Lyapunov exponent of hard spheres, in tangent space along the engine's events."""
 
 from __future__ import annotations
 
@@ -16,11 +16,12 @@ Floats = NDArray[np.float64]
 
 
 class Tangent:
-    """A deviation of infinitesimal size, flown and collided with its trajectory.
+    """An infinitesimal deviation, propagated with its trajectory.
 
-    In a collision the neighbour's spheres touch earlier or later by dt = -(n.dr)/(n.v), with n along r = x_i - x_j, v the relative
-    velocity before it. Places then change by the difference of the velocities times dt, and velocities as the rule of
-    collision does when r turns by dr + v dt (Dellago, Posch and Hoover 1996, doi:10.1103/PhysRevE.53.1485).
+    In a collision the neighbour's spheres touch earlier or later by dt = -(n.dr)/(n.v), with n along r =
+    x_i - x_j, v the relative velocity before it. Positions then change by the difference of the velocities
+    times dt, and velocities by the derivative of the collision rule for a change dr + v dt of r (Dellago,
+    Posch and Hoover 1996, doi:10.1103/PhysRevE.53.1485).
 
     Parameters
     ----------
@@ -40,14 +41,14 @@ class Tangent:
         self.places += self.velocities * time
 
     def collide(self, i: int, j: int, positions: Floats, before: Floats) -> None:
-        """Pass the collision of i and j.
+        """Propagate through the collision of i and j.
 
         Parameters
         ----------
         i, j : int
             The partners.
         positions, before : (N, d) array
-            Places at contact, and velocities before it.
+            Positions at contact, and velocities before it.
         """
         r = positions[i] - positions[j]
         r -= self.box * np.rint(r / self.box)
@@ -66,7 +67,7 @@ class Tangent:
         self.velocities[j] += (1.0 - share) * dpush
 
     def renormalise(self) -> float:
-        """Make the deviation of length 1 again and return the logarithm of what it was."""
+        """Normalise the deviation and return the logarithm of its length."""
         length = math.sqrt(float(np.sum(self.places**2) + np.sum(self.velocities**2)))
         self.places /= length
         self.velocities /= length
@@ -74,7 +75,7 @@ class Tangent:
 
 
 def step(simulation: hs.Simulation, tangent: Tangent) -> None:
-    """Go to the next collision, the deviation too."""
+    """Advance to the next collision, with the deviation."""
     before, began = simulation.velocities, simulation.time
     simulation.run(collisions=1)
     tangent.fly(simulation.time - began)
@@ -91,7 +92,7 @@ def largest_exponent(scene: hs.Scene, settle: float, measure: float) -> tuple[fl
     scene : Scene
         The gas; periodic.
     settle, measure : float
-        Collisions per particle to let the deviation turn to the fastest direction, and to measure for.
+        Collisions per particle until the deviation has the fastest growing direction, and of the measurement.
     """
     simulation = hs.Simulation(scene)
     rng = np.random.default_rng(1)

@@ -223,7 +223,7 @@ def test_suites_take_other_sizes():
         (["--packing-fraction", 0.9], "0.9 is above close packing"),
         (["--against", "nonsense"], "--against nonsense is not known"),
         (["--suite", "nonsense"], "--suite nonsense is not known"),
-        (["--suite", "quick", "--n", 1], "--n 1: nobody collides with another; ask for at least 2"),
+        (["--suite", "quick", "--n", 1], "--n 1: a collision takes two particles; ask for at least 2"),
         (["--start", "nonsense"], "--start nonsense is not known"),
         (["--collisions", 0], "--collisions 0 must be at least 1"),
         (["--discard", -1], "--discard -1 must be at least 0"),

@@ -33,7 +33,7 @@ def interrupted(path, study=STUDY):
 def test_an_interrupted_run_says_how_to_go_on(tmp_path):
     error = interrupted(tmp_path / "out")
     assert error.__notes__ == [
-        f"what was done is kept in {tmp_path / 'out' / 'checkpoint'}: the same command with --resume goes on"
+        f"what was done is kept in {tmp_path / 'out' / 'checkpoint'}: the same command with --resume continues"
     ]
     assert sorted(path.name for path in (tmp_path / "out" / "checkpoint").iterdir()) == [
         "lock",

@@ -248,7 +248,7 @@ def test_an_unfinished_run_is_replaced_with_force_and_what_it_had_written_too(tm
         out.write_csv("relaxation.csv", {"x": [1]})
         raise KeyboardInterrupt
     (tmp_path / "notes.txt").write_text("mine")
-    with pytest.raises(CheckpointError, match=r"unfinished run; add --resume .* --force to begin anew"):
+    with pytest.raises(CheckpointError, match=r"unfinished run; add --resume .* --force to start again"):
         OutputFolder(tmp_path).check(STUDY)
     replaced = OutputFolder(tmp_path, force=True)
     replaced.check(STUDY)

@@ -96,6 +96,4 @@ def test_bad_input_is_one_sentence(tmp_path, monkeypatch, capsys):
         main()
     told = capsys.readouterr()
     assert end.value.code == 2 and told.out == "" and not out.exists()
-    assert told.err == (
-        "error: --runs 5 cannot tell a wrong error bar from a right one; ask for at least 20\n"
-    )
+    assert told.err == ("error: --runs 5 are too few to detect a wrong error bar; ask for at least 20\n")

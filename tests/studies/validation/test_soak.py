@@ -64,7 +64,7 @@ def test_what_breaks_is_told(monkeypatch):
     (gas, _), (seed,) = STUDY.gases, np.random.SeedSequence(1).spawn(1)
     found = Soaking()((soaking.Gas(gas.fluid, 1000), seed))
     assert len(found.failures) == 102 and "kinetic energy changed by 1e-06" in found.failures[0]
-    assert found.failures[-2:] == ("3 events were late", "resident memory grew by 1.8 MB")
+    assert found.failures[-2:] == ("3 events were out of order", "resident memory grew by 1.8 MB")
     assert found.worst("worst_overlap") == 1e-9
 
 

@@ -1,4 +1,4 @@
-"""Frozen and correlated samples: how long velocities are remembered, and what is said where a run is shorter."""
+"""Correlated samples: velocity correlation times, and the warning where a run is shorter than they are."""
 
 import math
 import warnings
@@ -11,9 +11,9 @@ from scipy import stats
 
 import hardspheres as hs
 from analysis import theory
+from analysis.correlation_times import FrameWeights, FrozenWarning, velocity_correlation_times
 from analysis.distributions import SpeedDistribution
 from analysis.free_path import FreePath
-from analysis.memory import FrameWeights, FrozenWarning, velocity_memory
 from analysis.pressure import Pressure
 from analysis.series import SeriesWarning
 from analysis.statistics import estimate_from_replicas, pool_replicas
@@ -25,13 +25,13 @@ HEAVY = np.where(np.arange(200) % 20 == 0, 1e4, 1.0)
 @pytest.mark.parametrize("dim", [2, 3])
 def test_memory_of_velocities(dim):
     eta = 1e-4
-    one = velocity_memory(random_gas(f"{dim}d", 50, eta))
+    one = velocity_correlation_times(random_gas(f"{dim}d", 50, eta))
     rate = theory.velocity_correlation_rate(eta, dim) / theory.collision_rate(eta, dim)
     assert one == pytest.approx([1 / rate])
-    # rare heavy particles among light ones: until temperatures are equal, half the time in which friction stops one,
-    # M over 8/3 rho sigma^2 sqrt(2 pi m kT) in 3D, 2 rho sigma sqrt(2 pi m kT) in 2D
+    # rare heavy particles among light ones: until temperatures are equal, half the time in which friction
+    # stops one, M over 8/3 rho sigma^2 sqrt(2 pi m kT) in 3D, 2 rho sigma sqrt(2 pi m kT) in 2D
     scene = random_gas(f"{dim}d", 200, eta, masses=HEAVY)
-    heavy, light = velocity_memory(scene)
+    heavy, light = velocity_correlation_times(scene)
     rho = 190 / scene.volume
     friction = (8 / 3 if dim == 3 else 2.0) * rho * math.sqrt(2 * math.pi) / 1e4
     nu = theory.mixture_collision_rates([10 / scene.volume, rho], [1.0, 1.0], [1e4, 1.0], dim)
@@ -115,7 +115,7 @@ def test_a_frozen_species_is_told_of():
         paths, pressure = frozen(seed)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SeriesWarning)
-            with pytest.warns(FrozenWarning, match="species 1 forgets its velocities in .* measured for 60"):
+            with pytest.warns(FrozenWarning, match="correlation time of species 1 is .* the run has 60"):
                 runs.append(paths.mean_free_path[0])
             with pytest.warns(FrozenWarning, match="or take the spread of many starts"):
                 _ = pressure.rate
