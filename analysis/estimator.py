@@ -100,13 +100,13 @@ class TalliedEstimator(Estimator):
         require_same_simulation(self._followed, frame)
         if not frame.time > self._before[0]:
             raise ValueError(
-                f"the frame is at time {frame.time:g}, the one before at {self._before[0]:g}; add each frame once, "
-                "in the order of time"
+                f"the frame is at time {frame.time:g}, the one before at {self._before[0]:g}; "
+                "add each frame once, in the order of time"
             )
         return tallies
 
     def _since_last(self, frame: Frame, counted: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        """Return what was counted since the last frame, given the counts since the start; None at the first."""
+        """Return what was counted since the last frame, given the counts since the start, or None."""
         before, self._before = self._before, counted
         if self._followed is None:
             self._followed = frame.scene
