@@ -274,9 +274,9 @@ class OutputFolder:
                 self._open_journal.may_write(name)
             self._own.add(name)
         if not self.files:
-            remove_leftovers(self._place, path.stat().st_mtime)
             self._remove(SUMMARY)
-        if name == SUMMARY:
+        if name == SUMMARY:  # the last file of a run: nothing that is stale or half-written stays behind
+            remove_leftovers(self._place, path.stat().st_mtime)
             for stale in self._own - {SUMMARY, *self.files}:
                 self._remove(stale)
         os.replace(path, self._place / name)

@@ -3,12 +3,15 @@
 import ast
 import os
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 import studies
 from hardspheres.errors import CheckpointError
+from hardspheres.temporary import temporary_beside
 from studies.cli import _next_folder
 from studies.fluid import Fluid
 from studies.pressure import EquationOfState
@@ -332,6 +335,23 @@ def test_temporary_files_of_others_stay(tmp_path):
     run(tmp_path, "equation_of_state.csv")
     after = everything_in(tmp_path)
     assert {path: after[path] for path in before} == before
+
+
+def test_what_a_killed_run_left_goes_when_one_comes_to_its_end(tmp_path):
+    """Also where the first file is in its place already, and another one was half written when the run was killed."""
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    mine = temporary_beside(tmp_path / "distributions.png")
+    half = tmp_path / mine.name.replace(f"-{os.getpid()}-", f"-{ended.pid}-")
+    half.write_bytes(b"half")
+    (tmp_path / "trajectory.xyz").write_text("whole")
+    out = OutputFolder(tmp_path)
+    out._own = {"trajectory.xyz"}  # as the manifest of the run that was killed says
+    out.adopt(tmp_path / "checkpoint" / "trajectory.xyz")
+    out.write_json("distributions.json", {})
+    assert half.exists()
+    out.write_json(SUMMARY, {})
+    assert not half.exists()
 
 
 def test_every_file_that_a_study_writes_is_known():
