@@ -78,7 +78,7 @@ class FreePath(TalliedEstimator):
         first = np.unique(scene.species, return_index=True)[1]
         self._particles = np.bincount(scene.species)
         self._diameters, self._masses = 2.0 * scene.radii[first], scene.masses[first]
-        self._memory = velocity_correlation_times(scene)
+        self._correlation_times = velocity_correlation_times(scene)
         self._blocks = BlockSeries(ROWS)
         self._edges: dict[str, FloatArray] = {}
         self._columns: dict[str, tuple[int, tuple[int, ...]]] = {}
@@ -173,12 +173,12 @@ class FreePath(TalliedEstimator):
     def _estimate(self, rows: FloatArray, statistic: Callable[[FloatArray], FloatArray]) -> Estimate:
         """Return a function of the mean row; warn where a species has not forgotten its velocities (`analysis.correlation_times`)."""
         per_row = float(self._rows("ends").sum(axis=1).mean()) * self._blocks.samples_per_row / self.scene.n
-        memory = float(self._memory.max())
-        if per_row * len(rows) < LONG_RUN * memory:
+        longest = float(self._correlation_times.max())
+        if per_row * len(rows) < LONG_RUN * longest:
             warn_if_frozen(self.scene, per_row * len(rows))
-            memory = 0.0
+            longest = 0.0
         return estimate_from_series(
-            rows, statistic, max(math.ceil(memory / per_row), 1) if len(self._memory) > 1 else 1
+            rows, statistic, max(math.ceil(longest / per_row), 1) if len(self._correlation_times) > 1 else 1
         )
 
     def _ratio(self, above: FloatArray, below: FloatArray, factor: float = 1.0) -> Estimate:

@@ -117,7 +117,7 @@ class Pressure(TalliedEstimator):
         self._species, first = np.unique(scene.species, return_index=True)
         self._diameters, self._masses = 2.0 * scene.radii[first], scene.masses[first]
         momentum = np.where(scene.periodic, scene.momentum, 0.0) if scene.n > 1 else np.zeros(scene.dim)
-        self._remembered = virial_block_length(scene.packing_fraction, scene.dim)
+        self._least_block = virial_block_length(scene.packing_fraction, scene.dim)
         self._common_motion = np.outer(momentum, momentum) / float(scene.masses.sum())
 
     # Collecting ---------------------------------------------------------------------------------------------
@@ -187,7 +187,7 @@ class Pressure(TalliedEstimator):
         per_row = (
             2.0 * float(rows[:, -1].mean()) * self._blocks.samples_per_row / self.scene.n
         )  # collisions per particle
-        longest = self._remembered
+        longest = self._least_block
         if len(self._species) > 1:
             slowest = float(velocity_correlation_times(self.scene).max())
             if per_row * len(rows) < LONG_RUN * slowest:
