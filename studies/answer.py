@@ -15,7 +15,7 @@ from analysis.statistics import Estimate, TheoryCheck
 from analysis.theory import Prediction
 from studies.report import Screen, alarming, estimate_json
 
-__all__ = ["Answer", "Column", "Curves", "Gas", "alarms", "number", "tidy", "write_tables"]
+__all__ = ["Answer", "Column", "Curves", "Gas", "alarms", "names_of", "number", "tidy", "write_tables"]
 
 FloatArray = NDArray[np.float64]
 Gas = Any  # what a study measures; it has n, dim, packing_fraction, kind and scene(seed), and a text
@@ -50,7 +50,7 @@ def number(quantity: str, measured: Estimate | float, theory: str = "", expected
 def alarms(numbers: Sequence[TheoryCheck]) -> list[str]:
     """Return one sentence for each number that is beyond 5 standard errors from its theory."""
     return [
-        f"{found.quantity} is {found.z:+.1f} standard errors from {found.theory or found.expected}"
+        f"{found.quantity} is {found.z:+.1f} standard errors from {found.theory or f'{found.expected:g}'}"
         for found in numbers
         if alarming(found.measured, found.expected, found.uncertainty)
     ]
@@ -204,14 +204,25 @@ def _number_json(found: TheoryCheck) -> dict[str, Any]:
     }
 
 
+def names_of(answers: Sequence[Answer]) -> list[str]:
+    """Return what tells each gas from the others: packing fraction, and the kind where there are several."""
+    if len(answers) == 1:
+        return [""]
+    kinds = _several_kinds(answers)
+    return [f"{answer.gas}, {answer.label}" if kinds else answer.label for answer in answers]
+
+
+def _several_kinds(answers: Sequence[Answer]) -> bool:
+    return len({str(answer.gas) for answer in answers}) > 1
+
+
 def tidy(answers: Sequence[Answer]) -> dict[str, list[Any]]:
     """Return the columns of the file of all numbers: one row for each.
 
     The first column names the gas where there are several kinds.
     """
     rows = [(answer.gas, found) for answer in answers for found in answer.numbers]
-    several = len({str(answer.gas) for answer in answers}) > 1
-    return ({"gas": [str(gas) for gas, _ in rows]} if several else {}) | {
+    return ({"gas": [str(gas) for gas, _ in rows]} if _several_kinds(answers) else {}) | {
         "packing_fraction": [gas.packing_fraction for gas, _ in rows],
         "quantity": [found.quantity for _, found in rows],
         "value": [found.measured.value for _, found in rows],

@@ -350,7 +350,7 @@ def bench(
     from studies.benchmarks.bench import bench as run
     from studies.benchmarks.gas import Gas
     from studies.benchmarks.suite import run_suite, suite_named
-    from studies.pressure import packing_fractions as parsed
+    from studies.options import packing_fractions as parsed
     from studies.report import OutputFolder, Screen
 
     folder = OutputFolder(out or _next_folder(Path("runs") / f"bench-{seed}", force), force=force)
@@ -394,74 +394,6 @@ Fraction = Annotated[
 
 
 @app.command()
-def pressure(
-    packing_fractions: Densities = "0.01:0.49:9",
-    n: Annotated[int, typer.Option(min=2, help="Particles in each replica.")] = 4000,
-    dim: Annotated[int, typer.Option(min=2, max=3, help="Dimension.")] = 3,
-    boundary: Annotated[str, typer.Option(**boundary)] = "periodic",
-    diameter_ratio: DiameterRatio = 1.0,
-    mass_ratio: MassRatio = 1.0,
-    fraction: Fraction = None,
-    collisions_per_particle: Annotated[
-        float | None,
-        typer.Option(
-            help="How long to measure in each replica, s = 2 collisions / n.",
-            show_default="300, more near freezing",
-        ),
-    ] = None,
-    suite: Annotated[
-        bool,
-        typer.Option(
-            "--suite",
-            help="Nine states of spheres, five of discs and three mixtures of 4000 particles; "
-            "--until-error is 1e-3 (two minutes) or as given (1e-4: hours).",
-        ),
-    ] = False,
-    replicas: Annotated[
-        int, typer.Option(min=1, callback=at_most(MOST), help="Independent gases at each packing fraction.")
-    ] = 2,
-    until_error: UntilError = None,
-    seed: Seed = 1,
-    workers: Workers = None,
-    out: Out = None,
-    checkpoint_every: CheckpointEvery = 60.0,
-    resume: Resume = False,
-    force: Force = False,
-    json: Json = False,
-) -> None:
-    """Measure the equation of state of the fluid, beside theory.
-
-    Pressure from the virial, from the collision rate (one species) and from the walls (where there are some),
-    with error bars, at several packing fractions. Writes a summary, a table and a picture with residuals.
-    """
-    from studies.fluid import Fluid
-    from studies.pressure import EquationOfState, equation_of_state
-    from studies.pressure import packing_fractions as parsed
-    from studies.report import Screen
-
-    _require_two(diameter_ratio, mass_ratio, fraction)
-    walls = _boundary(boundary) or "periodic"
-    fluid = Fluid(n, dim, 0.3, walls, diameter_ratio, mass_ratio, 0.5 if fraction is None else fraction)
-    study = EquationOfState(
-        parsed(packing_fractions), fluid, collisions_per_particle, replicas, seed, workers
-    )
-    screen, folder = Screen(json), folder_for(out, "pressure", seed, checkpoint_every, resume, force)
-    if not suite:
-        _finish(screen, _precisely(equation_of_state, study, folder, screen, until_error))
-        return
-    from studies.pressure_suite import Suite, run_suite
-
-    gas = (packing_fractions, n, dim, walls, diameter_ratio, mass_ratio, fraction)
-    _require(
-        gas == ("0.01:0.49:9", 4000, 3, "periodic", 1.0, 1.0, None),
-        "--suite has gases of its own; leave out the options that describe one",
-    )
-    if until_error is not None or collisions_per_particle is None:
-        study = replace(study, precision=1e-3 if until_error is None else until_error)
-    _finish(screen, run_suite(Suite(study), folder, screen))
-
-
-@app.command()
 def free_path(
     packing_fractions: Densities = "0.001,0.01,0.1,0.3",
     n: Annotated[int, typer.Option(min=2, help="Particles in each replica.")] = 4000,
@@ -493,7 +425,7 @@ def free_path(
     from studies.fluid import Fluid
     from studies.free_path import FreePaths
     from studies.free_path import free_path as run
-    from studies.pressure import packing_fractions as parsed
+    from studies.options import packing_fractions as parsed
     from studies.report import Screen
 
     _require_two(diameter_ratio, mass_ratio, fraction)
@@ -573,7 +505,7 @@ def accuracy(
     Writes a summary, a table and a picture. Every finished scene and state is kept; an interrupted one starts
     again.
     """
-    from studies.pressure import packing_fractions as parsed
+    from studies.options import packing_fractions as parsed
     from studies.report import Screen
     from studies.validation.accuracy import Accuracy
     from studies.validation.accuracy import accuracy as run

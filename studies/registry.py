@@ -11,6 +11,10 @@ if TYPE_CHECKING:
 __all__ = ["QUESTIONS", "study_named"]
 
 QUESTIONS = {
+    "pressure": (
+        "studies.pressure:EquationOfState",
+        "Measure the equation of state of the fluid, beside theory.",
+    ),
     "diffusion": ("studies.diffusion:SelfDiffusion", "Measure self-diffusion, beside Enskog's theory."),
 }
 """Where each study is found, and its question."""

@@ -10,6 +10,7 @@ import csv
 import json
 import math
 import os
+import platform
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -53,6 +54,7 @@ __all__ = [
     "estimate_json",
     "figure_style",
     "jsonable",
+    "machine",
     "say_checks",
     "seconds_taken",
 ]
@@ -533,4 +535,24 @@ def seconds_taken(began: float, ready: float, ran: float, work: str = "runs") ->
         work: ran - ready,
         "analysis_and_figures": now - ran,
         "total": now - began,
+    }
+
+
+def machine() -> dict[str, Any]:
+    """Return a description of the machine."""
+    import numba
+
+    model = platform.processor() or platform.machine()
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        model = next((line.split(":")[1].strip() for line in lines if line.startswith("model name")), model)
+    except OSError:
+        pass
+    return {
+        "processor": model,
+        "cores": os.cpu_count(),
+        "system": platform.system(),
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "numba": numba.__version__,
     }

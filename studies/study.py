@@ -7,6 +7,7 @@ rest is done here: replicas over processes, checkpoints, tables, files.
 
 from __future__ import annotations
 
+import datetime
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,7 +19,7 @@ import numpy as np
 
 import hardspheres as hs
 from analysis.estimator import Estimator
-from studies.answer import Answer, Gas, curve_files, tidy, write_tables
+from studies.answer import Answer, Gas, curve_files, names_of, tidy, write_tables
 from studies.fluid import broken, representatives
 from studies.options import MANY, check_options, option
 from studies.report import (
@@ -29,6 +30,7 @@ from studies.report import (
     checks_of,
     engine_of,
     engine_rate,
+    machine,
     say_checks,
     seconds_taken,
 )
@@ -150,6 +152,10 @@ class Study(ABC):
     def legend(self, answers: Sequence[Answer]) -> Sequence[str]:
         """Return the sentences under the table: what its columns mean, which theory it is."""
         return ()
+
+    def subject(self, gases: Sequence[Gas]) -> str:
+        """Return what was measured, for the head of a figure."""
+        return f"{self.replicas} x {gases[0]}"
 
     def figures(self, answers: Sequence[Answer]) -> Mapping[str, Figure]:
         """Return figures by the names of their files, without ending."""
@@ -290,7 +296,7 @@ def conduct(
             out.write_csv(f"{name}.csv", columns)
         with screen.working("drawing"):
             for name, figure in study.figures(answers).items():
-                out.save_figure(f"{name}.png", figure, f"{study.replicas} x {gases[0]}")
+                out.save_figure(f"{name}.png", figure, study.subject(gases))
             if recorded is not None:
                 study.show(recorded.estimators, answers, out)
         summary = summary_of(study, answers, replicas, out)
@@ -304,10 +310,8 @@ def summary_of(
     study: Study, answers: Sequence[Answer], replicas: Sequence[Sequence[Replica]], out: OutputFolder
 ) -> dict[str, Any]:
     """Return the content of summary.json, but for the seconds."""
-    several = len(answers) > 1
     failures = []
-    for answer, own in zip(answers, replicas, strict=True):
-        where = f"{answer.label}" if several else ""
+    for answer, where, own in zip(answers, names_of(answers), replicas, strict=True):
         broken_ones = [f"replica {k}: {run.failure}" for k, run in enumerate(own) if run.failure]
         failures += [f"{where}: {why}" if where else why for why in (*broken_ones, *answer.failures)]
     runs = [run for own in replicas for run in own]
@@ -317,6 +321,8 @@ def summary_of(
         "study": study.name,
         "version": hs.__version__,
         "seed": study.seed,
+        "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+        "machine": machine(),
         "options": {each.name: getattr(study, each.name) for each in fields(study) if each.name != "workers"},
         "workers": available_cores() if study.workers is None else study.workers,
         "n": answers[0].gas.n,
@@ -341,7 +347,7 @@ def _print(
     screen.say(Z_MEANS)
     if any(found.better_than_theory for answer in answers for found in answer.numbers):
         screen.say(BETTER)
-    for answer in answers:
+    for answer, where in zip(answers, names_of(answers), strict=True):
         for note in answer.notes:
-            screen.say(f"{answer.label}: {note}" if len(answers) > 1 else note)
+            screen.say(f"{where}: {note}" if where else note)
     say_checks(screen, summary, out)

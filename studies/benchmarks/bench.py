@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 import hardspheres as hs
 from analysis.statistics import Estimate
 from hardspheres.memory import require_room_for
-from studies.benchmarks.clock import Memory, Ours, Timing, Windows, machine
+from studies.benchmarks.clock import Memory, Ours, Timing, Windows
 from studies.benchmarks.gas import STARTS, Gas
 from studies.benchmarks.rivals import Rival, require_peer
 from studies.fluid import LONGEST
-from studies.report import OutputFolder, Screen
+from studies.report import OutputFolder, Screen, machine
 
 __all__ = ["Bench", "bench", "check", "measure"]
 

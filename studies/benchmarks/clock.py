@@ -1,21 +1,19 @@
-"""Timing for `hardspheres bench`: short windows of a run, their statistics, memory, and the machine."""
+"""Timing for `hardspheres bench`: short windows of a run, their statistics, and memory."""
 
 from __future__ import annotations
 
-import os
-import platform
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 import hardspheres as hs
 
-__all__ = ["Memory", "Ours", "Runner", "Timing", "Windows", "machine"]
+__all__ = ["Memory", "Ours", "Runner", "Timing", "Windows"]
 
 FloatArray = NDArray[np.float64]
 
@@ -168,23 +166,3 @@ class Memory:
         """Return by how many bytes the peak exceeds the initial resident memory."""
         peak = self._read("VmHWM")
         return None if peak is None or self.before is None else peak - self.before
-
-
-def machine() -> dict[str, Any]:
-    """Return a description of the machine."""
-    import numba
-
-    model = platform.processor() or platform.machine()
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        model = next((line.split(":")[1].strip() for line in lines if line.startswith("model name")), model)
-    except OSError:
-        pass
-    return {
-        "processor": model,
-        "cores": os.cpu_count(),
-        "system": platform.system(),
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "numba": numba.__version__,
-    }

@@ -11,8 +11,7 @@ import hardspheres as hs
 from analysis.statistics import Estimate
 from hardspheres.memory import require_room_for
 from studies.benchmarks.bench import Bench, check, measure
-from studies.benchmarks.clock import machine
-from studies.report import OutputFolder, Screen
+from studies.report import OutputFolder, Screen, machine
 
 __all__ = ["SUITES", "Suite", "run_suite", "suite_named"]
 

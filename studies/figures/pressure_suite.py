@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from studies.figures.pressure import MARKS, WORDS
+from studies.figures.pressure import MARKS, WORDS, best, measured
 from studies.figures.style import COLOURS, figure_style
 from studies.fluid import Fluid
 
 if TYPE_CHECKING:
-    from studies.pressure import State
+    from studies.answer import Answer
 
 __all__ = ["figure"]
 
@@ -24,18 +24,22 @@ TITLES = {
 }
 
 
-def figure(groups: Mapping[str, Sequence[State]]) -> Figure:
-    """Draw relative residuals of all states, one panel for each group.
+def figure(answers: Sequence[Answer]) -> Figure:
+    """Draw relative residuals of all states: spheres, discs and mixtures in panels of their own.
 
     Parameters
     ----------
-    groups : dict of sequence of State
-        As in `studies.pressure_suite.GROUPS`.
+    answers : sequence of Answer
+        Of `studies.pressure`.
 
     Returns
     -------
     Figure
     """
+    groups: dict[str, list[Answer]] = {}
+    for answer in answers:
+        kind = "spheres" if answer.gas.dim == 3 else "discs"
+        groups.setdefault("mixtures" if answer.gas.mixed else kind, []).append(answer)
     with figure_style():
         result = Figure(figsize=(6.8, 2.5 * len(groups) + 0.4), layout="constrained")
         for axes, (name, states) in zip(
@@ -56,14 +60,14 @@ def _words(fluid: Fluid) -> str:
     return "\n".join(parts)
 
 
-def _draw(axes: Axes, states: Sequence[State], by_name: bool) -> None:
+def _draw(axes: Axes, states: Sequence[Answer], by_name: bool) -> None:
     places = (
         np.arange(len(states), dtype=np.float64)
         if by_name
-        else np.array([state.fluid.packing_fraction for state in states])
+        else np.array([state.gas.packing_fraction for state in states])
     )
-    best = np.array([float(state.best.value) for state in states])
-    uncertainty = 1e4 * np.array([float(state.best.uncertainty) for state in states]) / best
+    expected, own = best(states)
+    uncertainty = 1e4 * own / expected
     width = 0.03 * (float(np.ptp(places)) if len(states) > 1 else 1.0)
     axes.axhline(0.0, color=COLOURS["theory"], lw=1.2)
     axes.bar(
@@ -76,27 +80,24 @@ def _draw(axes: Axes, states: Sequence[State], by_name: bool) -> None:
         label="uncertainty of theory",
     )
     largest = float(uncertainty.max())
-    for way, (mark, colour) in MARKS.items():
-        having = [k for k, state in enumerate(states) if way in state.measured]
-        if having:
-            side = {"virial": -0.35, "rate": 0.35, "walls": 0.0}[way] * width
-            own = [states[k].measured[way] for k in having]
-            residual = 1e4 * (np.array([z.value for z in own]) / best[having] - 1.0)
-            error = 1e4 * np.array([z.standard_error for z in own]) / best[having]
-            largest = max(largest, float((np.abs(residual) + error).max()))
-            axes.errorbar(
-                places[having] + side,
-                residual,
-                error,
-                fmt=mark,
-                ms=4,
-                lw=1.2,
-                color=COLOURS[colour],
-                label=WORDS[way],
-                zorder=3,
-            )
+    for way, side in (("Z from the virial", -0.35), ("Z from the rate", 0.35)):
+        z, error = measured(states, way)
+        residual, error = 1e4 * (z / expected - 1.0), 1e4 * error / expected
+        largest = max(largest, float((np.abs(residual) + error).max()))
+        mark, colour = MARKS[way]
+        axes.errorbar(
+            places + side * width,
+            residual,
+            error,
+            fmt=mark,
+            ms=4,
+            lw=1.2,
+            color=COLOURS[colour],
+            label=WORDS[way],
+            zorder=3,
+        )
     if by_name:
-        axes.set_xticks(places, [_words(state.fluid) for state in states])
+        axes.set_xticks(places, [_words(state.gas) for state in states])
         axes.set_xlim(-0.5, len(states) - 0.5)
     else:
         axes.set_xlabel("packing fraction")

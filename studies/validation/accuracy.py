@@ -19,9 +19,8 @@ import hardspheres as hs
 from analysis import theory
 from analysis.statistics import Estimate
 from hardspheres.memory import require_room_for
-from studies.benchmarks.clock import machine
 from studies.fluid import THEORY_UP_TO, Fluid, load_kernels
-from studies.report import ALARM, OutputFolder, Screen, alarming, estimate_json
+from studies.report import ALARM, OutputFolder, Screen, alarming, estimate_json, machine
 from studies.running.ensemble import replica_seeds, run_replicas
 from studies.running.journal import Shelf
 from studies.validation.accuracy_answer import Curve, rounding_floor

@@ -14,9 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 import hardspheres as hs
-from studies.benchmarks.clock import machine
 from studies.fluid import Fluid, broken
-from studies.report import OutputFolder, Screen, checks_of, engine_of, engine_rate, say_checks, seconds_taken
+from studies.report import (
+    OutputFolder,
+    Screen,
+    checks_of,
+    engine_of,
+    engine_rate,
+    machine,
+    say_checks,
+    seconds_taken,
+)
 from studies.running.encoding import encode
 from studies.running.ensemble import available_cores, replica_seeds, run_replicas
 from studies.running.resuming import Resumable, until
