@@ -111,7 +111,8 @@ class EquationOfState(Study):
             if not 1e-6 <= self.until_error <= 0.1:
                 raise OptionError(f"--until-error {self.until_error:g}; expected 1e-6 to 0.1")
         if self.suite:
-            of_gas = [each for each, _ in options_of(self) if hasattr(Fluid, each.name)]
+            names = options.PANELS["The gas"].split()
+            of_gas = [each for each, _ in options_of(self) if each.name in names]
             if any(getattr(self, each.name) != each.default for each in of_gas):
                 raise OptionError("--suite has gases of its own; leave out the options that describe one")
         if self.collisions_per_particle is not None:
