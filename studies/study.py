@@ -20,7 +20,7 @@ import hardspheres as hs
 from analysis.estimator import Estimator
 from studies.answer import Answer, Gas, curve_files, tidy, write_tables
 from studies.fluid import broken, representatives
-from studies.options import MANY, check_options, option
+from studies.options import check_options, option, runs
 from studies.report import (
     ALARM,
     Z_MEANS,
@@ -29,6 +29,7 @@ from studies.report import (
     checks_of,
     engine_of,
     engine_rate,
+    figure_style,
     say_checks,
     seconds_taken,
 )
@@ -117,7 +118,7 @@ class Study(ABC):
     files: ClassVar[tuple[str, ...]]
     table: ClassVar[str]
 
-    replicas: int = option(2, "Independent runs of each gas.", at_least=1, at_most=MANY)
+    replicas: int = runs(2)
     seed: int = option(1, "Source of every random choice: the same seed gives the same results.", at_least=0)
     workers: int | None = option(
         None, "Processes; the results do not depend on it.", at_least=1, shown="all cores"
@@ -288,7 +289,7 @@ def conduct(
         out.write_csv(f"{study.table}.csv", tidy(answers))
         for name, columns in curve_files(answers).items():
             out.write_csv(f"{name}.csv", columns)
-        with screen.working("drawing"):
+        with screen.working("drawing"), figure_style():
             for name, figure in study.figures(answers).items():
                 out.save_figure(f"{name}.png", figure, f"{study.replicas} x {gases[0]}")
             if recorded is not None:

@@ -8,7 +8,6 @@ import pytest
 
 import hardspheres as hs
 from studies import mixture, thermalisation
-from studies.diffusion import Walks
 from studies.fluid import Fluid
 from studies.free_path import Runs
 from studies.pressure import EquationOfState, States
@@ -63,7 +62,6 @@ TASKS = {
         (Fluid(100, packing_fraction=0.3), SEED),
     ),
     "free-path": lambda folder: (Runs(60.0), (Fluid(100, packing_fraction=0.1), SEED)),
-    "diffusion": lambda folder: (Walks(90.0), (Fluid(100, packing_fraction=0.3), SEED)),
     "mixture": lambda folder: mixed(),
     "thermalise": relaxing,
     "soak": lambda folder: (Soaking(), (Gas(Fluid(100, packing_fraction=0.3), 20_000), SEED)),
@@ -89,7 +87,7 @@ def test_interrupted_at_every_pause(name, tmp_path, monkeypatch):
     task, item = TASKS[name](tmp_path)
     whole = task(item)
     files = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    pieces, times = in_pieces(task, item, every={"diffusion": 40, "free-path": 30, "soak": 7}.get(name, 1))
+    pieces, times = in_pieces(task, item, every={"free-path": 30, "soak": 7}.get(name, 1))
     assert times > 5
     assert bits(pieces) == bits(whole)
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == files
