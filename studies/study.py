@@ -8,7 +8,7 @@ rest is done here: replicas over processes, checkpoints, tables, files.
 from __future__ import annotations
 
 import time
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -20,7 +20,8 @@ import hardspheres as hs
 from analysis.estimator import Estimator
 from studies.answer import Answer, Gas, curve_files, tidy, write_tables
 from studies.fluid import broken, representatives
-from studies.options import check_options, option, runs
+from studies.options import option, runs
+from studies.program import Program
 from studies.report import (
     ALARM,
     Z_MEANS,
@@ -98,24 +99,16 @@ class Replica:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Study(ABC):
-    """A question about gases; subclasses are frozen dataclasses, their fields made by `option`.
+class Study(Program):
+    """A question about gases.
 
     Attributes
     ----------
-    name : str
-        On the command line.
-    explanation : str
-        What --help says.
-    files : tuple of str
-        Everything that it writes beside summary.json.
     table : str
         The file of all numbers, without ending.
     """
 
-    name: ClassVar[str]
-    explanation: ClassVar[str]
-    files: ClassVar[tuple[str, ...]]
+    to_an_error = True
     table: ClassVar[str]
 
     replicas: int = runs(2)
@@ -124,9 +117,9 @@ class Study(ABC):
         None, "Processes; the results do not depend on it.", at_least=1, shown="all cores"
     )
 
-    def __post_init__(self) -> None:
-        """Refuse options beyond their limits."""
-        check_options(self)
+    def conduct(self, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:
+        """Run it, print its results and write its files, see `conduct`."""
+        return conduct(self, out, screen)
 
     @abstractmethod
     def gases(self) -> Sequence[Gas]:

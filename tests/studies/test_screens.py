@@ -36,7 +36,7 @@ from studies.study import conduct
 from studies.thermalisation import Recipe, Thermalisation, thermalise
 from studies.validation.calibration import Calibrations, calibration
 from studies.validation.hard_cases import groups_named, hard_cases
-from studies.validation.soak import Soak, soak
+from studies.validation.soak import Soak
 
 MIXED = Fluid(n=200, packing_fraction=0.02, mass_ratio=4.0, diameter_ratio=0.5)
 UNLIKE = Fluid(n=108, packing_fraction=0.3, diameter_ratio=1.25, mass_ratio=10.0)
@@ -81,7 +81,7 @@ STUDIES = {
     "mixture": lambda *to: mixture(Mixture(MIXED, relaxation_times=1.5, replicas=8, workers=1), *to),
     "calibration": lambda *to: calibration(Calibrations(20, workers=1, families=("series",)), *to),
     "hard-cases": lambda *to: hard_cases("small", groups_named(["cradle"]), *to),
-    "soak": lambda *to: soak(Soak(n=200, dim=2, collisions=20_000, workers=1), *to),
+    "soak": lambda *to: conduct(Soak(n=200, dim=2, collisions=20_000, workers=1), *to),
     "bench": lambda *to: bench(Bench(Gas(n=128, packing_fraction=0.3), collisions=2000), *to),
     "bench-suite": lambda *to: run_bench_suite(
         BenchSuite("mini", (64, 128), (0.05, 0.2), window_seconds=0.001, peer_up_to=0), Bench(Gas()), *to

@@ -27,6 +27,9 @@ class Coins:
     replicas: int = 6
     seed: int = 1
 
+    def to_precision(self, target):
+        """By more replicas, as most studies."""
+
 
 def toss(study, out, screen, record=True):
     """Estimate the mean as studies do, from the spread of the replicas."""
