@@ -79,7 +79,7 @@ class Option:
         if (low is None or value >= low) and (high is None or value <= high):
             return
         asked = f"at least {low:g}" if high is None else f"at most {high:g}"
-        asked = asked if low is None or high is None else f"from {low:g} to {high:g}"
+        asked = asked if low is None or high is None else f"{low:g} to {high:g}"
         raise OptionError(f"{self.named(name)} {value} is out of range; ask for {asked}")
 
 
@@ -266,6 +266,11 @@ def densities(text: str) -> Any:
 def particles(count: int) -> Any:
     """Return the field for the number of particles."""
     return option(count, "Particles in each replica.", at_least=2)
+
+
+def runs(count: int) -> Any:
+    """Return the field for the number of replicas."""
+    return option(count, "Independent runs of each gas; errors come from them.", at_least=1, at_most=MANY)
 
 
 def dimension() -> Any:

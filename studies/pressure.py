@@ -53,13 +53,7 @@ SUITE_PRECISION = 1e-3
 
 @dataclass(frozen=True, kw_only=True)
 class EquationOfState(Study):
-    """Z from the virial, from the rate of collisions and from the walls, and theory.
-
-    Attributes
-    ----------
-    until_error : float, optional
-        Measure as long as this relative standard error of Z takes, all replicas together.
-    """
+    """Z from the virial, from the rate of collisions and from the walls, and theory."""
 
     name = "pressure"
     explanation = """
@@ -86,7 +80,9 @@ class EquationOfState(Study):
         "Nine states of spheres, five of discs and three mixtures of 4000 particles; --until-error is 1e-3 "
         "(two minutes) or as given (1e-4: hours).",
     )
-    until_error: float | None = None
+    until_error: float | None = option(
+        None, "With --suite: relative standard error of Z that sets the length of the runs."
+    )
 
     def to_precision(self, target: float) -> EquationOfState | None:
         """Return the suite with runs as long as a precision takes; other gases need more replicas."""

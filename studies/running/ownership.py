@@ -29,7 +29,6 @@ WRITTEN: dict[str, tuple[str, ...]] = {
     "free_path": ("free_path.csv", "free_path_curves.csv", "free_path.png"),
     "hard_cases": ("hard_cases.csv",),
     "mixture": ("mixture.csv", "mixture.png"),
-    "soak": ("soak.csv",),
     "suite": ("bench.csv", "bench.png"),  # of the benchmarks
     "thermalisation": (
         "trajectory.xyz",
