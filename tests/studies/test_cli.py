@@ -221,7 +221,7 @@ def test_help_cuts_no_option_and_groups_them(command, monkeypatch):
         (["bench", "--against", "lammps"], "--against lammps is not known; it can be spheropack or plain"),
         (["bench", "--suite", "all"], "--suite all is not known; it can be quick or full"),
         (["bench", "--mass-ratio", "0"], "--mass-ratio 0 must be positive"),
-        (["pressure", "--boundary", "wall,sticky"], "--boundary wall,sticky is not known"),
+        (["bench", "--boundary", "wall,sticky"], "--boundary wall,sticky is not known"),
         (["mixture", "--packing-fractions", "0.1:0.2:3"], "names several, but this study is of one gas"),
     ],
 )
@@ -250,7 +250,7 @@ def test_both_spellings_of_the_packing_fraction_are_one_option(monkeypatch):
     """A list where a study takes several; sibling: another option of that kind has one spelling."""
     seen = []
     monkeypatch.setattr(
-        "studies.pressure.equation_of_state", lambda study, *_: (seen.append(study), ({}, True))[1]
+        "studies.pressure.EquationOfState.conduct", lambda study, *_: (seen.append(study), ({}, True))[1]
     )
     for option in ("--packing-fraction", "--packing-fractions"):
         done = CliRunner().invoke(app, ["pressure", option, "0.1,0.3"])

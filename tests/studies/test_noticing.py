@@ -11,24 +11,23 @@ import pytest
 import hardspheres as hs
 from analysis.free_path import FreePath
 from analysis.series import ShortSeriesWarning, estimate_from_series
-from studies.fluid import Fluid
 from studies.noticing import Notices, too_short
-from studies.pressure import EquationOfState, States, combine
+from studies.pressure import EquationOfState
+from studies.report import Screen
+from studies.study import run_study
 
 
 def test_a_short_run_names_quantity_and_option():
     """A dense fluid of 60 collisions per particle; sibling: a thin one, which is long enough."""
-    seed = np.random.SeedSequence(1)
-    study = EquationOfState((0.25,), Fluid(n=200), 60.0, replicas=1)
+    study = EquationOfState(
+        packing_fractions=(0.05, 0.25), n=200, collisions_per_particle=60.0, replicas=1, workers=1
+    )
+    gases, (replicas, _) = study.gases(), run_study(study, Screen())
     notes = {}
-    for eta in (0.05, 0.25):
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(
-                "analysis.pressure.virial_block_length", lambda eta, dim: 30.0 if eta > 0.2 else 0.0
-            )
-            fluid = Fluid(n=200, packing_fraction=eta)
-            notes[eta] = combine(fluid, [States(study)((fluid, seed))]).notes
-    assert notes[0.05] == ()
+    for gas, own in zip(gases, replicas, strict=True):
+        own[0].estimators["pressure"]._least_block = 30.0 if gas.packing_fraction > 0.2 else 0.0
+        notes[gas.packing_fraction] = study.answer(gas, own).notes
+    assert notes[0.05] == []
     (note,) = notes[0.25]
     assert "60 collisions per particle are too few" in note
     assert note.endswith("ask for --collisions-per-particle 240 or more")

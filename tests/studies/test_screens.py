@@ -29,8 +29,7 @@ from studies.fluid import Fluid
 from studies.free_path import FreePaths, free_path
 from studies.layout import table_blocks, wrapped
 from studies.mixture import Mixture, mixture
-from studies.pressure import EquationOfState, equation_of_state
-from studies.pressure_suite import Suite, run_suite
+from studies.pressure import EquationOfState
 from studies.report import OutputFolder, Screen
 from studies.study import conduct
 from studies.thermalisation import Recipe, Thermalisation, thermalise
@@ -40,14 +39,13 @@ from studies.validation.soak import Soak
 
 MIXED = Fluid(n=200, packing_fraction=0.02, mass_ratio=4.0, diameter_ratio=0.5)
 UNLIKE = Fluid(n=108, packing_fraction=0.3, diameter_ratio=1.25, mass_ratio=10.0)
-WALLS = Fluid(n=200, packing_fraction=0.1, boundary=("periodic", "wall", "periodic"))
-SUITE = Suite(
-    EquationOfState(precision=0.02, replicas=2, workers=1),
-    {
-        "spheres": (Fluid(n=108, packing_fraction=0.01), Fluid(n=108, packing_fraction=0.2)),
-        "mixtures": (UNLIKE,),
-    },
-)
+SUITE = (Fluid(n=108, packing_fraction=0.01), Fluid(n=108, packing_fraction=0.2), UNLIKE)
+
+
+def suite(*to):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("studies.pressure.SUITE", SUITE)
+        return conduct(EquationOfState(suite=True, until_error=0.02, workers=1), *to)
 
 
 def relaxing(recipe, **more):
@@ -65,13 +63,20 @@ STUDIES = {
             n=200, packing_fraction=0.02, mass_ratio=10.0, diameter_ratio=0.5, velocities="two-temperatures"
         )
     ),
-    "pressure": lambda *to: equation_of_state(
-        EquationOfState((0.01, 0.25), Fluid(n=200), 40.0, workers=1), *to
+    "pressure": lambda *to: conduct(
+        EquationOfState(packing_fractions=(0.01, 0.25), n=200, collisions_per_particle=40.0, workers=1), *to
     ),
-    "pressure-walls": lambda *to: equation_of_state(
-        EquationOfState((0.05, 0.1), WALLS, 40.0, workers=1), *to
+    "pressure-walls": lambda *to: conduct(
+        EquationOfState(
+            packing_fractions=(0.05, 0.1),
+            n=200,
+            boundary=("periodic", "wall", "periodic"),
+            collisions_per_particle=40.0,
+            workers=1,
+        ),
+        *to,
     ),
-    "pressure-suite": lambda *to: run_suite(SUITE, *to),
+    "pressure-suite": suite,
     "free-path": lambda *to: free_path(FreePaths((0.002, 0.05), Fluid(n=200), 50.0, workers=1), *to),
     "free-path-mixture": lambda *to: free_path(FreePaths((0.3,), UNLIKE, 200.0, workers=1), *to),
     "diffusion": lambda *to: conduct(

@@ -12,7 +12,6 @@ import pytest
 
 import hardspheres as hs
 from hardspheres.errors import CheckpointError
-from studies.fluid import Fluid
 from studies.mixture import Mixture
 from studies.pressure import EquationOfState
 from studies.report import OutputFolder
@@ -21,7 +20,7 @@ from studies.running.locking import Lock
 from studies.thermalisation import Recipe, Thermalisation
 from studies.validation.soak import Soak
 
-STUDY = EquationOfState((0.1, 0.3), Fluid(n=500), 50.0, replicas=3, seed=4)
+STUDY = EquationOfState(packing_fractions=(0.1, 0.3), n=500, collisions_per_particle=50.0, replicas=3, seed=4)
 
 
 def interrupted(path, study=STUDY):
@@ -72,7 +71,7 @@ def test_what_is_kept_is_found_again(tmp_path):
         (replace(STUDY, seed=5), "--seed 4, not 5"),
         (replace(STUDY, replicas=2), "--replicas 3, not 2"),
         (replace(STUDY, packing_fractions=(0.1,)), "--packing-fractions 0.1,0.3, not 0.1;"),
-        (replace(STUDY, fluid=Fluid(n=500, boundary="wall")), "--boundary periodic, not wall"),
+        (replace(STUDY, boundary="wall"), "--boundary periodic, not wall"),
         (replace(STUDY, collisions_per_particle=50.5), "--collisions-per-particle 50.0, not 50.5"),
         (Mixture(), "of another study: pressure, not mixture"),
     ],

@@ -10,7 +10,6 @@ import hardspheres as hs
 from studies import mixture, thermalisation
 from studies.fluid import Fluid
 from studies.free_path import Runs
-from studies.pressure import EquationOfState, States
 from studies.running.encoding import decode, encode
 from studies.running.ensemble import replica_seeds, run_replicas
 from studies.running.journal import Shelf
@@ -56,10 +55,6 @@ def relaxing(folder):
 
 
 TASKS = {
-    "pressure": lambda folder: (
-        States(EquationOfState(collisions_per_particle=3.0)),
-        (Fluid(100, packing_fraction=0.3), SEED),
-    ),
     "free-path": lambda folder: (Runs(60.0), (Fluid(100, packing_fraction=0.1), SEED)),
     "mixture": lambda folder: mixed(),
     "thermalise": relaxing,
@@ -87,23 +82,6 @@ def test_interrupted_at_every_pause(name, tmp_path, monkeypatch):
     assert times > 5
     assert bits(pieces) == bits(whole)
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == files
-
-
-class Forgetful(States):
-    """Loses what was counted of a block when it is taken up again."""
-
-    def steps(self, item, state):
-        if state.done:
-            state.pressure._before[1] = 0.0  # of the virial
-        yield from super().steps(item, state)
-
-
-def test_a_task_that_forgets_something_is_found_out(monkeypatch):
-    """Sibling: the same comparison, of a task whose state is not complete."""
-    monkeypatch.setattr("studies.running.resuming.PAUSE", 50)
-    item, study = (Fluid(100, packing_fraction=0.3), SEED), EquationOfState(collisions_per_particle=300.0)
-    assert bits(in_pieces(Forgetful(study), item, every=80)[0]) != bits(Forgetful(study)(item))
-    assert bits(in_pieces(States(study), item, every=80)[0]) == bits(States(study)(item))
 
 
 class Sums(Resumable):
