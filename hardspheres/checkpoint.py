@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from hardspheres import __version__
 from hardspheres.archive import Arrays, read_archive, write_archive
 from hardspheres.clock import FOREVER
 from hardspheres.engine import Engine
@@ -86,8 +87,6 @@ def load(
 
 def to_arrays(sim: "Simulation") -> Arrays:
     """Return the arrays of a checkpoint of a simulation (views)."""
-    from hardspheres import __version__
-
     sim._engine.keep_clock()
     engine = sim._engine = sim._engine.in_pace()
     about = {

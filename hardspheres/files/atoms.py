@@ -66,7 +66,7 @@ logger = logging.getLogger(__name__)
 
 
 class FrameLike(Protocol):
-    """What a writer needs of a frame: `hardspheres.simulation.Frame` has it."""
+    """What a writer needs of a frame: `hardspheres.Frame` has it."""
 
     @property
     def time(self) -> float:
