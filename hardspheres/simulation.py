@@ -5,16 +5,17 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from os import PathLike
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hardspheres import __version__, checkpoint, invariants
+from hardspheres.archive import Arrays, read_archive, write_archive
 from hardspheres.arguments import ascending, finite, whole
 from hardspheres.clock import FOREVER, carried, recounted
 from hardspheres.engine import Engine
-from hardspheres.errors import SimulationError
+from hardspheres.errors import CheckpointError, SimulationError
 from hardspheres.event_log import NpyStream, Sink, sink_of
 from hardspheres.exclusive import Exclusive, at_rest
 from hardspheres.frame import Frame, Tallies
@@ -97,29 +98,35 @@ class Simulation(Exclusive):
             raise SimulationError(f"a simulation starts from a Scene, not from {scene!r:.60}")
         if not isinstance(free_paths, (bool, np.bool_)):
             raise SimulationError(f"free_paths is {free_paths!r}; it must be True or False")
-        if not isinstance(search, str) or search not in SEARCHES:
-            raise SimulationError(f'search is {search!r}; it must be "auto", "lists" or "windows"')
+        _require_search(search)
         kinds = int(scene.species.max()) + 1
         if free_paths and kinds > MOST_SPECIES:
             raise SimulationError(
                 f"free_paths=True tells up to {MOST_SPECIES} species apart, and this scene has {kinds}; "
                 "leave it out, and use log=... for the path of each flight"
             )
-        super().__init__()
-        self._scene = scene
-        self._search = search
         logs = log is not None
-        self._engine = Engine(scene, flights=free_paths or logs, logs=logs, search=search)
-        if logs:  # after all that may be refused: it begins its file anew
-            self._engine.sink = sink_of(log, scene.dim)
-        self._at = self._engine.layout
-        self._energy = scene.kinetic_energy
-        self._slices, self._patience = Slices(scene.n), Patience(scene)
+        self._take(Engine(scene, flights=free_paths or logs, logs=logs, search=search), log, search)
+
+    def _take(self, engine: Engine, log: Log | None, search: str) -> None:
+        """Run this engine from now on."""
+        super().__init__()
+        self._engine, self._search, self._at = engine, search, engine.layout
+        self._energy = engine.scene.kinetic_energy
+        self._slices, self._patience = Slices(engine.scene.n), Patience(engine.scene)
+        if log is not None:  # after all that may be refused: it begins its file anew
+            engine.sink = sink_of(log, engine.scene.dim)
+
+    @classmethod
+    def _of(cls, engine: Engine, log: Log | None, search: str) -> Self:
+        simulation = cls.__new__(cls)
+        simulation._take(engine, log, search)
+        return simulation
 
     @property
     def scene(self) -> Scene:
         """Where it started."""
-        return self._scene
+        return self._engine.scene
 
     # Running.
 
@@ -417,7 +424,13 @@ class Simulation(Exclusive):
         CheckpointError
             When the file cannot be written; an older one is then as it was.
         """
-        self._alone(partial(checkpoint.save, self, path))
+        self._alone(lambda: write_archive(path, self._arrays()))
+
+    def _arrays(self) -> Arrays:
+        """Return the arrays of a checkpoint (views)."""
+        self._engine.keep_clock()
+        self._engine = self._engine.in_pace()
+        return checkpoint.to_arrays(self._engine)
 
     @classmethod
     def load(
@@ -426,7 +439,7 @@ class Simulation(Exclusive):
         *,
         log: Log | None = None,
         search: str = "auto",
-    ) -> "Simulation":
+    ) -> Self:
         """Return the simulation in a checkpoint, which goes on to the same bits as the one that was saved.
 
         Parameters
@@ -452,7 +465,22 @@ class Simulation(Exclusive):
         SimulationError
             When `log` or `search` cannot be used, as of `Simulation`.
         """
-        return checkpoint.load(cls, path, log, search)
+        _require_search(search)
+        arrays = read_archive(path)
+        try:
+            return cls._from_arrays(arrays, log, search)
+        except CheckpointError as error:
+            raise CheckpointError(f"{path} cannot be used: {error}") from None
+
+    @classmethod
+    def _from_arrays(cls, arrays: Arrays, log: Log | None = None, search: str = "auto") -> Self:
+        """Return the simulation that consists of these arrays; CheckpointError where there is none."""
+        return cls._of(checkpoint.from_arrays(arrays, log is not None, search), log, search)
+
+    @classmethod
+    def _restored(cls, scene: Scene, arrays: Arrays, log: Sink | None, search: str) -> Self:
+        """Return a copy: arrays are those of another simulation, and need no check."""
+        return cls._of(checkpoint.restored(scene, arrays, log is not None, search), log, search)
 
     def __copy__(self) -> "Simulation":
         return self._duplicate(lambda part: part)
@@ -467,10 +495,10 @@ class Simulation(Exclusive):
 
     def __reduce__(self, copied: Callable[[Any], Any] = lambda part: part) -> tuple[Any, ...]:
         def parts() -> tuple[Any, ...]:
-            arrays = {name: array.copy() for name, array in checkpoint.to_arrays(self).items()}
-            return type(self), copied(self.scene), arrays, copied(self._log()), self._search
+            arrays = {name: array.copy() for name, array in self._arrays().items()}
+            return copied(self.scene), arrays, copied(self._log()), self._search
 
-        return checkpoint.restored, self._alone(parts)
+        return type(self)._restored, self._alone(parts)
 
     def _log(self) -> Sink | None:
         """Return the function that a copy would log to."""
@@ -679,3 +707,8 @@ class Simulation(Exclusive):
             f"<Simulation of {scene}: time {self.time:.6g}, {self.collisions} collisions "
             f"({self.collisions_per_particle:.4g} per particle), energy drift {self.energy_drift:.1e}>"
         )
+
+
+def _require_search(search: object) -> None:
+    if not isinstance(search, str) or search not in SEARCHES:
+        raise SimulationError(f'search is {search!r}; it must be "auto", "lists" or "windows"')

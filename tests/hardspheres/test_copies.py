@@ -61,8 +61,8 @@ def test_whatever_is_lost_is_missed(what, monkeypatch):
     """Sibling: a copy without one of the arrays is another simulation."""
     sim, whole = half_way("3d"), checkpoint.to_arrays
 
-    def without(sim):
-        arrays = whole(sim)
+    def without(engine):
+        arrays = whole(engine)
         return arrays | {what: np.zeros_like(arrays[what])}
 
     monkeypatch.setattr(checkpoint, "to_arrays", without)
