@@ -2,6 +2,7 @@
 
 import logging
 import math
+import os
 from dataclasses import dataclass
 
 import ase.io
@@ -13,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import hardspheres as hs
+from hardspheres import temporary
 from hardspheres.cells import worst_overlap
 from hardspheres.files.atoms import MIXTURE, VELOCITY, from_atoms, has_velocities, to_atoms
 from hardspheres.files.reader import read_structure
@@ -465,6 +467,30 @@ def test_writing_goes_on_after_the_frames_that_are_kept(suffix, cut, tmp_path):
         assert mine.positions.tobytes() == theirs.positions.tobytes()
         assert mine.velocities.tobytes() == theirs.velocities.tobytes()
     assert {path.name for path in tmp_path.iterdir()} == {whole.name, killed.name}
+
+
+def test_the_copy_of_kept_frames_has_a_name_of_its_own(tmp_path, monkeypatch):
+    """A file that is called as the copy once was stays, and an interrupt leaves the old file and nothing else."""
+    path, mine = tmp_path / "gas.traj", tmp_path / ".gas.traj.kept"
+    mine.write_text("mine")
+    with hs.TrajectoryWriter(path) as trajectory:
+        for _ in range(2):
+            trajectory.write(hs.random_gas(n=20, packing_fraction=0.1, seed=1))
+    before, seen, replace = path.read_bytes(), [], os.replace
+
+    def interrupted(copy, target):
+        seen.append((os.path.basename(copy), target))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "replace", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        hs.TrajectoryWriter(path, keep=1)
+    assert path.read_bytes() == before and {*tmp_path.iterdir()} == {path, mine}
+    monkeypatch.setattr(os, "replace", replace)
+    hs.TrajectoryWriter(path, keep=1).close()
+    assert len(list(hs.read_trajectory(path))) == 1
+    assert mine.read_text() == "mine" and {*tmp_path.iterdir()} == {path, mine}
+    assert temporary.NAME.fullmatch(seen[0][0]) and seen[0][1] == path  # so that a killed writer's is removed
 
 
 @pytest.mark.parametrize("suffix", ["xyz", "traj"])
