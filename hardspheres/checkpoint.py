@@ -17,11 +17,12 @@ import numpy as np
 
 from hardspheres import __version__
 from hardspheres.archive import Arrays
+from hardspheres.checks import LEFT_BY_ROUNDING, contact_tolerance
 from hardspheres.clock import FOREVER
 from hardspheres.engine import Engine
 from hardspheres.errors import CheckpointError, SceneError
 from hardspheres.invariants import deepest_overlap
-from hardspheres.scene import LEFT_BY_ROUNDING, Scene, contact_tolerance, returned_to_box
+from hardspheres.scene import Scene, returned_to_box
 from hardspheres.tuning import epoch_length, pace
 
 __all__ = ["from_arrays", "restored", "to_arrays"]

@@ -23,13 +23,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hardspheres.checks import boundary_words
 from hardspheres.clock import carried
 from hardspheres.engine import Engine
 from hardspheres.errors import SceneError, SimulationError
 from hardspheres.initial import checked_arguments, cubic_box, with_velocities
 from hardspheres.order import BondOrder, bond_order
 from hardspheres.placement import place_at_random
-from hardspheres.scene import Scene, boundary_words, drift, kinetic_energy, returned_to_box
+from hardspheres.scene import Scene, drift, kinetic_energy, returned_to_box
 from hardspheres.slices import Slices
 from hardspheres.tuning import collision_frequency
 from hardspheres.velocities import POSITIONS, Seed, stream

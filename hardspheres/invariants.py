@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hardspheres.cells import CellGrid, distances, worst_overlap
+from hardspheres.checks import contact_tolerance
 from hardspheres.collision import discriminant_2d, discriminant_3d
 from hardspheres.errors import InvariantError
-from hardspheres.scene import Scene, contact_tolerance, returned_to_box
+from hardspheres.scene import Scene, returned_to_box
 
 if TYPE_CHECKING:
     from hardspheres.engine import Engine

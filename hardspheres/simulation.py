@@ -10,7 +10,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from hardspheres import __version__, checkpoint, invariants
+from hardspheres import __version__, atoms, checkpoint, invariants
 from hardspheres.archive import Arrays, read_archive, write_archive
 from hardspheres.arguments import ascending, finite, whole
 from hardspheres.clock import FOREVER, carried, recounted
@@ -403,10 +403,8 @@ class Simulation(Exclusive):
 
     @at_rest
     def to_atoms(self, units: str | None = None) -> Any:
-        """Return the gas as it is now as an ASE Atoms object; see `hardspheres.files.to_atoms`."""
-        from hardspheres.files import to_atoms
-
-        return to_atoms(self.frame(), units)
+        """Return the gas as it is now as an ASE Atoms object; see `hardspheres.atoms.to_atoms`."""
+        return atoms.to_atoms(self.frame(), units)
 
     # Stopping and going on.
 

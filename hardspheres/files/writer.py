@@ -5,8 +5,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Self
 
+from hardspheres.atoms import VELOCITY, FrameLike, to_atoms
 from hardspheres.errors import TrajectoryError
-from hardspheres.files.atoms import VELOCITY, FrameLike, to_atoms
 from hardspheres.files.reader import binary_frames
 from hardspheres.files.xyz import SUFFIXES, frame_text
 from hardspheres.scene import Scene

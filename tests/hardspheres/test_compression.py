@@ -17,11 +17,11 @@ import hardspheres as hs
 from analysis.theory import compressibility_factor, finite_size_compressibility
 from hardspheres import compression, slices
 from hardspheres.cells import worst_overlap
+from hardspheres.checks import worst_beyond_wall
 from hardspheres.collision import contact_time
 from hardspheres.compression import Compression, order_of_crystal
 from hardspheres.engine import Engine
 from hardspheres.growth import growing_contact_time, growing_discriminant, rebound_from_wall
-from hardspheres.scene import worst_beyond_wall
 from hardspheres.velocities import draw_velocities
 
 EPS = np.finfo(float).eps
