@@ -1,13 +1,14 @@
 """What a simulation shows: the gas at one moment, and what was counted up to it."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hardspheres.errors import SimulationError
 from hardspheres.free_paths import FreePaths
-from hardspheres.scene import Scene
+from hardspheres.scene import Scene, momentum_flux, read_only
 
 __all__ = ["Frame", "Tallies"]
 
@@ -71,12 +72,12 @@ class Frame:
         Velocities.
     scene : Scene
         Where the simulation started: radii, masses, box, boundary.
-    unwrapped : (N, d) float64 array, optional
-        See `unwrapped_positions`. None in a frame that no simulation made.
-    tallies : Tallies, optional
-        What was counted since the start of the simulation, whatever `Simulation.reset_tallies` did. The
-        difference of two frames is what was counted between them, to a rounding of the whole. None in a frame
-        that no simulation made.
+    unwound : tuple of positions, image counts and box, optional
+        All that `unwrapped_positions` are made of, when they are asked for. None in a frame that no
+        simulation made.
+    counted : tuple of tallies, time, velocities and masses, optional
+        All that `tallies` are made of, when they are asked for: they lack what the velocities add to the
+        kinetic tensor in this time.
     free_paths : FreePaths, optional
         As `tallies`, of free flights, where the simulation tallies them. Otherwise None.
     """
@@ -87,8 +88,8 @@ class Frame:
     positions: Floats
     velocities: Floats
     scene: Scene
-    unwrapped: Floats | None = field(default=None, repr=False)
-    tallies: Tallies | None = field(default=None, repr=False)
+    unwound: tuple[Floats, NDArray[np.integer[Any]], Floats] | None = field(default=None, repr=False)
+    counted: tuple[Tallies, float, Floats, Floats] | None = field(default=None, repr=False)
     free_paths: FreePaths | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
@@ -99,6 +100,19 @@ class Frame:
         )
 
     @property
+    def tallies(self) -> Tallies | None:
+        """What was counted since the start of the simulation, whatever `Simulation.reset_tallies` did.
+
+        The difference of two frames is what was counted between them, to a rounding of the whole. None in a
+        frame that no simulation made.
+        """
+        if self.counted is None:
+            return None
+        by_events, passed, velocities, masses = self.counted
+        now = momentum_flux(velocities, masses) * passed
+        return replace(by_events, kinetic=read_only(by_events.kinetic + now))
+
+    @property
     def unwrapped_positions(self) -> Floats:
         """Positions followed through the periodic boundaries from the start, shape (N, d).
 
@@ -107,9 +121,11 @@ class Frame:
         SimulationError
             In a frame that no simulation made, such as one that was read from a file.
         """
-        if self.unwrapped is None:
+        if self.unwound is None:
             raise SimulationError(
                 "no simulation made this frame, so it is not known how often its particles crossed the "
                 "periodic boundaries"
             )
-        return self.unwrapped
+        flown, images, box = self.unwound
+        unwrapped: Floats = read_only(flown + images * box)
+        return unwrapped

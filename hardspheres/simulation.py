@@ -24,7 +24,6 @@ from hardspheres.patience import Patience
 from hardspheres.scene import (
     Scene,
     kinetic_energy,
-    momentum_flux,
     read_only,
     returned_to_box,
     thermal_energy,
@@ -295,18 +294,17 @@ class Simulation(Exclusive):
     @at_rest
     def frame(self) -> Frame:
         """Return the gas as it is now."""
-        flown, engine, scene = self._flown(), self._engine, self.scene
-        sums, now = engine.tallied_by_events() + engine.earlier, momentum_flux(self.velocities, scene.masses)
-        sums[scene.dim**2 : 2 * scene.dim**2] += (now * engine.passed).ravel()
+        flown, velocities, scene, engine = self._flown(), self.velocities, self.scene, self._engine
+        by_events = self._tallies(engine.tallied_by_events() + engine.earlier, self._time, 0, 0)
         return Frame(
             self._time,
             self.collisions,
             self.collisions_per_particle,
             read_only(returned_to_box(flown, scene.box, scene.periodic)),
-            self.velocities,
+            velocities,
             scene,
-            self._unwrapped(flown),
-            self._tallies(sums, self._time, 0, 0),
+            (read_only(flown), read_only(self._images.copy()), scene.box),
+            (by_events, engine.passed, velocities, scene.masses),
             self._flights(from_start=True) if self._tells_flights else None,
         )
 
@@ -364,12 +362,13 @@ class Simulation(Exclusive):
     @at_rest
     def unwrapped_positions(self) -> Floats:
         """Positions now, followed through the periodic boundaries, shape (N, d). A copy, read-only."""
-        return self._unwrapped(self._flown())
-
-    def _unwrapped(self, flown: Floats) -> Floats:
-        images = self._engine.arrays.image_counts.reshape(self.scene.n, self.scene.dim)
-        unwrapped: Floats = read_only(flown + images * self.scene.box)
+        unwrapped: Floats = read_only(self._flown() + self._images * self.scene.box)
         return unwrapped
+
+    @property
+    def _images(self) -> NDArray[np.integer[Any]]:
+        counts: NDArray[np.integer[Any]] = self._engine.arrays.image_counts
+        return counts.reshape(self.scene.n, self.scene.dim)
 
     @property
     @at_rest

@@ -119,6 +119,7 @@ def shown(sim):
             value = getattr(owner, name)
             if isinstance(value, np.ndarray):
                 yield f"{type(owner).__name__}.{name}", value
+    yield from (("flown", frame.unwound[0]), ("images", frame.unwound[1]))
 
 
 def test_what_looks_like_state_is_read_only():
