@@ -20,6 +20,16 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from hardspheres.errors import HardSpheresError, SceneError
+from studies.commands import (
+    CheckpointEvery,
+    Force,
+    Json,
+    Out,
+    Resume,
+    Studies,
+    UntilError,
+    _out,
+)
 from studies.layout import wrapped
 from studies.options import App, OptionError, at_most, boundary, one_number, positive, word
 
@@ -27,6 +37,7 @@ __all__ = ["app", "main"]
 
 app = App(
     name="hardspheres",
+    cls=Studies,
     help="Gases of hard spheres: ask a question, get numbers with error bars beside their theory.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -89,19 +100,6 @@ def _everywhere(
     pass
 
 
-def _out(name: str) -> Path:
-    """Return the folder that --out names; an empty name is an error, not the current folder."""
-    if not name.strip():
-        raise OptionError("--out is empty; name a folder for the results")
-    return Path(name)
-
-
-Out = Annotated[
-    Path | None,
-    typer.Option(
-        help="Folder for the results.", show_default="runs/<study>-<seed>", parser=_out, metavar="PATH"
-    ),
-]
 Seed = Annotated[
     int, typer.Option(min=0, help="Source of every random choice: the same seed gives the same results.")
 ]
@@ -109,35 +107,6 @@ Workers = Annotated[
     int | None,
     typer.Option(min=1, help="Processes; the results do not depend on it.", show_default="all cores"),
 ]
-CheckpointEvery = Annotated[
-    float,
-    typer.Option(min=0, help="Seconds of wall time between two checkpoints of a run.", metavar="SECONDS"),
-]
-Resume = Annotated[
-    bool,
-    typer.Option(
-        "--resume", help="Go on with the unfinished run in the folder, begun with the same options."
-    ),
-]
-Force = Annotated[
-    bool,
-    typer.Option(
-        "--force", help="Replace the run in the folder, once there are results to put in its place."
-    ),
-]
-Json = Annotated[
-    bool, typer.Option("--json", help="Print summary.json on standard output, the rest on standard error.")
-]
-UntilError = Annotated[
-    float | None,
-    typer.Option(
-        help="Relative standard error wanted of the main number, such as 1e-3: a pilot of --replicas "
-        "(at most 20) decides how many replicas are run, at most 1000 times the pilot.",
-        show_default="as many as --replicas",
-    ),
-]
-
-
 OfLabels = Annotated[
     str | None,
     typer.Option(
@@ -536,47 +505,6 @@ def free_path(
 
 
 @app.command()
-def diffusion(
-    packing_fractions: Densities = "0.1,0.3",
-    n: Annotated[int, typer.Option(min=2, help="Particles in each replica.")] = 1000,
-    dim: Annotated[int, typer.Option(min=2, max=3, help="Dimension.")] = 3,
-    collisions_per_particle: Annotated[
-        float | None,
-        typer.Option(
-            help="How long to measure in each replica, s = 2 collisions / n.",
-            show_default="three times the window of the slope, 200 to 2000",
-        ),
-    ] = None,
-    replicas: Annotated[
-        int, typer.Option(min=1, callback=at_most(MOST), help="Independent gases at each packing fraction.")
-    ] = 12,
-    until_error: UntilError = None,
-    seed: Seed = 1,
-    workers: Workers = None,
-    out: Out = None,
-    checkpoint_every: CheckpointEvery = 60.0,
-    resume: Resume = False,
-    force: Force = False,
-    json: Json = False,
-) -> None:
-    """Measure self-diffusion in a periodic box, beside Enskog's theory.
-
-    Mean square displacement and velocity autocorrelation against time, and D from the slope of the first with
-    the correction for the periodic box. Writes a summary, two tables and a picture.
-    """
-    from studies.diffusion import SelfDiffusion, self_diffusion
-    from studies.fluid import Fluid
-    from studies.pressure import packing_fractions as parsed
-    from studies.report import Screen
-
-    fluid = Fluid(n=n, dim=dim)
-    study = SelfDiffusion(parsed(packing_fractions), fluid, collisions_per_particle, replicas, seed, workers)
-    screen = Screen(json)
-    folder = _folder(out, "diffusion", seed, checkpoint_every, resume, force)
-    _finish(screen, _precisely(self_diffusion, study, folder, screen, until_error))
-
-
-@app.command()
 def mixture(
     packing_fraction: Annotated[float, typer.Option(**one_number)] = 0.01,
     n: Annotated[int, typer.Option(min=2, help="Particles in each replica.")] = 2000,
@@ -738,36 +666,6 @@ def hard_cases(
     _finish(screen, run(chosen, groups, folder, screen))
 
 
-@app.command()
-def soak(
-    collisions: Annotated[
-        int,
-        typer.Option(min=1000, max=10**15, help="Pair collisions of the fluid; the mixture gets a tenth."),
-    ] = 1_000_000_000,
-    n: Annotated[int, typer.Option(min=2, help="Particles in each gas.")] = 4000,
-    dim: Annotated[int, typer.Option(min=2, max=3, help="Dimension.")] = 3,
-    seed: Seed = 1,
-    workers: Workers = None,
-    out: Out = None,
-    checkpoint_every: CheckpointEvery = 60.0,
-    resume: Resume = False,
-    force: Force = False,
-    json: Json = False,
-) -> None:
-    """Run two gases for very long and test what must not change.
-
-    Energy, momentum, overlaps, events out of order and resident memory of a fluid at packing fraction 0.3,
-    and of a mixture between walls. Takes about half an hour on two cores. Writes a summary and a table.
-    """
-    from studies.report import Screen
-    from studies.validation.soak import Soak
-    from studies.validation.soak import soak as run
-
-    screen = Screen(json)
-    study = Soak(n, dim, collisions, seed, workers)
-    _finish(screen, run(study, _folder(out, "soak", seed, checkpoint_every, resume, force), screen))
-
-
 def _folder(
     out: Path | None, study: str, which: int | str, checkpoint_every: float, resume: bool, force: bool
 ) -> Any:
@@ -849,12 +747,17 @@ def _ended(number: int, _: object) -> NoReturn:
 
 def main() -> None:
     """Run the command line and exit with its code."""
+    run_program(app)
+
+
+def run_program(program: Any) -> None:
+    """Run a command or a group of commands, and exit with its code."""
     for name in ("SIGTERM", "SIGHUP"):
         number = getattr(signal, name, None)
         if number is not None and signal.getsignal(number) != signal.SIG_IGN:  # as under nohup
             signal.signal(number, _ended)
     try:
-        app()
+        program()
     except HardSpheresError as error:
         _leave(2, f"error: {error}{_notes(error)}")
     except MemoryError as error:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,7 @@ __all__ = [
     "load_kernels",
     "maker",
     "ordered",
+    "representatives",
     "run_fluids",
     "two_species",
 ]
@@ -274,10 +275,25 @@ def load_kernels(fluids: Sequence[Fluid], free_paths: bool = False) -> None:
         If there is no such gas, or it never collides.
     """
     (seed,) = np.random.SeedSequence(0).spawn(1)
-    easy = [fluid for fluid in fluids if not fluid.dense]
-    dense = [replace(fluid, n=min(fluid.n, ENOUGH_TO_COMPILE)) for fluid in fluids if fluid.dense]
-    for fluid in dict.fromkeys([*easy[:1], *easy[-1:], *dense[:1]]):
+    for fluid in representatives(fluids):
         hs.Simulation(fluid.scene(seed), free_paths=free_paths).run(collisions=1)
+
+
+def representatives(gases: Sequence[Any]) -> list[Any]:
+    """Return gases that need every kernel that all of them need: of each kind a few, dense ones small.
+
+    Parameters
+    ----------
+    gases : sequence of Fluid
+        By ascending packing fraction within each kind; a gas of another class stands for itself.
+    """
+    found = []
+    for kind in dict.fromkeys(gas.kind for gas in gases):
+        same = [gas for gas in gases if gas.kind == kind]
+        easy = [gas for gas in same if not (isinstance(gas, Fluid) and gas.dense)]
+        dense = [replace(gas, n=min(gas.n, ENOUGH_TO_COMPILE)) for gas in same if gas not in easy]
+        found += [*easy[:1], *easy[-1:], *dense[:1]]
+    return list(dict.fromkeys(found))
 
 
 def run_fluids(

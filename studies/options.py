@@ -1,6 +1,7 @@
-"""Parsing and help of command-line options: words from a list, valid numbers, panels in `--help`.
+"""Options of studies: fields of a dataclass that are also options of the command line.
 
-Parsers run before large imports, and refuse a value in one sentence.
+A field made by `option` has a default, a line of help and limits. Parsers run before large imports, and
+refuse a value in one sentence.
 """
 
 from __future__ import annotations
@@ -8,7 +9,8 @@ from __future__ import annotations
 import inspect
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import Field, dataclass, field, fields
 from typing import Any
 
 import typer
@@ -16,11 +18,105 @@ from typer.core import TyperCommand
 
 from hardspheres.errors import HardSpheresError
 
-__all__ = ["App", "OptionError", "at_most", "boundary", "one_number", "positive", "word"]
+__all__ = [
+    "App",
+    "Option",
+    "OptionError",
+    "at_most",
+    "boundary",
+    "check_options",
+    "one_number",
+    "option",
+    "options_of",
+    "packing_fractions",
+    "positive",
+    "rewrapped",
+    "word",
+]
+
+MANY = 1_000_000  # replicas, frames or runs: a typing error must not exhaust the memory
+MOST = 10_000  # packing fractions
 
 
 class OptionError(HardSpheresError):
     """An invalid option."""
+
+
+@dataclass(frozen=True)
+class Option:
+    """What the command line says of a field, and what it refuses.
+
+    Attributes
+    ----------
+    help : str
+        One line.
+    at_least, at_most : float, optional
+        Limits, inclusive.
+    shown : str, optional
+        The default in words, where it is not the value itself.
+    flag : str, optional
+        Its name on the command line; by default that of the field, with dashes.
+    more : mapping
+        Other arguments of `typer.Option`: parser, metavar, autocompletion.
+    """
+
+    help: str
+    at_least: float | None = None
+    at_most: float | None = None
+    shown: str | None = None
+    flag: str | None = None
+    more: Mapping[str, Any] = field(default_factory=dict)
+
+    def named(self, name: str) -> str:
+        """Return the name on the command line of the field of this name."""
+        return self.flag or f"--{name.replace('_', '-')}"
+
+    def check(self, name: str, value: Any) -> None:
+        """Raise OptionError where a value is beyond the limits."""
+        if value is None:
+            return
+        low, high = self.at_least, self.at_most
+        if (low is None or value >= low) and (high is None or value <= high):
+            return
+        asked = f"at least {low:g}" if high is None else f"at most {high:g}"
+        asked = asked if low is None or high is None else f"{low:g} to {high:g}"
+        raise OptionError(f"{self.named(name)} {value} is out of range; ask for {asked}")
+
+
+def option(
+    default: Any,
+    help: str = "",
+    *,
+    at_least: float | None = None,
+    at_most: float | None = None,
+    shown: str | None = None,
+    flag: str | None = None,
+    **more: Any,
+) -> Any:
+    """Return a dataclass field that is also an option of the command line, see `Option`.
+
+    Parameters
+    ----------
+    default
+        Its value where it is not given.
+    help, at_least, at_most, shown, flag
+        As in `Option`.
+    **more
+        Other arguments of `typer.Option`; `help` may be among them.
+    """
+    made = Option(help or more.pop("help"), at_least, at_most, shown, flag, more)
+    return field(default=default, metadata={"option": made})
+
+
+def options_of(study: Any) -> list[tuple[Field[Any], Option]]:
+    """Return the fields of a study, or of its class, that are options."""
+    return [(each, each.metadata["option"]) for each in fields(study) if "option" in each.metadata]
+
+
+def check_options(study: Any) -> None:
+    """Raise OptionError where a field is beyond its limits."""
+    for each, its in options_of(study):
+        its.check(each.name, getattr(study, each.name))
 
 
 def _either(words: tuple[str, ...]) -> str:
@@ -57,8 +153,14 @@ def _boundary(text: str) -> str:
     return text
 
 
+def boundary_of(text: str) -> str | tuple[str, ...]:
+    """Return the boundary as Scene takes it: one word, or one for each axis."""
+    words = tuple(part.strip() for part in _boundary(text).split(","))
+    return words if "," in text else text
+
+
 boundary: dict[str, Any] = {
-    "parser": _boundary,
+    "parser": boundary_of,
     "metavar": "WORD",
     "help": "periodic or wall (elastic), or one word for each axis, as in periodic,periodic,wall.",
     "autocompletion": lambda: ["periodic", "wall", "periodic,periodic,wall"],
@@ -106,6 +208,96 @@ one_number: dict[str, Any] = {
 """What `typer.Option` needs for `--packing-fraction` of a study of one gas."""
 
 
+def packing_fractions(text: str) -> tuple[float, ...]:
+    """Return the packing fractions that a text names.
+
+    Parameters
+    ----------
+    text : str
+        Numbers with commas between them, or first:last:count for evenly spaced ones.
+
+    Returns
+    -------
+    tuple of float
+        Ascending, each once.
+
+    Raises
+    ------
+    OptionError
+        If the text is neither, or a number is not between 0 and 1.
+    """
+    import numpy as np
+
+    try:
+        if ":" in text:
+            first, last, count = text.split(":")
+            with np.errstate(invalid="ignore"):
+                points = np.linspace(float(first), float(last), min(int(count), MOST + 1))
+            values = [float(f"{value:.12g}") for value in points]
+        else:
+            values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if not values:
+        raise OptionError(
+            f"--packing-fraction {text} is not understood; give first:last:count, as in 0.01:0.49:9, or "
+            "numbers with commas between them"
+        )
+    if len(values) > MOST:
+        raise OptionError(f"--packing-fraction {text} are too many; ask for at most {MOST}")
+    for value in values:
+        if not 0.0 < value < 1.0:
+            raise OptionError(f"--packing-fraction {text} has {value:g}; expected numbers between 0 and 1")
+    return tuple(sorted(set(values)))
+
+
+def densities(text: str) -> Any:
+    """Return the field for the packing fractions of a study, given its default as it is typed."""
+    return option(
+        packing_fractions(text),
+        "Volume fractions of the spheres: one, several with commas, or first:last:count.",
+        flag="--packing-fraction",
+        shown=text,
+        parser=packing_fractions,
+        metavar="NUMBER|LIST",
+    )
+
+
+def particles(count: int) -> Any:
+    """Return the field for the number of particles."""
+    return option(count, "Particles in each replica.", at_least=2)
+
+
+def runs(count: int) -> Any:
+    """Return the field for the number of replicas."""
+    return option(count, "Independent runs of each gas; errors come from them.", at_least=1, at_most=MANY)
+
+
+def dimension() -> Any:
+    """Return the field for the dimension."""
+    return option(3, "Dimension.", at_least=2, at_most=3)
+
+
+OVER = "of a second species over the first's"
+
+
+def mass_ratio(default: float = 1.0) -> Any:
+    """Return the field for the mass of a second species."""
+    its = positive("--mass-ratio", f"the mass {OVER}")
+    return option(default, f"Mass {OVER}; 1: the same.", **its)
+
+
+def diameter_ratio(default: float = 1.0) -> Any:
+    """Return the field for the diameter of a second species."""
+    its = positive("--diameter-ratio", f"the diameter {OVER}")
+    return option(default, f"Diameter {OVER}; 1: the same.", **its)
+
+
+def fraction() -> Any:
+    """Return the field for the number fraction of a second species."""
+    return option(None, "Number fraction of the second species.", at_least=0.0, at_most=1.0, shown="0.5")
+
+
 def at_most(limit: int) -> Callable[[typer.CallbackParam, int], int]:
     """Return a callback that refuses larger numbers; a range would take a third of the help."""
 
@@ -130,7 +322,7 @@ _KIND_OF = {"source": "FILE", "units": "WORD", "velocities_are": "WORD", "box": 
 _SAME = {"packing-fractions": "packing-fraction"}  # old spellings of options
 
 
-def _rewrapped(text: str) -> str:
+def rewrapped(text: str) -> str:
     """Join the lines of each paragraph, so that they can be wrapped to any width."""
     return "\n\n".join(re.sub(r"\s*\n\s*", " ", part) for part in inspect.cleandoc(text).split("\n\n"))
 
@@ -140,6 +332,8 @@ class _Command(TyperCommand):
 
     def __init__(self, *args: Any, **named: Any) -> None:
         super().__init__(*args, **named)
+        order = list(_PANEL_OF)
+        self.params.sort(key=lambda its: order.index(str(its.name)) if its.name in order else -1)
         for option in self.params:
             name = str(option.name)
             if hasattr(option, "rich_help_panel"):
@@ -159,7 +353,7 @@ class App(typer.Typer):
         """Register a function as a command; its docstring is the help."""
 
         def registered(function: Any) -> Any:
-            named.setdefault("help", _rewrapped(function.__doc__ or ""))
+            named.setdefault("help", rewrapped(function.__doc__ or ""))
             return super(App, self).command(name, cls=_Command, **named)(function)
 
         return registered

@@ -27,6 +27,7 @@ from studies.running.journal import FOLDER, Journal, OutputError, Shelf, unfinis
 from studies.running.ownership import (
     SUMMARY,
     WRITTEN,
+    every_file,
     files_of_finished_run,
     is_ordinary,
     load_object,
@@ -190,7 +191,7 @@ class OutputFolder:
         if unfinished and not (resumable and (self.resume or self.force)):
             raise unfinished_run(self.path)
         if not (unfinished or self.resume):
-            self._own = self._claim(WRITTEN.get(_module(study), ()))
+            self._own = self._claim(_files(study))
 
     @contextlib.contextmanager
     def running(self, study: Any) -> Iterator[Shelf]:
@@ -213,9 +214,7 @@ class OutputFolder:
         """
         self.create()
         journal = self._journal(study)
-        with journal.open(
-            lambda unfinished: self._claim(WRITTEN.get(_module(study), ()), unfinished)
-        ) as shelf:
+        with journal.open(lambda unfinished: self._claim(_files(study), unfinished)) as shelf:
             self._own, self._open_journal = journal.own, journal
             try:
                 yield shelf
@@ -285,8 +284,7 @@ class OutputFolder:
 
     def _remove(self, name: str) -> None:
         """Remove a file of an earlier run: one that studies write, and that is a file itself."""
-        known = name in {SUMMARY}.union(*WRITTEN.values())
-        if known and name in (self._own or ()) and is_ordinary(self._place / name):
+        if name in (self._own or ()) and is_ordinary(self._place / name) and name in every_file():
             (self._place / name).unlink()
 
     def write_json(self, name: str, content: Mapping[str, Any]) -> None:
@@ -309,9 +307,10 @@ class OutputFolder:
             figure.savefig(path, format="png")
 
 
-def _module(study: Any) -> str:
-    """Return the name of the module of a study, the key of its entry in the list of files."""
-    return type(study).__module__.rpartition(".")[2]
+def _files(study: Any) -> tuple[str, ...]:
+    """Return what a study writes beside its summary."""
+    module = type(study).__module__.rpartition(".")[2]
+    return tuple(getattr(study, "files", WRITTEN.get(module, ())))
 
 
 def _console(stderr: bool = False) -> Console:
@@ -518,7 +517,7 @@ def say_checks(screen: Screen, summary: Mapping[str, Any], out: OutputFolder) ->
     screen.say(f"written to {out.path}: {', '.join(summary['files'])}")
 
 
-def seconds_taken(began: float, ready: float, ran: float, work: str = "replicas") -> dict[str, float]:
+def seconds_taken(began: float, ready: float, ran: float, work: str = "runs") -> dict[str, float]:
     """Return how long the parts of a study took, up to now, for its summary.
 
     Parameters

@@ -11,7 +11,7 @@ import math
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from scipy.stats import chi2
 
 import hardspheres as hs
 from studies.report import OutputFolder, Screen
+from studies.study import conduct
 
 __all__ = ["MOST", "Plan", "main_numbers", "until_error"]
 
@@ -29,8 +30,7 @@ PILOT = 20  # replicas at most
 LEAST = 4  # replicas at least: errors come from their spread
 CONFIDENCE = 0.9  # that the true spread is no larger than its bound from the pilot
 
-Study = Any  # a dataclass with replicas and seed
-Run = Callable[[Study, OutputFolder, Screen], tuple[dict[str, Any], bool]]
+Run = Callable[..., tuple[dict[str, Any], bool]]
 
 
 @dataclass(frozen=True)
@@ -43,10 +43,7 @@ class Number:
 
 
 def main_numbers(summary: Mapping[str, Any]) -> list[Number]:
-    """Return the main numbers of a study, by which its precision is measured.
-
-    Z from the virial, D of this box or the mean free paths at each packing fraction; the decay rate of the
-    temperature difference, or that of a2.
+    """Return the main numbers of a study, by which its precision is measured: those that its answers name.
 
     Parameters
     ----------
@@ -56,33 +53,19 @@ def main_numbers(summary: Mapping[str, Any]) -> list[Number]:
     Raises
     ------
     SceneError
-        If the study found no such number.
+        If there is none.
     """
-    study = summary["study"]
-    if study in ("pressure", "diffusion"):
-        name = "Z from the virial" if study == "pressure" else "D of this box"
-        states = [
-            (
-                state["packing_fraction"],
-                state["measured"]["virial"] if study == "pressure" else state["d_box"],
-            )
-            for state in summary["states"]
+    found, states = [], summary["states"]
+    for state in states:
+        if isinstance(state["main"], str):
+            raise hs.SceneError(f"--until-error needs {state['main']}")
+        where = f" at packing fraction {state['packing_fraction']:g}" if len(states) > 1 else ""
+        found += [
+            _number(each["quantity"] + where, each)
+            for each in state["measured"]
+            if each["quantity"] in state["main"]
         ]
-        return [_number(f"{name} at packing fraction {eta:g}", found) for eta, found in states]
-    if study == "free-path":
-        return [
-            _number(f"{found['quantity']} at packing fraction {state['packing_fraction']:g}", found)
-            for state in summary["states"]
-            for found in state["measured"]
-            if found["quantity"].startswith("mean free path")
-        ]
-    if study == "mixture":
-        return [_number(found["quantity"], found) for found in summary["measured"][:1]]
-    rate = summary["decay_rate"]
-    if "value" not in rate:
-        raise hs.SceneError(f"--until-error needs a decay rate of a2, and there is none: {rate['reason']}")
-    freedom = {"degrees_of_freedom": summary["replicas"] - 1.0}
-    return [_number("decay rate of a2", rate | freedom)]
+    return found
 
 
 def _number(name: str, found: Mapping[str, float]) -> Number:
@@ -141,22 +124,22 @@ class _Quiet(Screen):
 
 
 def until_error(
-    run: Run, study: Study, target: float, out: OutputFolder, screen: Screen
+    study: Any, target: float, out: OutputFolder, screen: Screen, run: Run = conduct
 ) -> tuple[dict[str, Any], bool]:
     """Run a study with as many replicas as its main number needs for a relative standard error.
 
     Parameters
     ----------
-    run : callable
-        The study's function: takes the options, an output folder and a screen.
-    study : dataclass
-        Its options. `replicas`, but at most 20, are those of the pilot.
+    study : Study
+        What to do. Its `replicas`, but at most 20, are those of the pilot.
     target : float
         Relative standard error asked for.
     out : OutputFolder
         Where the files go.
     screen : Screen
         Where results and progress are shown.
+    run : callable
+        What runs a study: `studies.study.conduct`.
 
     Returns
     -------
@@ -174,13 +157,14 @@ def until_error(
         raise hs.SceneError(
             f"--until-error {target:g} must be between 0 and 1: a relative standard error, such as 1e-3"
         )
+    itself = study.to_precision(target)
+    if itself is not None:
+        return run(itself, out, screen)
     out.check()
-    given = {field.name for field in fields(study)}
-    plain = {name: off for name, off in {"frames": 0, "animate": False}.items() if name in given}
     seed = int(np.random.SeedSequence([study.seed, 1]).generate_state(1)[0])
-    pilot = replace(study, replicas=min(study.replicas, PILOT), seed=seed, **plain)
+    pilot = replace(study, replicas=min(study.replicas, PILOT), seed=seed)
     with _scratch() as folder:
-        tried, _ = run(pilot, folder, _Quiet(screen.json_output))
+        tried, _ = run(pilot, folder, _Quiet(screen.json_output), record=False)
     plan = Plan.of(main_numbers(tried), pilot.replicas, target)
     times = plan.allowed / pilot.replicas
     screen.note(

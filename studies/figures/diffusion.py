@@ -14,55 +14,59 @@ from analysis import theory
 from studies.figures.style import COLOURS, falling, figure_style
 
 if TYPE_CHECKING:
-    from studies.diffusion import DiffusionState
+    from studies.answer import Answer
 
 __all__ = ["figure"]
 
 LATEST = 12.0  # mean free times, of the velocity autocorrelation
 
 
-def figure(states: Sequence[DiffusionState]) -> Figure:
+def figure(answers: Sequence[Answer]) -> Figure:
     """Draw mean square displacement, velocity autocorrelation and D over Enskog's theory.
 
     Parameters
     ----------
-    states : sequence of DiffusionState
-        By ascending packing fraction.
+    answers : sequence of Answer
+        Of `studies.diffusion`, by ascending packing fraction.
 
     Returns
     -------
     Figure
     """
-    colours = colormaps["viridis"](np.linspace(0.1, 0.75, max(len(states), 2)))
+    colours = colormaps["viridis"](np.linspace(0.1, 0.75, max(len(answers), 2)))
     with figure_style():
         result = Figure(figsize=(11.6, 4.0), layout="constrained")
         left, middle, right = result.subplots(1, 3)
-        for k, (state, colour) in enumerate(zip(states, colours, strict=False)):
-            _draw_displacement(left, state, colour)
-            left.plot(state.slope.window, [0.03 + 0.02 * k] * 2, color=colour, lw=3.0, solid_capstyle="butt")
-            _draw_velocities(middle, state, colour)
+        for k, (answer, colour) in enumerate(zip(answers, colours, strict=False)):
+            _draw_displacement(left, answer, colour)
+            window = answer.details["window_in_mean_free_times"]
+            left.plot(window, [0.03 + 0.02 * k] * 2, color=colour, lw=3.0, solid_capstyle="butt")
+            _draw_velocities(middle, answer, colour)
         _finish_displacement(left)
-        _finish_velocities(middle, states[0].fluid.dim)
-        _draw_diffusion(right, states)
+        _finish_velocities(middle, answers[0].gas.dim)
+        _draw_diffusion(right, answers)
     return result
 
 
-def _draw_displacement(axes: Axes, state: DiffusionState, colour: Any) -> None:
+def _draw_displacement(axes: Axes, answer: Answer, colour: Any) -> None:
     """Draw MSD over 2 d D_E t, which Enskog's diffusion makes 1, against mean free times."""
-    scale = 2 * state.fluid.dim * float(state.enskog.value) * state.lags
+    gas, curves = answer.gas, answer.curves["correlations"]
+    lags, s = curves.axes["time"], curves.axes["mean_free_times"]
+    column, enskog = curves.columns["mean_square_displacement"], _enskog(answer)
+    scale = 2 * gas.dim * enskog * lags
     axes.errorbar(
-        state.lags * state.rate,
-        state.mean_square_displacement / scale,
-        state.mean_square_displacement_error / scale,
+        s,
+        column.value / scale,
+        column.error / scale,
         fmt="o",
         ms=3.5,
         lw=1.2,
         color=colour,
-        label=f"packing fraction {state.fluid.packing_fraction:.4g}",
+        label=f"packing fraction {gas.packing_fraction:.4g}",
         zorder=3,
     )
-    x = np.geomspace(state.lags[0] * state.rate, 1.2, 30)  # free flight: <v^2> t^2 with kT = m = 1
-    axes.plot(x, x / state.rate / (2 * float(state.enskog.value)), color=colour, lw=1.0, ls=(0, (4, 2)))
+    x = np.geomspace(s[0], 1.2, 30)  # free flight: <v^2> t^2 with kT = m = 1
+    axes.plot(x, x * (lags[0] / s[0]) / (2 * enskog), color=colour, lw=1.0, ls=(0, (4, 2)))
 
 
 def _finish_displacement(axes: Axes) -> None:
@@ -78,11 +82,16 @@ def _finish_displacement(axes: Axes) -> None:
     axes.legend(fontsize=8, **place)
 
 
-def _draw_velocities(axes: Axes, state: DiffusionState, colour: Any) -> None:
-    value, error = state.velocity_autocorrelation, state.velocity_autocorrelation_error
+def _draw_velocities(axes: Axes, answer: Answer, colour: Any) -> None:
+    curves = answer.curves["correlations"]
+    s, column = curves.axes["mean_free_times"], curves.columns["velocity_autocorrelation"]
     axes.set_yscale("log")
-    shown = state.lags * state.rate <= LATEST
-    falling(axes, (state.lags * state.rate)[shown], value[shown], error[shown], ms=3.5, color=colour)
+    shown = s <= LATEST
+    falling(axes, s[shown], column.value[shown], column.error[shown], ms=3.5, color=colour)
+
+
+def _enskog(answer: Answer) -> float:
+    return float(theory.enskog_diffusion(answer.gas.packing_fraction, answer.gas.dim).value)
 
 
 def _finish_velocities(axes: Axes, dim: int) -> None:
@@ -97,10 +106,10 @@ def _finish_velocities(axes: Axes, dim: int) -> None:
     axes.legend(loc="upper right")
 
 
-def _draw_diffusion(axes: Axes, states: Sequence[DiffusionState]) -> None:
-    dim = states[0].fluid.dim
-    eta = np.array([state.fluid.packing_fraction for state in states])
-    enskog = np.array([float(state.enskog.value) for state in states])
+def _draw_diffusion(axes: Axes, answers: Sequence[Answer]) -> None:
+    dim = answers[0].gas.dim
+    eta = np.array([answer.gas.packing_fraction for answer in answers])
+    enskog = np.array([_enskog(answer) for answer in answers])
     fine = np.linspace(min(0.5 * eta[0], 0.02), max(1.1 * eta[-1], eta[-1] + 0.02), 100)
     limit = 0.494 if dim == 3 else 0.66
     fine = fine[fine <= limit]
@@ -116,11 +125,11 @@ def _draw_diffusion(axes: Axes, states: Sequence[DiffusionState]) -> None:
         label="its uncertainty",
     )
     axes.axhline(1.0, color=COLOURS["theory"], lw=1.2, label="Enskog")
-    here, error = (np.array([getattr(s.here, name) for s in states]) for name in ("value", "standard_error"))
+    here = [answer["D of this box"].measured for answer in answers]
     axes.errorbar(
         eta,
-        here / enskog,
-        error / enskog,
+        np.array([found.value for found in here]) / enskog,
+        np.array([found.standard_error for found in here]) / enskog,
         fmt="s",
         ms=5,
         mfc="none",
@@ -128,13 +137,11 @@ def _draw_diffusion(axes: Axes, states: Sequence[DiffusionState]) -> None:
         label="in this box",
     )
     if dim == 3:
-        infinite = [state.infinite for state in states]
-        value = np.array([estimate.value for estimate in infinite if estimate is not None])
-        error = np.array([estimate.standard_error for estimate in infinite if estimate is not None])
+        infinite = [answer["D"].measured for answer in answers]
         axes.errorbar(
             eta,
-            value / enskog,
-            error / enskog,
+            np.array([found.value for found in infinite]) / enskog,
+            np.array([found.standard_error for found in infinite]) / enskog,
             fmt="o",
             ms=5,
             color=COLOURS["simulation"],

@@ -185,7 +185,7 @@ class Journal:
         self.own: set[str] = set()
         self.shelf = Shelf((place or out.absolute()) / FOLDER, every)
         self._lock = Lock(self.shelf.folder / "lock")
-        name = type(study).__module__.rpartition(".")[2]
+        name = getattr(study, "name", type(study).__module__.rpartition(".")[2])
         self._manifest = {"study": name, "version": hs.__version__, "options": options_of(study)}
 
     @property

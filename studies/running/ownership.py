@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-__all__ = ["SUMMARY", "WRITTEN", "files_of_finished_run", "is_ordinary", "load_object", "strange_file"]
+from studies.registry import QUESTIONS, study_named
+
+__all__ = [
+    "SUMMARY",
+    "WRITTEN",
+    "every_file",
+    "files_of_finished_run",
+    "is_ordinary",
+    "load_object",
+    "strange_file",
+]
 
 SUMMARY = "summary.json"
 _EQUATION = ("equation_of_state.csv", "equation_of_state.png")
@@ -16,13 +27,11 @@ WRITTEN: dict[str, tuple[str, ...]] = {
     "accuracy": ("accuracy.csv", "accuracy.png"),
     "bench": ("windows.csv",),
     "calibration": ("calibration.csv", "calibration.png"),
-    "diffusion": ("diffusion.csv", "correlations.csv", "diffusion.png"),
     "free_path": ("free_path.csv", "free_path_curves.csv", "free_path.png"),
     "hard_cases": ("hard_cases.csv",),
     "mixture": ("mixture.csv", "mixture.png"),
     "pressure": _EQUATION,
     "pressure_suite": _EQUATION,
-    "soak": ("soak.csv",),
     "suite": ("bench.csv", "bench.png"),  # of the benchmarks
     "thermalisation": (
         "trajectory.xyz",
@@ -32,7 +41,14 @@ WRITTEN: dict[str, tuple[str, ...]] = {
         "gas.gif",
     ),
 }
-"""Files that each study, by its module, writes beside its summary: no others are ever replaced or removed."""
+"""Files that programs write beside their summary, by module; those of a `Study` are in its `files`."""
+
+
+@functools.cache
+def every_file() -> frozenset[str]:
+    """Return all names of files that studies write: no others are ever replaced or removed."""
+    of_studies = [study_named(name).files for name in QUESTIONS]
+    return frozenset({SUMMARY}.union(*WRITTEN.values(), *of_studies))
 
 
 def is_ordinary(path: Path) -> bool:
@@ -56,8 +72,7 @@ def files_of_finished_run(folder: Path) -> set[str] | None:
     known = isinstance(summary.get("study"), str) and isinstance(summary.get("version"), str)
     if not known or not isinstance(files, list) or SUMMARY not in files:
         return None
-    ours = {SUMMARY}.union(*WRITTEN.values())
-    return {name for name in ours if name in files and is_ordinary(folder / name)}
+    return {name for name in every_file() if name in files and is_ordinary(folder / name)}
 
 
 def strange_file(folder: Path, names: Iterable[str], own: Iterable[str]) -> str | None:

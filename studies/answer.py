@@ -1,0 +1,320 @@
+"""What a study answers: numbers and curves with error bars beside theory, and their table, CSV and JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.statistics import Estimate, TheoryCheck
+from analysis.theory import Prediction
+from studies.report import Screen, alarming, estimate_json
+
+__all__ = ["Answer", "Column", "Curves", "Gas", "alarms", "number", "tidy", "write_tables"]
+
+FloatArray = NDArray[np.float64]
+Gas = Any  # what a study measures; it has n, dim, packing_fraction, kind and scene(seed), and a text
+
+WIDEST = 6  # quantities that stand side by side
+_U = "u"  # marks a measurement that is better than its theory
+
+
+def number(quantity: str, measured: Estimate | float, theory: str = "", expected: Any = None) -> TheoryCheck:
+    """Return a measured number beside its theory.
+
+    Parameters
+    ----------
+    quantity : str
+        What was measured.
+    measured : Estimate or float
+        The result; a float is one without an error bar.
+    theory : str, optional
+        Name of the theory.
+    expected : Prediction or float, optional
+        Its value; none by default.
+    """
+    if not isinstance(measured, Estimate):
+        measured = Estimate(float(measured), math.nan)
+    if expected is None:
+        expected = Prediction(math.nan, math.nan)
+    elif not isinstance(expected, Prediction):
+        expected = Prediction(float(expected), 0.0)
+    return TheoryCheck(quantity, theory, measured, float(expected.value), float(expected.uncertainty))
+
+
+def alarms(numbers: Sequence[TheoryCheck]) -> list[str]:
+    """Return one sentence for each number that is beyond 5 standard errors from its theory."""
+    return [
+        f"{found.quantity} is {found.z:+.1f} standard errors from {found.theory or found.expected}"
+        for found in numbers
+        if alarming(found.measured, found.expected, found.uncertainty)
+    ]
+
+
+@dataclass(frozen=True)
+class Column:
+    """One curve: values at all abscissae of its `Curves`.
+
+    Attributes
+    ----------
+    value : (L,) array
+        Measured.
+    error : (L,) array
+        Standard errors, NaN where they are unknown.
+    theory, uncertainty : (L,) arrays, optional
+        What theory says there, and its own uncertainty.
+    z : (L,) array, optional
+        Deviations as normal deviates, see `analysis.statistics.deviates`.
+    title : str, optional
+        Of the printed column; by default its name.
+    """
+
+    value: FloatArray
+    error: FloatArray
+    theory: FloatArray | None = None
+    uncertainty: FloatArray | None = None
+    z: FloatArray | None = None
+    title: str | None = None
+
+    def parts(self, name: str) -> Iterator[tuple[str, FloatArray]]:
+        """Yield the columns of a file under their names."""
+        yield name, self.value
+        for part in ("error", "theory", "uncertainty", "z"):
+            if getattr(self, part) is not None:
+                yield f"{name}_{part}", getattr(self, part)
+
+    def printed(self, name: str) -> Iterator[tuple[str, list[str]]]:
+        """Yield title and cells of each column of a table."""
+        yield self.title or name, [_cell(*pair) for pair in zip(self.value, self.error, strict=True)]
+        if self.theory is None:
+            return
+        uncertainty = np.zeros(len(self.theory)) if self.uncertainty is None else self.uncertainty
+        yield "theory", [_cell(*pair) for pair in zip(self.theory, uncertainty, strict=True)]
+        if self.z is not None:
+            better = uncertainty > 2.0 * self.error
+            marks = np.where(better & np.isfinite(self.z), _U, "")
+            yield "z", [_deviation(z, str(mark)) for z, mark in zip(self.z, marks, strict=True)]
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Curves over the same abscissae: one file, and a table where it is short.
+
+    Attributes
+    ----------
+    axes : dict of (L,) array
+        Abscissae by name: time, collisions per particle, species ...
+    columns : dict of Column
+        The curves by name.
+    printed : bool
+        Whether they are shown as a table, and are in the summary.
+    """
+
+    axes: Mapping[str, FloatArray]
+    columns: Mapping[str, Column]
+    printed: bool = False
+
+    def flat(self) -> dict[str, FloatArray]:
+        """Return all columns of a file under their names."""
+        found = dict(self.axes)
+        for name, column in self.columns.items():
+            found |= dict(column.parts(name))
+        return found
+
+    def rows(self) -> tuple[list[str], list[list[str]]]:
+        """Return header and rows of a printed table."""
+        printed = [(name, [f"{x:.4g}" for x in axis]) for name, axis in self.axes.items()]
+        for name, column in self.columns.items():
+            printed += column.printed(name)
+        return [title for title, _ in printed], [
+            list(row) for row in zip(*(cells for _, cells in printed), strict=True)
+        ]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What the replicas of one gas say together.
+
+    Attributes
+    ----------
+    gas
+        The gas.
+    numbers : list of TheoryCheck
+        Measured numbers, beside their theory where there is one, see `number`.
+    curves : dict of Curves
+        By the name of their file, without its ending.
+    notes, failures : sequences of str
+        What is to be known about the numbers; checks that failed.
+    main : sequence of str, or str
+        Quantities whose precision `--until-error` is about, the first of all by default; a text says why
+        there is none.
+    details : dict
+        What else the summary tells, and what a figure needs.
+    hidden : dict
+        What only the figure needs.
+    """
+
+    gas: Gas
+    numbers: Sequence[TheoryCheck]
+    curves: Mapping[str, Curves] = field(default_factory=dict)
+    notes: Sequence[str] = ()
+    failures: Sequence[str] = ()
+    main: Sequence[str] | str | None = None
+    details: Mapping[str, Any] = field(default_factory=dict)
+    hidden: Mapping[str, Any] = field(default_factory=dict)
+
+    def __getitem__(self, quantity: str) -> TheoryCheck:
+        """Return the number of this name."""
+        return next(found for found in self.numbers if found.quantity == quantity)
+
+    @property
+    def label(self) -> str:
+        """What tells this gas from others of its kind."""
+        return f"packing fraction {self.gas.packing_fraction:g}"
+
+    def summary(self) -> dict[str, Any]:
+        """Return what summary.json tells of this gas."""
+        main = [self.numbers[0].quantity] if self.main is None else self.main
+        return {
+            "gas": str(self.gas),
+            "packing_fraction": self.gas.packing_fraction,
+            "measured": [_number_json(found) for found in self.numbers],
+            "main": main if isinstance(main, str) else list(main),
+            **{name: curves.flat() for name, curves in self.curves.items() if curves.printed},
+            **self.details,
+            "notes": list(self.notes),
+            "failures": list(self.failures),
+        }
+
+
+def _number_json(found: TheoryCheck) -> dict[str, Any]:
+    return {
+        "quantity": found.quantity,
+        **estimate_json(found.measured),
+        "theory": found.theory,
+        "expected": found.expected,
+        "uncertainty": found.uncertainty,
+        "z": found.z,
+        "better_than_theory": found.better_than_theory,
+    }
+
+
+def tidy(answers: Sequence[Answer]) -> dict[str, list[Any]]:
+    """Return the columns of the file of all numbers: one row for each.
+
+    The first column names the gas where there are several kinds.
+    """
+    rows = [(answer.gas, found) for answer in answers for found in answer.numbers]
+    several = len({str(answer.gas) for answer in answers}) > 1
+    return ({"gas": [str(gas) for gas, _ in rows]} if several else {}) | {
+        "packing_fraction": [gas.packing_fraction for gas, _ in rows],
+        "quantity": [found.quantity for _, found in rows],
+        "value": [found.measured.value for _, found in rows],
+        "error": [found.measured.standard_error for _, found in rows],
+        "theory": [found.theory for _, found in rows],
+        "expected": [found.expected for _, found in rows],
+        "uncertainty": [found.uncertainty for _, found in rows],
+        "z": [found.z for _, found in rows],
+    }
+
+
+def _place(answer: Answer, answers: Sequence[Answer]) -> dict[str, Any]:
+    """Return what tells the gas of an answer from those of the others in a file of curves."""
+    place: dict[str, Any] = {"gas": str(answer.gas)} if len({str(one.gas) for one in answers}) > 1 else {}
+    return place | ({"packing_fraction": answer.gas.packing_fraction} if len(answers) > 1 else {})
+
+
+def curve_files(answers: Sequence[Answer]) -> dict[str, dict[str, FloatArray]]:
+    """Return the columns of each file of curves by its name: one gas after another."""
+    files: dict[str, dict[str, FloatArray]] = {}
+    for name in dict.fromkeys(name for answer in answers for name in answer.curves):
+        parts = []
+        for answer in answers:
+            flat = answer.curves[name].flat()
+            length = len(next(iter(flat.values())))
+            parts.append({key: np.full(length, name) for key, name in _place(answer, answers).items()} | flat)
+        files[name] = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
+    return files
+
+
+def write_tables(screen: Screen, answers: Sequence[Answer], replicas: int) -> None:
+    """Print all numbers of all gases, and the curves that are short."""
+    for kind, group in groupby(answers, lambda answer: str(answer.gas)):
+        same = list(group)
+        count = f", {len(same)} packing fractions" if len(same) > 1 else f", {same[0].label}"
+        screen.say(f"{replicas} x {kind}{count}")
+        screen.say()
+        for answer in same:
+            for curves in answer.curves.values():
+                if curves.printed:
+                    screen.table("", *curves.rows())
+                    screen.say()
+        header, rows, keys = _wide(same) if _regular(same) else _long(same)
+        if rows:
+            screen.table("", header, rows, keys=keys)
+            screen.say()
+
+
+def _regular(answers: Sequence[Answer]) -> bool:
+    """Return whether all gases have the same few quantities, so that each can be a row."""
+    names = {tuple(found.quantity for found in answer.numbers) for answer in answers}
+    return len(answers) > 1 and len(names) == 1 and len(names.pop()) <= WIDEST
+
+
+def _wide(answers: Sequence[Answer]) -> tuple[list[str], list[list[str]], int]:
+    """Return header, rows and number of key columns of a table with one row for each gas."""
+    columns = {"packing fraction": [f"{answer.gas.packing_fraction:.4g}" for answer in answers]}
+    count, titles, cells = len(answers[0].numbers), list(columns), list(columns.values())
+    for k in range(count):
+        found = [answer.numbers[k] for answer in answers]
+        titles.append(found[0].quantity)
+        cells.append([_measured(each) for each in found])
+        if any(math.isfinite(each.z) for each in found):
+            titles.append("z")
+            cells.append([_deviation(each.z, _U * each.better_than_theory) for each in found])
+        expected = [_expected(each) for each in found]
+        last = k + 1 == count or expected != [_expected(answer.numbers[k + 1]) for answer in answers]
+        if last and any(cell not in ("", "0") for cell in expected):
+            titles.append("theory")
+            cells.append(expected)
+    return titles, [list(row) for row in zip(*cells, strict=True)], 1
+
+
+def _long(answers: Sequence[Answer]) -> tuple[list[str], list[list[str]], int]:
+    """Return header, rows and number of key columns of a table with one row for each number."""
+    rows = []
+    for answer in answers:
+        for k, found in enumerate(answer.numbers):
+            eta = "" if k else f"{answer.gas.packing_fraction:.4g}"
+            mark = _U * (found.better_than_theory and math.isfinite(found.z))
+            rows.append([eta, found.quantity, _measured(found), _expected(found), _deviation(found.z), mark])
+    header = ["packing fraction", "quantity", "measured", "theory", "z", ""]
+    if len(answers) == 1:
+        return header[1:], [row[1:] for row in rows], 1
+    return header, rows, 2
+
+
+def _measured(found: TheoryCheck) -> str:
+    return _cell(found.measured.value, found.measured.standard_error)
+
+
+def _expected(found: TheoryCheck) -> str:
+    return _cell(found.expected, found.uncertainty)
+
+
+def _deviation(z: float, mark: str = "") -> str:
+    return f"{z:+.1f} {mark}".rstrip() if math.isfinite(z) else ""
+
+
+def _cell(value: float, error: float) -> str:
+    """Return a number with its error in parentheses, or alone where it has none."""
+    if not math.isfinite(value):
+        return ""
+    if math.isfinite(error) and error > 1e-12:
+        return str(Estimate(float(value), float(error)))
+    return f"{value:.4f}".rstrip("0").rstrip(".") if abs(value) >= 1e-3 or value == 0.0 else f"{value:.1e}"

@@ -1,0 +1,167 @@
+"""Commands of the command line, made from the fields of studies."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+from studies.options import App, OptionError, options_of, rewrapped
+from studies.registry import QUESTIONS, study_named
+
+if TYPE_CHECKING:
+    from studies.program import Program
+
+__all__ = ["Studies", "command_of", "main"]
+
+
+def _out(name: str) -> Path:
+    """Return the folder that --out names; an empty name is an error, not the current folder."""
+    if not name.strip():
+        raise OptionError("--out is empty; name a folder for the results")
+    return Path(name)
+
+
+Out = Annotated[
+    Path | None,
+    typer.Option(
+        help="Folder for the results.", show_default="runs/<study>-<seed>", parser=_out, metavar="PATH"
+    ),
+]
+CheckpointEvery = Annotated[
+    float,
+    typer.Option(min=0, help="Seconds of wall time between two checkpoints of a run.", metavar="SECONDS"),
+]
+Resume = Annotated[
+    bool,
+    typer.Option(
+        "--resume", help="Go on with the unfinished run in the folder, begun with the same options."
+    ),
+]
+Force = Annotated[
+    bool,
+    typer.Option(
+        "--force", help="Replace the run in the folder, once there are results to put in its place."
+    ),
+]
+Json = Annotated[
+    bool, typer.Option("--json", help="Print summary.json on standard output, the rest on standard error.")
+]
+UntilError = Annotated[
+    float | None,
+    typer.Option(
+        help="Relative standard error wanted of the main number, such as 1e-3: a pilot of --replicas "
+        "(at most 20) decides how many replicas are run, at most 1000 times the pilot.",
+        show_default="as many as --replicas",
+    ),
+]
+OF_EVERY_RUN: dict[str, tuple[Any, Any]] = {
+    "out": (Out, None),
+    "force": (Force, False),
+    "json": (Json, False),
+}
+OF_LONG_RUNS: dict[str, tuple[Any, Any]] = {
+    "checkpoint_every": (CheckpointEvery, 60.0),
+    "resume": (Resume, False),
+}
+
+
+def function_of(kind: type[Program]) -> Callable[..., None]:
+    """Return the function that the command of a study runs: its parameters are the study's options."""
+
+    def run(
+        out: Path | None,
+        force: bool,
+        json: bool,
+        until_error: float | None = None,
+        checkpoint_every: float = 60.0,
+        resume: bool = False,
+        **given: Any,
+    ) -> None:
+        from studies.report import Screen
+
+        program = kind(**{name: value for name, value in given.items() if value is not None})
+        screen = Screen(json)
+        folder = program.folder(out, checkpoint_every, resume, force)
+        if until_error is None:
+            summary, sound = program.conduct(folder, screen)
+        else:
+            from studies.until_error import until_error as precisely
+
+            summary, sound = precisely(program, until_error, folder, screen)
+        screen.finish(summary)
+        if not sound:
+            raise typer.Exit(1)
+
+    hints = get_type_hints(kind)
+    parameters: dict[str, tuple[Any, Any]] = {}
+    for each, its in options_of(kind):
+        default = each.default if isinstance(each.default, (bool, int, float, str)) else None
+        declared = typer.Option(
+            its.named(each.name), help=its.help, show_default=its.shown or True, **its.more
+        )
+        annotation = hints[each.name]
+        if "parser" in its.more:  # it makes the value of a text, whatever that is
+            annotation = str | None if default is None else type(default)
+        parameters[each.name] = (Annotated[annotation, declared], default)
+    parameters |= OF_EVERY_RUN
+    if kind.resumable:
+        parameters |= OF_LONG_RUNS
+    if kind.to_an_error:
+        parameters["until_error"] = (UntilError, None)
+    keyword = inspect.Parameter.KEYWORD_ONLY
+    run.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
+        [
+            inspect.Parameter(name, keyword, default=default, annotation=annotation)
+            for name, (annotation, default) in parameters.items()
+        ]
+    )
+    run.__annotations__ = {name: annotation for name, (annotation, _) in parameters.items()}
+    return run
+
+
+def command_of(kind: type[Program], question: str = "") -> Any:
+    """Return the command of a study.
+
+    Parameters
+    ----------
+    kind : type
+        The study's class.
+    question : str, optional
+        First line of its help, before its explanation.
+    """
+    alone = App(pretty_exceptions_enable=False, add_completion=False)
+    text = rewrapped(f"{question}\n\n{inspect.cleandoc(kind.explanation)}")
+    alone.command(kind.name, help=text)(function_of(kind))
+    return typer.main.get_command(alone)
+
+
+class Studies(TyperGroup):
+    """The group of all commands; a study is imported when it is called, not when commands are listed."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return studies, then the other commands."""
+        return [*QUESTIONS, *super().list_commands(ctx)]
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return a command; that of a study knows only its question."""
+        if cmd_name in QUESTIONS:
+            return TyperCommand(cmd_name, help=QUESTIONS[cmd_name][1])
+        return super().get_command(ctx, cmd_name)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Return name, command and remaining arguments; a study is imported here."""
+        if args and args[0] in QUESTIONS:
+            return args[0], command_of(study_named(args[0]), QUESTIONS[args[0]][1]), args[1:]
+        return super().resolve_command(ctx, args)
+
+
+def main(kind: type[Program]) -> None:
+    """Run a study of one's own as a program: `if __name__ == "__main__": main(MyStudy)`."""
+    from studies.cli import run_program
+
+    run_program(command_of(kind))

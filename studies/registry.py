@@ -1,0 +1,27 @@
+"""The studies of gases by name: light, so that the command line can list them without loading any."""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from studies.program import Program
+
+__all__ = ["QUESTIONS", "study_named"]
+
+QUESTIONS = {
+    "diffusion": ("studies.diffusion:SelfDiffusion", "Measure self-diffusion, beside Enskog's theory."),
+    "soak": (
+        "studies.validation.soak:Soak",
+        "Run two gases for very long and test what must not change.",
+    ),
+}
+"""Where each study is found, and its question."""
+
+
+def study_named(name: str) -> type[Program]:
+    """Return the class of a study."""
+    module, _, kind = QUESTIONS[name][0].partition(":")
+    found: Any = getattr(importlib.import_module(module), kind)
+    return found  # type: ignore[no-any-return]

@@ -1,0 +1,341 @@
+"""What a study is, and the one conductor that runs them all.
+
+A study is a frozen dataclass whose fields are its options. It says which gases it is about, which estimators
+watch them, how a replica advances, what the replicas of a gas say together, and what its figure shows. The
+rest is done here: replicas over processes, checkpoints, tables, files.
+"""
+
+from __future__ import annotations
+
+import time
+from abc import abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+import hardspheres as hs
+from analysis.estimator import Estimator
+from studies.answer import Answer, Gas, curve_files, tidy, write_tables
+from studies.fluid import broken, representatives
+from studies.options import option, runs
+from studies.program import Program
+from studies.report import (
+    ALARM,
+    Z_MEANS,
+    OutputFolder,
+    Screen,
+    checks_of,
+    engine_of,
+    engine_rate,
+    figure_style,
+    say_checks,
+    seconds_taken,
+)
+from studies.running.ensemble import available_cores, run_replicas
+from studies.running.resuming import Resumable
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["Replica", "Study", "conduct"]
+
+BETTER = "u: the measurement is better than the theory, whose uncertainty exceeds two standard errors"
+
+
+@dataclass
+class Replica:
+    """One run of one gas: its state, its checkpoint and its result.
+
+    Attributes
+    ----------
+    root, index : int
+        Seed of the study, and which of its runs this is.
+    estimators : dict of Estimator
+        What was measured.
+    done : int
+        How far it has come, in steps of the study's own.
+    seconds : float
+        Wall time of making, running and measuring it.
+    status : dict
+        `Simulation.status` at the end.
+    failure : str or None
+        What `Simulation.check` found broken at the end.
+    notes : list of str
+        What the estimators had to say on the way.
+    seen : dict
+        What else the study wants to know of the gas at the end: plain values.
+    """
+
+    root: int
+    index: int
+    running: hs.Simulation | None
+    estimators: dict[str, Any]
+    done: int = 0
+    seconds: float = 0.0
+    status: dict[str, Any] = field(default_factory=dict)
+    failure: str | None = None
+    notes: list[str] = field(default_factory=list)
+    seen: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def simulation(self) -> hs.Simulation:
+        """The gas; not kept when the run has ended."""
+        if self.running is None:
+            raise RuntimeError("this run has ended, and its gas was not kept")
+        return self.running
+
+    @property
+    def seed(self) -> np.random.SeedSequence:
+        """Its source of random choices, independent of that of every other run."""
+        return np.random.SeedSequence(self.root, spawn_key=(self.index,))
+
+    def finish(self, seconds: float) -> None:
+        """Check the gas a last time, and let it go."""
+        self.status, self.failure = self.simulation.status(), broken(self.simulation)
+        self.seconds, self.running = seconds, None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Study(Program):
+    """A question about gases.
+
+    Attributes
+    ----------
+    table : str
+        The file of all numbers, without ending.
+    """
+
+    to_an_error = True
+    table: ClassVar[str]
+
+    replicas: int = runs(2)
+    seed: int = option(1, "Source of every random choice: the same seed gives the same results.", at_least=0)
+    workers: int | None = option(
+        None, "Processes; the results do not depend on it.", at_least=1, shown="all cores"
+    )
+
+    def conduct(self, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:
+        """Run it, print its results and write its files, see `conduct`."""
+        return conduct(self, out, screen)
+
+    @abstractmethod
+    def gases(self) -> Sequence[Gas]:
+        """Return the gases, easiest first; SceneError for options that make no sense."""
+
+    def start(self, gas: Gas, seed: np.random.SeedSequence) -> hs.Simulation:
+        """Return the beginning of a run of a gas."""
+        return hs.Simulation(gas.scene(seed))
+
+    @abstractmethod
+    def estimators(self, gas: Gas, simulation: hs.Simulation) -> Mapping[str, Estimator]:
+        """Return what measures it, with nothing added yet."""
+
+    @abstractmethod
+    def advance(self, gas: Gas, replica: Replica) -> Iterator[None]:
+        """Go on from `replica.done` to the end; yield often, wherever it may be saved."""
+
+    @abstractmethod
+    def answer(self, gas: Gas, replicas: Sequence[Replica]) -> Answer:
+        """Return what all runs of a gas say together."""
+
+    def legend(self, answers: Sequence[Answer]) -> Sequence[str]:
+        """Return the sentences under the table: what its columns mean, which theory it is."""
+        return ()
+
+    def figures(self, answers: Sequence[Answer]) -> Mapping[str, Figure]:
+        """Return figures by the names of their files, without ending."""
+        return {self.table: self.figure(answers)}
+
+    def figure(self, answers: Sequence[Answer]) -> Figure:
+        """Return the one figure, where there is one."""
+        raise NotImplementedError
+
+    def recorders(self, gas: Gas, folder: Path) -> Mapping[str, Estimator]:
+        """Return what looks at a second run of the first replica, for `show`; nothing by default.
+
+        Looking changes no bit, so it is the same run again; what it records is in nobody's way.
+        """
+        return {}
+
+    def show(self, recorders: Mapping[str, Any], answers: Sequence[Answer], out: OutputFolder) -> None:
+        """Write what the recorders saw."""
+
+    def to_precision(self, target: float) -> Study | None:
+        """Return the study that reaches a relative standard error by itself; None: by more replicas."""
+        return None
+
+
+@dataclass(frozen=True)
+class _Run:
+    """Which replica of which gas is to be run."""
+
+    gas: Gas
+    index: int
+    recording: bool = False
+
+
+@dataclass(frozen=True)
+class _Running(Resumable[_Run, Replica, Replica]):
+    """The task of a worker process: one replica, from its start or its checkpoint to its end."""
+
+    study: Study
+    folder: Path
+
+    def begin(self, item: _Run) -> Replica:
+        """Make the gas and what measures it."""
+        replica = Replica(self.study.seed, item.index, None, {})
+        replica.running = simulation = self.study.start(item.gas, replica.seed)
+        recorders = self.study.recorders(item.gas, self.folder) if item.recording else None
+        replica.estimators = dict(recorders or self.study.estimators(item.gas, simulation))
+        return replica
+
+    def steps(self, item: _Run, state: Replica) -> Iterator[None]:
+        """Go on with it."""
+        return self.study.advance(item.gas, state)
+
+    def result(self, item: _Run, state: Replica, seconds: float) -> Replica:
+        """Return the replica, without its gas."""
+        state.finish(seconds)
+        return state
+
+
+def run_study(
+    study: Study, screen: Screen, shelf: Any = None, folder: Path = Path(), record: bool = False
+) -> tuple[list[list[Replica]], Replica | None]:
+    """Run all replicas of all gases of a study.
+
+    Parameters
+    ----------
+    study : Study
+        What to run.
+    screen : Screen
+        Where progress is shown.
+    shelf : Shelf, optional
+        Where replicas are kept, see `run_replicas`.
+    folder : Path, optional
+        Where recorders write.
+    record : bool, default False
+        Whether the first replica is run once more, watched by the study's recorders.
+
+    Returns
+    -------
+    replicas : list of list of Replica
+        Of each gas.
+    recorded : Replica or None
+        The second run of the first one.
+    """
+    gases, count = study.gases(), study.replicas
+    runs = [_Run(gas, k * count + r) for k, gas in enumerate(gases) for r in range(count)]
+    if record and study.recorders(gases[0], folder):
+        runs.insert(0, _Run(gases[0], 0, recording=True))
+    # dense gases take longest: they are last here and run first, so that all workers finish together
+    with screen.progress("runs", len(runs)) as advance:
+        found = run_replicas(
+            _Running(study, folder), runs[::-1], workers=study.workers, done=advance, shelf=shelf
+        )[::-1]
+    recorded = found.pop(0) if runs[0].recording else None
+    return [found[k * count : (k + 1) * count] for k in range(len(gases))], recorded
+
+
+def conduct(
+    study: Study, out: OutputFolder, screen: Screen, *, record: bool = True
+) -> tuple[dict[str, Any], bool]:
+    """Run a study, print its results and write its files.
+
+    Parameters
+    ----------
+    study : Study
+        What to do.
+    out : OutputFolder
+        Where the files go; made only after everything has been checked.
+    screen : Screen
+        Where results and progress are shown.
+    record : bool, default True
+        Whether to write what is recorded of the first replica, such as a trajectory.
+
+    Returns
+    -------
+    summary : dict
+        The content of summary.json.
+    sound : bool
+        Whether no check failed: invariants in every replica, and what the study itself demands.
+
+    Raises
+    ------
+    HardSpheresError
+        If options make no sense, a gas cannot be made or never collides, or the folder cannot be written.
+    """
+    began = time.perf_counter()
+    gases = study.gases()
+    out.check(study)
+    with screen.compiling("; ".join(dict.fromkeys(gas.kind for gas in gases))):
+        for gas in representatives(gases):
+            study.start(gas, np.random.SeedSequence(0, spawn_key=(0,))).run(collisions=1)
+    ready = time.perf_counter()
+    with out.running(study) as shelf:
+        replicas, recorded = run_study(study, screen, shelf, shelf.folder, record)
+        ran = time.perf_counter()
+        answers = [study.answer(gas, own) for gas, own in zip(gases, replicas, strict=True)]
+        out.write_csv(f"{study.table}.csv", tidy(answers))
+        for name, columns in curve_files(answers).items():
+            out.write_csv(f"{name}.csv", columns)
+        with screen.working("drawing"), figure_style():
+            for name, figure in study.figures(answers).items():
+                out.save_figure(f"{name}.png", figure, f"{study.replicas} x {gases[0]}")
+            if recorded is not None:
+                study.show(recorded.estimators, answers, out)
+        summary = summary_of(study, answers, replicas, out)
+        summary["seconds"] = seconds_taken(began, ready, ran)
+        out.write_json("summary.json", summary)
+    _print(screen, study, answers, summary, out)
+    return summary, bool(summary["checks"]["passed"])
+
+
+def summary_of(
+    study: Study, answers: Sequence[Answer], replicas: Sequence[Sequence[Replica]], out: OutputFolder
+) -> dict[str, Any]:
+    """Return the content of summary.json, but for the seconds."""
+    several = len(answers) > 1
+    failures = []
+    for answer, own in zip(answers, replicas, strict=True):
+        where = f"{answer.label}" if several else ""
+        broken_ones = [f"replica {k}: {run.failure}" for k, run in enumerate(own) if run.failure]
+        failures += [f"{where}: {why}" if where else why for why in (*broken_ones, *answer.failures)]
+    runs = [run for own in replicas for run in own]
+    statuses = [run.status for run in runs]
+    collisions = sum(status["collisions"] for status in statuses)
+    return {
+        "study": study.name,
+        "version": hs.__version__,
+        "seed": study.seed,
+        "options": {each.name: getattr(study, each.name) for each in fields(study) if each.name != "workers"},
+        "workers": available_cores() if study.workers is None else study.workers,
+        "n": answers[0].gas.n,
+        "dim": answers[0].gas.dim,
+        "states": [answer.summary() for answer in answers],
+        "collisions": collisions,
+        "collisions_per_second_and_core": collisions / sum(run.seconds for run in runs),
+        "engine_collisions_per_second": engine_rate(statuses),
+        "checks": checks_of(statuses, failures) | {"alarm_in_standard_errors": ALARM},
+        "engine": engine_of(statuses[0]),
+        "files": sorted({*out.files, "summary.json"}),
+        "seconds": {},
+    }
+
+
+def _print(
+    screen: Screen, study: Study, answers: Sequence[Answer], summary: Mapping[str, Any], out: OutputFolder
+) -> None:
+    write_tables(screen, answers, study.replicas)
+    for sentence in study.legend(answers):
+        screen.say(sentence)
+    screen.say(Z_MEANS)
+    if any(found.better_than_theory for answer in answers for found in answer.numbers):
+        screen.say(BETTER)
+    for answer in answers:
+        for note in answer.notes:
+            screen.say(f"{answer.label}: {note}" if len(answers) > 1 else note)
+    say_checks(screen, summary, out)
