@@ -4,16 +4,13 @@ Speeds stay as they are until two particles collide, so that only the scene and 
 run began, stopped, or was loaded.
 """
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import NDArray
 
+from hardspheres.engine import Engine
 from hardspheres.errors import SimulationError
+from hardspheres.scene import Scene
 from hardspheres.tuning import collision_rate, power_of_two_below
-
-if TYPE_CHECKING:
-    from hardspheres.engine import Engine
-    from hardspheres.scene import Scene
 
 __all__ = ["Patience"]
 
@@ -37,13 +34,13 @@ class Patience:
         Epochs between two checks.
     """
 
-    def __init__(self, scene: "Scene") -> None:
+    def __init__(self, scene: Scene) -> None:
         self.scene = scene
         most = max(ROWS_BETWEEN_CHECKS / scene.n, 1)
         self.stride = int(power_of_two_below(min(most, MOST_BETWEEN_CHECKS)))
         self._moving = False  # whether a particle is known to move relative to another
 
-    def require_motion(self, engine: "Engine") -> None:
+    def require_motion(self, engine: Engine) -> None:
         """Raise SimulationError where it is certain that no two particles will ever collide.
 
         Collisions and walls keep the energy of relative motion, so a gas that moves now always will.
@@ -60,7 +57,7 @@ class Patience:
             )
         self._moving = True
 
-    def next_check(self, engine: "Engine") -> int:
+    def next_check(self, engine: Engine) -> int:
         """First multiple of the stride among the coming epochs at whose beginning patience may have ended."""
         at, arrays = engine.layout, engine.arrays
         begun = int(arrays.number[at.NOW] > 0.0)
@@ -69,7 +66,7 @@ class Patience:
         )
         return -(-epoch // self.stride) * self.stride
 
-    def check(self, engine: "Engine") -> None:
+    def check(self, engine: Engine) -> None:
         """Raise SimulationError at the beginning of an epoch if no pair has collided for far too long."""
         at, count = engine.layout, engine.arrays.counter
         idle = int(count[at.EPOCH]) - int(count[at.LAST_PAIR_EPOCH])
@@ -82,7 +79,6 @@ class Patience:
             )
 
 
-def _velocities(engine: "Engine") -> "np.ndarray[tuple[int, int], np.dtype[np.float64]]":
-    at = engine.layout
-    rows: np.ndarray[tuple[int, int], np.dtype[np.float64]] = engine.rows
-    return rows[:, at.V : at.V + engine.scene.dim]
+def _velocities(engine: Engine) -> NDArray[np.float64]:
+    rows: NDArray[np.float64] = engine.rows
+    return rows[:, engine.layout.V : engine.layout.V + engine.scene.dim]

@@ -1,10 +1,8 @@
 """Slices of about 0.1 s: how long a call of the kernels lasts, so that Ctrl-C works, and what was timed."""
 
 import time
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from hardspheres.engine import Engine
+from hardspheres.engine import Engine
 
 __all__ = ["Slices"]
 
@@ -31,7 +29,7 @@ class Slices:
         self.budget = 2000 + n
         self.timed = (0, 0.0)
 
-    def run(self, engine: "Engine", epoch: int, moment: float, pairs: int) -> bool:
+    def run(self, engine: Engine, epoch: int, moment: float, pairs: int) -> bool:
         """Run for about SLICE seconds; True when the time or the number of pair collisions is reached."""
         ready = getattr(engine.kernels.run, "signatures", True)  # else it is loaded or compiled first
         before = engine.arrays.counter[engine.layout.PAIRS]
