@@ -8,9 +8,9 @@ gas lies in the plane z = 0 and has a zero third cell vector.
 
 **Positions with few digits can overlap.** Two touching spheres whose coordinates were rounded to 8 decimals
 (by other programs, and by this one before it wrote all digits) may end up 2.8e-8 too close (each of the 3
-separations off by 1e-8, each radius by 5e-9). So `from_atoms` treats overlaps up to 3e-8 as rounding: it
-reduces all radii by half of the worst overlap, logs a warning, and moves nothing. Larger ones are refused as
-in any scene. Without any overlap, or with no more than the engine itself leaves at a contact (1e-11
+separations off by 1e-8, each radius by 5e-9). So `Scene.from_atoms` treats overlaps up to 3e-8 as rounding:
+it reduces all radii by half of the worst overlap, logs a warning, and moves nothing. Larger ones are refused
+as in any scene. Without any overlap, or with no more than the engine itself leaves at a contact (1e-11
 diameters), every bit is as given.
 """
 
