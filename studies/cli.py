@@ -1,7 +1,7 @@
 """The console script `hardspheres`: parses options, runs a study, returns an exit code.
 
-Exit codes are those of `studies.exits`. Nothing heavy is imported before a study starts, so that `hardspheres --help`
-answers at once.
+Exit codes are those of `studies.exits`. Nothing heavy is imported before a study starts, so that
+`hardspheres --help` answers at once.
 """
 
 from __future__ import annotations
