@@ -23,13 +23,8 @@ __all__ = [
 
 SUMMARY = "summary.json"
 WRITTEN: dict[str, tuple[str, ...]] = {
-    "accuracy": ("accuracy.csv", "accuracy.png"),
-    "bench": ("windows.csv",),
-    "calibration": ("calibration.csv", "calibration.png"),
     "free_path": ("free_path.csv", "free_path_curves.csv", "free_path.png"),
-    "hard_cases": ("hard_cases.csv",),
     "mixture": ("mixture.csv", "mixture.png"),
-    "suite": ("bench.csv", "bench.png"),  # of the benchmarks
     "thermalisation": (
         "trajectory.xyz",
         "relaxation.csv",
