@@ -11,6 +11,7 @@ In a shorter run, quantities that depend on them keep their initial values, howe
 from __future__ import annotations
 
 import warnings
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -106,6 +107,7 @@ def velocity_correlation_times(scene: Scene) -> NDArray[np.float64]:
     return np.asarray(float(share @ nu.sum(axis=1)) / forgets)
 
 
+@dataclass(eq=False)
 class FrameWeights:
     """The effective number of independent frames in a series, from the collisions between frames.
 
@@ -119,12 +121,12 @@ class FrameWeights:
         correlated as exp(-ds/tau).
     """
 
-    def __init__(self) -> None:
-        self.effective: NDArray[np.float64] = np.zeros(0)
-        self._times: NDArray[np.float64] = np.zeros(0)
-        self._last = self._tested = np.inf
-        self._scene: Scene | None = None
-        self._span = 0.0  # collisions per particle between frames
+    effective: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    _times: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    _last: float = np.inf
+    _tested: float = np.inf
+    _scene: Scene | None = None
+    _span: float = 0.0  # collisions per particle between frames
 
     def add(self, frame: Frame) -> bool:
         """Add a frame; return whether it is `INDEPENDENT` correlation times after the last one tested."""

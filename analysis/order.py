@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -9,7 +10,8 @@ from numpy.typing import NDArray
 
 from analysis.estimator import Estimator, axes_or_new
 from analysis.series import BlockSeries
-from hardspheres.order import NEIGHBOURS, bond_order
+from hardspheres.compression import crystal_threshold
+from hardspheres.order import bond_order
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,8 +21,6 @@ if TYPE_CHECKING:
 __all__ = ["BondOrder"]
 
 FloatArray = NDArray[np.float64]
-
-CRYSTAL = {3: 0.2, 2: 0.35}
 
 
 class BondOrder(Estimator):
@@ -34,16 +34,14 @@ class BondOrder(Estimator):
     def __init__(self) -> None:
         self._rows = BlockSeries()  # s, order
         self._last = 0.0
+        self._threshold = math.inf
         self._dim = 3
 
     def add(self, frame: Frame) -> Self:
-        """Take in one frame of at least 14 particles (8 in 2D) and return the estimator itself."""
+        """Take in one frame of at least two particles and return the estimator itself."""
         scene = frame.scene
-        neighbours = NEIGHBOURS[scene.dim]
-        if len(frame.positions) < neighbours + 2:
-            raise ValueError(f"{len(frame.positions)} particles; bonds to {neighbours} neighbours need more")
-        self._dim = scene.dim
         self._last = bond_order(scene.with_state(frame.positions, frame.velocities)).value
+        self._threshold, self._dim = crystal_threshold(scene), scene.dim
         self._rows.add([frame.collisions_per_particle, self._last])
         return self
 
@@ -62,20 +60,27 @@ class BondOrder(Estimator):
         return np.asarray(self._rows.rows[:, index])
 
     @property
-    def crystalline(self) -> bool:
-        """Whether the last frame is ordered: Q6 above 0.2 in 3D, |psi6| above 0.35 in 2D.
-
-        Fluids of 100 particles or more stay below that up to freezing; a crystal with a few per cent of
-        vacancies is above.
-        """
+    def last(self) -> float:
+        """The order of the last frame."""
         self._require(len(self._rows) > 0, "values", "add(frame)")
-        return bool(self._last > CRYSTAL[self._dim])
+        return self._last
+
+    @property
+    def crystalline(self) -> bool:
+        """Whether the last frame has ordered, as `hardspheres.compression.order_of_crystal` judges it.
+
+        False where it cannot be judged: in mixtures, and for discs from a packing fraction of 0.70. The
+        threshold is three times the order of dense fluids or more: of fewer than 49 spheres or 400 discs no
+        crystal exceeds it.
+        """
+        return self.last > self._threshold
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the order of every frame against s, with the threshold of a crystal."""
         values = self.values
         axes = axes_or_new(ax)
-        axes.axhline(CRYSTAL[self._dim], color="0.4", lw=1.5, label="crystalline above")
+        if math.isfinite(self._threshold):
+            axes.axhline(self._threshold, color="0.4", lw=1.5, label="crystalline above")
         axes.plot(self.collisions_per_particle, values, ".", label="simulation")
         axes.set_xlabel("collisions per particle s")
         axes.set_ylabel("$Q_6$" if self._dim == 3 else r"$|\psi_6|$")

@@ -23,7 +23,6 @@ from analysis.correlation_times import (
     warn_if_frozen,
 )
 from analysis.estimator import PALETTE, TalliedEstimator, axes_or_new
-from analysis.order import CRYSTAL
 from analysis.series import BlockSeries, equilibration, estimate_from_series
 from analysis.statistics import Estimate, TheoryCheck
 from analysis.theory import Prediction
@@ -38,6 +37,7 @@ __all__ = ["Pressure", "PressureTensor"]
 
 FloatArray = NDArray[np.float64]
 
+FCC_ORDER = 0.2  # Q6 that a full lattice exceeds by far (0.575), and a fluid of as many spheres does not
 MELTING = 0.543  # packing fraction above which spheres on a lattice stay a crystal
 FLUID_UP_TO = {2: 0.66, 3: 0.494}  # packing fractions with a theory of sound
 
@@ -537,7 +537,7 @@ def _is_full_lattice(scene: Scene) -> bool:
     """Return whether a scene is a face-centred cubic crystal that fills a periodic cube, without vacancies."""
     cells = round((scene.n / 4) ** (1 / 3))
     cube = bool(scene.periodic.all()) and float(np.ptp(scene.box)) <= 1e-9 * float(scene.box[0])
-    return cube and 4 * cells**3 == scene.n and scene.n >= 32 and bond_order(scene).value > CRYSTAL[3]
+    return cube and 4 * cells**3 == scene.n and scene.n >= 32 and bond_order(scene).value > FCC_ORDER
 
 
 def _scaled(estimate: Estimate, factor: float) -> Estimate:

@@ -152,7 +152,9 @@ class Diffusion(Estimator):
         self._count += 1
         return self
 
-    def _gas(self) -> Scene:
+    @property
+    def scene(self) -> Scene:
+        """Where the gas that is followed started: its box, sizes and masses."""
         self._require(self._scene is not None, "moments", "add(sim)")
         assert self._scene is not None
         return self._scene
@@ -327,7 +329,7 @@ class Diffusion(Estimator):
         rows = self._rows_by_level[level].rows
         duration = (last - first) * 2.0**level * self.spacing
         return estimate_from_series(
-            (rows[:, last - 1] - rows[:, first - 1]) / (2 * self._gas().dim * duration)
+            (rows[:, last - 1] - rows[:, first - 1]) / (2 * self.scene.dim * duration)
         )
 
     def diffusion_from_velocities(self, until: float) -> Estimate:
@@ -365,7 +367,7 @@ class Diffusion(Estimator):
         weights = np.ones(last + 1)
         weights[1:-1:2], weights[2:-1:2] = 4.0, 2.0
         rows = self._rows_by_level[level].rows[:, self.points : self.points + last + 1]
-        return estimate_from_series(rows @ weights * (step / (3.0 * self._gas().dim)))
+        return estimate_from_series(rows @ weights * (step / (3.0 * self.scene.dim)))
 
     def _level_of(self, window: tuple[float, float]) -> tuple[int, int, int]:
         """Level of a window, and the places of its ends there."""
@@ -385,7 +387,7 @@ class Diffusion(Estimator):
 
     def _cube(self) -> tuple[float, float, float, float, float]:
         """Arguments of the theory of a periodic cube."""
-        scene = self._gas()
+        scene = self.scene
         if scene.dim != 3:
             raise ValueError("in 2D diffusion has no infinite limit: D grows as the logarithm of the box")
         if not self._is_cube():
@@ -399,7 +401,7 @@ class Diffusion(Estimator):
         )
 
     def _is_cube(self) -> bool:
-        scene = self._gas()
+        scene = self.scene
         cubic = np.ptp(scene.box) <= 1e-9 * scene.box[0]
         return bool(scene.dim == 3 and scene.periodic.all() and cubic and scene.species.max() == 0)
 
@@ -461,7 +463,7 @@ class Diffusion(Estimator):
         window : (float, float), optional
             As in `infinite_diffusion`; needed where there is no cube.
         """
-        scene = self._gas()
+        scene = self.scene
         if scene.species.max() > 0:
             raise ValueError("Enskog's D here is for one species; this gas is a mixture")
         enskog = theory.enskog_diffusion(
@@ -492,7 +494,7 @@ class Diffusion(Estimator):
         Axes
         """
         lags, value, error = self.lags, self.mean_square_displacement, self.mean_square_displacement_error
-        scene = self._gas()
+        scene = self.scene
         axes = axes_or_new(ax)
         axes.errorbar(lags, value, np.nan_to_num(error), fmt="o", ms=3, color="C0", label="simulation")
         mean_square = float(np.mean([rows.mean[self.points] for rows in self._rows_by_level[:1]]))

@@ -1,6 +1,7 @@
 """What holds for every estimator: asked too early it says what to call, and its memory does not grow with the frames."""
 
 import pickle
+from dataclasses import fields, is_dataclass
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,6 +19,7 @@ from analysis.structure import PairDistribution
 from analysis.temperatures import AnisotropyDecay, TemperatureEquilibration
 from analysis.transport import Diffusion
 from analysis.velocities import FourthCumulant, HFunction, KolmogorovSmirnov
+from studies.running.encoding import decode, encode
 
 STREAMING = [
     SpeedDistribution,
@@ -119,3 +121,64 @@ def test_repr_tells_results_or_that_there_are_none(kind):
     assert text.startswith(f"<{name}: ") and "nothing" not in text and "\n" not in text and len(text) < 300
     if kind is Pressure:
         assert f"virial {estimator.virial}" in text and "n_blocks 20" in text
+
+
+def frames(kind, seed=1):
+    """21 frames of a small gas that this kind of estimator can measure."""
+    scene = random_gas("3d_mixture" if kind is TemperatureEquilibration else "3d", 64, 0.02, seed=seed)
+    sim = hs.Simulation(scene, free_paths=kind is FreePath)
+    sim.run(collisions=400)
+    return sim.frames(every=3.0, count=21)
+
+
+def measured(kind, seed=1):
+    """An estimator that has seen these frames."""
+    estimator = None
+    for frame in frames(kind, seed):
+        if estimator is None:
+            estimator = kind(frame.scene) if kind in (Pressure, FreePath) else new(kind)
+        estimator.add(frame)
+    return estimator
+
+
+def same(a, b):
+    """Whether two results are equal, to the last bit of each number."""
+    if isinstance(a, (list, tuple)):
+        return type(a) is type(b) and len(a) == len(b) and all(map(same, a, b))
+    if isinstance(a, dict):
+        return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
+    if is_dataclass(a):
+        return type(a) is type(b) and all(
+            same(getattr(a, part.name), getattr(b, part.name)) for part in fields(a)
+        )
+    return np.array_equal(a, b, equal_nan=np.asarray(a).dtype.kind == "f")
+
+
+def results(estimator):
+    """All results by name, or what was raised instead."""
+    found = {}
+    for name in dir(type(estimator)):
+        if not name.startswith("_") and isinstance(getattr(type(estimator), name), property):
+            try:
+                found[name] = getattr(estimator, name)
+            except (hs.HardSpheresError, ValueError) as error:
+                found[name] = str(error)
+    return found
+
+
+@pytest.mark.filterwarnings(
+    "ignore::analysis.series.SeriesWarning", "ignore::analysis.theory.TheoryRangeWarning"
+)
+@pytest.mark.parametrize("kind", [*STREAMING, *REPLICAS, Pressure, FreePath])
+def test_stored_and_read_again_it_has_the_same_results_and_goes_on(kind):
+    """Sibling: other results after another frame."""
+    first, *others = frames(kind)
+    estimator = kind(first.scene) if kind in (Pressure, FreePath) else new(kind)
+    for frame in (first, *others[:-1]):
+        estimator.add(frame)
+    again = decode(encode(estimator))
+    assert same(results(estimator), results(again))
+    before = results(estimator)
+    again.add(others[-1])
+    assert not same(before, results(again))
+    assert same(results(estimator.add(others[-1])), results(again))
