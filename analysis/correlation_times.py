@@ -146,6 +146,14 @@ class FrameWeights:
         self._tested = s
         return True
 
+    def merge(self, other: FrameWeights) -> None:
+        """Take in the frames of another, independent run."""
+        if not len(self._times):
+            self._scene, self._times = other._scene, other._times
+            self.effective = np.zeros_like(self._times)
+        self.effective = self.effective + other.effective
+        self._span += other._span
+
     def warn_if_frozen(self) -> None:
         """Warn, as the function of this name, if fewer than `LONG_RUN` frames count as independent."""
         if self._scene is not None and self._span > 0.0 and float(self.effective.min()) < LONG_RUN:

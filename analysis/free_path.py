@@ -11,11 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from analysis import theory
-from analysis.correlation_times import LONG_RUN, velocity_correlation_times, warn_if_frozen
-from analysis.estimator import PALETTE, TalliedEstimator, axes_or_new
+from analysis.estimator import PALETTE, TalliedEstimator, axes_or_new, labelled
 from analysis.pressure import Pressure
-from analysis.reduced import species_labels
-from analysis.series import BlockSeries, estimate_from_series
+from analysis.reduced import Species, species_labels
 from analysis.statistics import Estimate, TheoryCheck
 from analysis.theory import FreeFlights, Prediction
 
@@ -72,14 +70,9 @@ class FreePath(TalliedEstimator):
     """
 
     def __init__(self, scene: Scene) -> None:
-        if not scene.thermal_energy > 0.0:
-            raise ValueError("nothing moves in this scene; a gas without thermal motion has no free paths")
-        self.scene = scene
-        first = np.unique(scene.species, return_index=True)[1]
-        self._particles = np.bincount(scene.species)
-        self._diameters, self._masses = 2.0 * scene.radii[first], scene.masses[first]
-        self._correlation_times = velocity_correlation_times(scene)
-        self._blocks = BlockSeries(ROWS)
+        super().__init__(scene, ROWS, "free paths")
+        gas = Species.of(scene)
+        self._particles, self._diameters, self._masses = gas.sizes, gas.diameters, gas.masses
         self._edges: dict[str, FloatArray] = {}
         self._columns: dict[str, tuple[int, tuple[int, ...]]] = {}
         self._ends, self._first = 0, 0
@@ -154,10 +147,11 @@ class FreePath(TalliedEstimator):
         start, shape = self._columns[name]
         return rows[..., start : start + math.prod(shape)]
 
-    @property
-    def n_blocks(self) -> int:
-        """How many blocks there are, one less than frames."""
-        return self._blocks.n_samples
+    def _take_in(self, other: Self) -> None:
+        super()._take_in(other)
+        self._edges, self._columns = self._edges or other._edges, self._columns or other._columns
+        self._ends += other._ends
+        self._first += other._first
 
     @property
     def flights(self) -> int:
@@ -165,21 +159,24 @@ class FreePath(TalliedEstimator):
         return self._ends - self._first
 
     def _rows(self, *names: str) -> FloatArray:
-        """Means of these columns in each row of the series, side by side: (rows, p)."""
-        self._require(len(self._blocks) >= 2, "two blocks", "add(frame) with three frames")
-        rows = self._blocks.rows
+        """Means of these columns in each row of the series of all runs, side by side: (rows, p)."""
+        self._require_blocks()
+        rows = np.concatenate([series.rows for series in self._series()])
         return np.concatenate([self._column(rows, name) for name in names], axis=1)
 
+    def _of_runs(self, rows: FloatArray) -> list[FloatArray]:
+        """Return the rows of each run."""
+        return np.split(rows, np.cumsum([len(series) for series in self._series()])[:-1])
+
+    def _total(self, rows: FloatArray) -> FloatArray:
+        """Return the sum over all blocks of what rows are means of."""
+        together = zip(self._of_runs(rows), self._series(), strict=True)
+        return np.asarray(sum(part.mean(axis=0) * series.n_samples for part, series in together))
+
     def _estimate(self, rows: FloatArray, statistic: Callable[[FloatArray], FloatArray]) -> Estimate:
-        """Return a function of the mean row; warn where a species has not forgotten its velocities (`analysis.correlation_times`)."""
-        per_row = float(self._rows("ends").sum(axis=1).mean()) * self._blocks.samples_per_row / self.scene.n
-        longest = float(self._correlation_times.max())
-        if per_row * len(rows) < LONG_RUN * longest:
-            warn_if_frozen(self.scene, per_row * len(rows))
-            longest = 0.0
-        return estimate_from_series(
-            rows, statistic, max(math.ceil(longest / per_row), 1) if len(self._correlation_times) > 1 else 1
-        )
+        """Return a function of the mean row."""
+        ends = self._rows("ends").sum(axis=1)
+        return self._from_blocks(self._of_runs(rows), statistic, self._of_runs(ends))
 
     def _ratio(self, above: FloatArray, below: FloatArray, factor: float = 1.0) -> Estimate:
         """Ratio of the sums of two columns."""
@@ -190,7 +187,7 @@ class FreePath(TalliedEstimator):
     @property
     def labels(self) -> list[str]:
         """What tells the species apart; "all" where there is one."""
-        return species_labels(self)  # type: ignore[arg-type]  # it reads the scene
+        return species_labels(self)
 
     # Means and rates ----------------------------------------------------------------------------------------
 
@@ -222,8 +219,8 @@ class FreePath(TalliedEstimator):
         def rate(i: int, j: int) -> Estimate:
             count, factor = pairs[:, i * len(kinds) + j], (1.0 + (i == j)) / float(self._particles[i])
             estimate = self._ratio(count, time, factor)
-            seen = float(count.mean()) * self.n_blocks
-            floor = factor * math.sqrt(max(seen, 1.0)) / (float(time.mean()) * self.n_blocks)
+            seen = float(self._total(count))
+            floor = factor * math.sqrt(max(seen, 1.0)) / float(self._total(time))
             if seen >= FEW or estimate.standard_error >= floor:
                 return estimate
             return Estimate(estimate.value, floor, max(seen, 1.0))
@@ -246,7 +243,7 @@ class FreePath(TalliedEstimator):
 
     # Distributions ------------------------------------------------------------------------------------------
 
-    def _species(self, species: int) -> int:
+    def _kind(self, species: int) -> int:
         if not 0 <= species < len(self._particles):
             raise ValueError(f"species = {species}; the gas has {len(self._particles)}, counted from 0")
         return species
@@ -265,7 +262,7 @@ class FreePath(TalliedEstimator):
         """
         if order not in (2, 3):
             raise ValueError(f"order = {order}; the engine adds up squares and cubes, ask for 2 or 3")
-        sums = self._rows(f"{of}_sums")[:, 3 * self._species(species) :]
+        sums = self._rows(f"{of}_sums")[:, 3 * self._kind(species) :]
         columns = np.stack([self._rows("flights")[:, species], sums[:, 0], sums[:, order - 1]], axis=1)
         return self._estimate(columns, lambda m: (m[..., 2] / m[..., 0]) / (m[..., 1] / m[..., 0]) ** order)
 
@@ -287,7 +284,7 @@ class FreePath(TalliedEstimator):
             One for each x. Between the edges of the engine's bins, 1/16 to 1/32 of x apart, the logarithm is taken as
             linear: a relative bias below 1e-4. The error bars know that the mean is measured too.
         """
-        kind = self._species(species)
+        kind = self._kind(species)
         edges = self._edges[of][kind][:-1] if self._edges else np.zeros(1)
         bins = len(edges)
         sums, flights = self._rows(f"{of}_sums"), self._rows("flights")
@@ -341,7 +338,7 @@ class FreePath(TalliedEstimator):
 
     def _by_speed(self, what: str, species: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Edges of wide bins, and the counts and sums in them, (rows, bins)."""
-        kind, wide = self._species(species), SPEED_BINS * FINE
+        kind, wide = self._kind(species), SPEED_BINS * FINE
 
         def joined(name: str) -> FloatArray:
             columns = self._rows(name)
@@ -349,7 +346,7 @@ class FreePath(TalliedEstimator):
             return np.asarray(per_species.reshape(len(columns), SPEED_BINS, FINE).sum(axis=2))
 
         counts, sums = joined("speed_counts"), joined(f"speed_{what}")
-        filled = np.flatnonzero(counts.mean(axis=0) * self.n_blocks >= 100.0)
+        filled = np.flatnonzero(self._total(counts) >= 100.0)
         self._require(len(filled) > 0, "speed with 100 flights", "add(frame) with more frames")
         first, last = int(filled[0]), int(filled[-1]) + 1
         edges = self._edges["speed"][kind][: wide + 1 : FINE]
@@ -364,7 +361,7 @@ class FreePath(TalliedEstimator):
             self._diameters,
             self._masses,
             self.scene.dim,
-            self._species(species),
+            self._kind(species),
             self.scene.temperature,
             self._particles if self.scene.periodic.all() else None,
         )
@@ -510,7 +507,4 @@ class FreePath(TalliedEstimator):
                 label="simulation" if len(measured) == 1 else label,
             )
         axes.set_yscale("log")
-        axes.set_xlabel("free path / mean free path")
-        axes.set_ylabel("part of the flights that are longer")
-        axes.legend()
-        return axes
+        return labelled(axes, "free path / mean free path", "part of the flights that are longer")

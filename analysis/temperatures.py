@@ -1,21 +1,19 @@
-"""Temperature equilibration between two species, and between directions.
-
-Both estimators average over replicas, independent gases that differ in their random start only; errors come
-from the spread of the replicas. Add the frames of one replica in the order of time, then those of the next; a
-frame that does not advance in time begins a new replica. All replicas must be sampled alike.
-"""
+"""Temperature equilibration between two species, and between directions."""
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis import theory
-from analysis.estimator import PALETTE, Estimator, axes_or_new
+from analysis.estimator import PALETTE, ReplicaEstimator, axes_or_new, labelled
+from analysis.reduced import Species
 from analysis.statistics import Estimate, TheoryCheck, estimate_from_jackknife, replica_mean
 from analysis.theory import Prediction
 from hardspheres.scene import drift
@@ -23,21 +21,24 @@ from hardspheres.scene import drift
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from hardspheres import Frame, Scene
+    from hardspheres import Frame
 
 __all__ = ["AnisotropyDecay", "TemperatureEquilibration"]
 
 FloatArray = NDArray[np.float64]
 
 
-class _Replicas(Estimator):
-    """A few numbers per frame, replica by replica."""
+@dataclass
+class _Replica:
+    """What is kept of one replica: S sampled moments."""
 
-    def __init__(self) -> None:
-        self._time: list[list[float]] = []
-        self._s: list[list[float]] = []
-        self._values: list[list[FloatArray]] = []
-        self._scene: Scene | None = None
+    time: list[float]
+    s: list[float]
+    values: list[FloatArray]
+
+
+class _Replicas(ReplicaEstimator):
+    """A few numbers per frame, replica by replica; a frame that does not advance in time begins a new one."""
 
     def _measure(self, frame: Frame) -> FloatArray:
         raise NotImplementedError
@@ -66,56 +67,33 @@ class _Replicas(Estimator):
                 f"{self._scene.dim}, as in the first frame"
             )
         values = self._measure(frame)
-        if self._scene is None:
-            self._scene = scene
-        if not self._time or frame.time <= self._time[-1][-1]:
-            self._time.append([])
-            self._s.append([])
-            self._values.append([])
-        self._time[-1].append(frame.time)
-        self._s[-1].append(frame.collisions_per_particle)
-        self._values[-1].append(values)
+        self._scene = self._scene or scene
+        replica = self._continued(frame.time, "time", lambda: _Replica([], [], []))
+        replica.time.append(frame.time)
+        replica.s.append(frame.collisions_per_particle)
+        replica.values.append(values)
         return self
-
-    def merge(self, other: Self) -> Self:
-        """Append the replicas of another estimator of the same gas, in their order, and return this one."""
-        if self._scene is not None and other._scene is not None and self._scene.n != other._scene.n:
-            raise ValueError("the estimators are of different gases and cannot be merged")
-        self._scene = self._scene or other._scene
-        self._time += other._time
-        self._s += other._s
-        self._values += other._values
-        return self
-
-    @property
-    def n_replicas(self) -> int:
-        """Number of replicas R."""
-        return len(self._time)
 
     @property
     def time(self) -> FloatArray:
         """Mean time of each sample since the first, (S,), [time]."""
-        times = np.array(self._ready(self._time))
+        times = np.array(self._ready("time"))
         return np.asarray((times - times[:, :1]).mean(axis=0))
 
     @property
     def s(self) -> FloatArray:
         """Mean collisions per particle of each sample since the first, (S,)."""
-        s = np.array(self._ready(self._s))
+        s = np.array(self._ready("s"))
         return np.asarray((s - s[:, :1]).mean(axis=0))
 
     @property
     def samples(self) -> FloatArray:
         """The values of each replica, (R, S, ...)."""
-        return np.array(self._ready(self._values))
+        return np.array(self._ready("values"))
 
-    def _gas(self) -> Scene:
-        self._require(self._scene is not None, "replicas", "add(frame)")
-        assert self._scene is not None
-        return self._scene
-
-    def _ready(self, series: list[list[Any]]) -> list[list[Any]]:
-        self._require(bool(series), "replicas", "add(frame)")
+    def _ready(self, name: str) -> list[list[Any]]:
+        self._require(bool(self._replicas), "replicas", "add(frame)")
+        series = [getattr(replica, name) for replica in self._replicas]
         for index, replica in enumerate(series):
             if len(replica) != len(series[0]):
                 raise ValueError(
@@ -134,6 +112,19 @@ class _Replicas(Estimator):
                 "earlier"
             )
         return first, last
+
+    def _decayed(self, axis: FloatArray, expected: FloatArray, measured: FloatArray) -> tuple[float, float]:
+        """Return the window from the first sample to where 1/e of a quantity is left, or to before the noise.
+
+        `expected`, (S,), is what theory says of the quantity, `measured`, (R, S), what the replicas gave.
+        """
+        mean, error = replica_mean(measured)
+        clear = np.abs(mean) > 3.0 * np.nan_to_num(error)
+        clear &= mean * mean[0] > 0.0
+        last = int(np.argmin(np.append(clear, False))) - 1  # of those that are clear from the first on
+        self._require(last > 0, "decay above the noise", "add(frame) with more particles or replicas")
+        wanted = int(np.argmin(np.abs(np.log(np.abs(expected[: last + 1] / expected[0])) + 1.0)))
+        return float(axis[0]), float(axis[max(wanted, 1)])
 
     def _rate(self, ends: FloatArray, length: float, what: str) -> Estimate:
         """Mean rate of exponential decay between two ends, (R, 2); jackknife over replicas."""
@@ -170,15 +161,13 @@ class TemperatureEquilibration(_Replicas):
 
     def _measure(self, frame: Frame) -> FloatArray:
         scene = frame.scene
-        sizes = np.bincount(scene.species)
-        if len(sizes) < 2:
+        species = Species.of(scene)
+        if len(species.sizes) < 2:
             raise ValueError("the gas has one species; temperatures of species need at least two")
-        first = np.unique(scene.species, return_index=True)[1]
-        conserved = float(np.mean(scene.periodic)) * scene.masses[first] / scene.masses.sum()
         peculiar = frame.velocities - drift(frame.velocities, scene.masses, scene.periodic)
         twice = scene.masses * np.einsum("ik,ik->i", peculiar, peculiar)
         total = np.bincount(scene.species, weights=twice)
-        return np.asarray(total / (scene.dim * sizes * (1.0 - conserved)))
+        return np.asarray(total / (scene.dim * species.sizes * (1.0 - species.momentum_shares)))
 
     @property
     def temperatures(self) -> FloatArray:
@@ -196,12 +185,11 @@ class TemperatureEquilibration(_Replicas):
         return self._theory(self.time)
 
     def _theory(self, time: FloatArray) -> Prediction:
-        scene = self._gas()
-        first = np.unique(scene.species, return_index=True)[1]
-        densities = np.bincount(scene.species) / scene.volume
-        diameters, masses = 2.0 * scene.radii[first], scene.masses[first]
-        start = self.temperatures[0]
-        return theory.temperature_equilibration(time, start, densities, diameters, masses, scene.dim)
+        scene, species = self.scene, self._species
+        densities, start = species.sizes / scene.volume, self.temperatures[0]
+        return theory.temperature_equilibration(
+            time, start, densities, species.diameters, species.masses, scene.dim
+        )
 
     def fit_rate(self, window: tuple[float, float], species: tuple[int, int] = (0, 1)) -> Estimate:
         """Return the mean rate at which the difference of two temperatures decays over a window of time.
@@ -239,8 +227,19 @@ class TemperatureEquilibration(_Replicas):
         difference = expected.value[ends, species[0]] - expected.value[ends, species[1]]
         length = float(time[ends[1]] - time[ends[0]])
         rate = math.log(float(difference[0] / difference[1])) / length
-        relative = {3: 0.04, 2: 0.08}[self._gas().dim]
+        relative = {3: 0.04, 2: 0.08}[self.scene.dim]
         return Prediction(rate, relative * rate)
+
+    @property
+    def checks(self) -> list[TheoryCheck]:
+        """The rate of each species beside the next one's, over about one relaxation time; see `check`."""
+        found, expected = [], self.theory.value
+        for i, j in itertools.pairwise(range(expected.shape[1])):
+            apart, samples = (values[..., i] - values[..., j] for values in (expected, self.samples))
+            check = self.check(self._decayed(self.time, apart, samples), (i, j))
+            pair = f", species {i + 1}-{j + 1}" if expected.shape[1] > 2 else ""
+            found.append(replace(check, quantity=check.quantity + pair))
+        return found
 
     def check(self, window: tuple[float, float], species: tuple[int, int] = (0, 1)) -> TheoryCheck:
         """Return the fitted rate beside the theory's."""
@@ -254,17 +253,7 @@ class TemperatureEquilibration(_Replicas):
         )
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the temperatures of the species against time over the theory with its band.
-
-        Parameters
-        ----------
-        ax : Axes, optional
-            Where to draw; a new figure when absent.
-
-        Returns
-        -------
-        Axes
-        """
+        """Draw the temperatures of the species against time over the theory with its band."""
         time, values, errors = self.time, self.temperatures, self.temperatures_error
         axes = axes_or_new(ax)
         fine = np.linspace(0.0, float(time[-1]), 200)
@@ -285,10 +274,7 @@ class TemperatureEquilibration(_Replicas):
                 label=f"species {kind}",
             )
         axes.plot([], [], color="0.4", lw=1.5, label="two Maxwellians")
-        axes.set_xlabel("time")
-        axes.set_ylabel("temperature $k_BT$")
-        axes.legend()
-        return axes
+        return labelled(axes, "time", "temperature $k_BT$")
 
 
 class AnisotropyDecay(_Replicas):
@@ -342,7 +328,7 @@ class AnisotropyDecay(_Replicas):
 
     def _theory(self, s: FloatArray) -> Prediction:
         start = float(self.anisotropy[0])
-        decay = theory.anisotropy_decay(s, self._gas().dim)
+        decay = theory.anisotropy_decay(s, self.scene.dim)
         return Prediction(start * decay.value, abs(start) * decay.uncertainty)
 
     def fit_rate(self, window: tuple[float, float] = (0.0, 2.0)) -> Estimate:
@@ -368,6 +354,13 @@ class AnisotropyDecay(_Replicas):
         rate = math.log(float(expected.value[0] / expected.value[1])) / length
         return Prediction(rate, float(np.hypot(*(expected.uncertainty / expected.value))) / length)
 
+    @property
+    def checks(self) -> list[TheoryCheck]:
+        """The rate beside theory over about one relaxation time, as far as theory reaches; see `check`."""
+        known = int(np.searchsorted(self.s, 4.0, side="right"))
+        s, samples = self.s[:known], self.samples[:, :known]
+        return [self.check(self._decayed(s, self._theory(s).value, samples))]
+
     def check(self, window: tuple[float, float] = (0.0, 2.0)) -> TheoryCheck:
         """Return the fitted rate beside the theory's."""
         expected = self.expected_rate(window)
@@ -380,24 +373,11 @@ class AnisotropyDecay(_Replicas):
         )
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the anisotropy with its standard errors against s over the Boltzmann equation's.
-
-        Parameters
-        ----------
-        ax : Axes, optional
-            Where to draw; a new figure when absent.
-
-        Returns
-        -------
-        Axes
-        """
+        """Draw the anisotropy with its standard errors against s over the Boltzmann equation's."""
         s, values, errors = self.s, self.anisotropy, self.anisotropy_error
         axes = axes_or_new(ax)
         fine = np.linspace(0.0, min(float(s[-1]), 4.0), 200)
         axes.plot(fine, self._theory(fine).value, color="0.25", lw=1.5, label="Boltzmann equation")
         axes.errorbar(s, values, errors, fmt="o", ms=4, label="simulation")
-        axes.set_xlabel("collisions per particle s")
         name = "xyz"[self.axis] if isinstance(self.axis, int) else r"\parallel"
-        axes.set_ylabel(f"anisotropy $T_{name}/T - 1$")
-        axes.legend()
-        return axes
+        return labelled(axes, "collisions per particle s", f"anisotropy $T_{name}/T - 1$")
