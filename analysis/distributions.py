@@ -8,6 +8,7 @@ Take frames at equal times: right after a collision its two partners are faster 
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -49,16 +50,17 @@ class _Histogram(Estimator):
         self._frames = 0
         self._temperature = 1.0
 
+    @abstractmethod
     def _values(self, reduced: FloatArray) -> FloatArray:
-        raise NotImplementedError
+        """Return the quantity of each particle."""
 
+    @abstractmethod
     def _law(self, edges: FloatArray) -> FloatArray:
         """Probability below each edge, infinitely many particles."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _finite_law(self, edges: FloatArray, momentum_share: float) -> FloatArray:
         """Probability below each edge at fixed energy; one particle has this share of the mass."""
-        raise NotImplementedError
 
     def add(self, frame: Frame) -> Self:
         """Take in one frame.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -34,8 +35,9 @@ class PerFrame(BlockEstimator):
         self._weights = FrameWeights()
         self._last = math.nan
 
+    @abstractmethod
     def _measure(self, frame: Frame) -> list[float]:
-        raise NotImplementedError
+        """Return what is kept of a frame."""
 
     def add(self, frame: Frame) -> Self:
         """Take in one frame and return the estimator itself."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self
@@ -40,8 +41,9 @@ class _Replica:
 class _Replicas(ReplicaEstimator):
     """A few numbers per frame, replica by replica; a frame that does not advance in time begins a new one."""
 
+    @abstractmethod
     def _measure(self, frame: Frame) -> FloatArray:
-        raise NotImplementedError
+        """Return what is kept of a frame."""
 
     def add(self, frame: Frame) -> Self:
         """Take in one frame.

@@ -1,20 +1,26 @@
-"""What holds for every estimator: asked too early it says what to call, and its memory does not grow with the frames."""
+"""What holds for every estimator: one shape, words for what is missing, memory that does not grow with the frames."""
 
+import importlib
+import inspect
 import pickle
+import pkgutil
 from dataclasses import fields, is_dataclass
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from scenes import gas as random_gas
 
+import analysis
 import hardspheres as hs
 from analysis.distributions import ComponentDistribution, EnergyDistribution, SpeedDistribution
-from analysis.estimator import NoDataError
+from analysis.estimator import Estimator, NoDataError
 from analysis.free_path import FreePath
 from analysis.order import BondOrder
 from analysis.pressure import Pressure
 from analysis.relaxation import RelaxationCurve
+from analysis.statistics import TheoryCheck
 from analysis.structure import PairDistribution
 from analysis.temperatures import AnisotropyDecay, TemperatureEquilibration
 from analysis.transport import Diffusion
@@ -33,6 +39,7 @@ STREAMING = [
     Diffusion,
 ]
 REPLICAS = [RelaxationCurve, TemperatureEquilibration, AnisotropyDecay]
+EVERY = [*STREAMING, *REPLICAS, Pressure, FreePath]
 # true before anything is added
 WITHOUT_DATA = {"n_replicas", "n_blocks", "discarded_rows", "predictions", "flights"}
 WITH_SCENE = {"scene", "labels"}  # where the constructor takes the scene
@@ -42,7 +49,75 @@ def new(kind):
     return kind(random_gas("3d", 32, 0.1)) if kind in (Pressure, FreePath) else kind()
 
 
-@pytest.mark.parametrize("kind", [*STREAMING, *REPLICAS, Pressure, FreePath])
+def frames(kind):
+    """31 frames of a small gas that this kind of estimator can measure."""
+    scene = random_gas("3d_mixture" if kind is TemperatureEquilibration else "3d", 64, 0.1)
+    if kind in REPLICAS:
+        faster = np.where(scene.species == 0, 1.5, 1.0)[:, None] if scene.species.any() else (1.5, 1.0, 1.0)
+        scene = scene.replace(velocities=scene.velocities * faster)
+    sim = hs.Simulation(scene, free_paths=kind is FreePath)
+    if kind not in REPLICAS:
+        sim.run(collisions=640)
+    return list(sim.frames(every=0.3 if kind in REPLICAS else 2.0, count=31))
+
+
+def measured(kind, given):
+    """Return an estimator that has seen these frames."""
+    estimator = kind(given[0].scene) if kind in (Pressure, FreePath) else new(kind)
+    for frame in given:
+        estimator.add(frame)
+    return estimator
+
+
+def test_every_estimator_is_tested_here():
+    for module in pkgutil.walk_packages(analysis.__path__, "analysis."):
+        importlib.import_module(module.name)
+
+    def below(kind):
+        return {kind, *(one for own in kind.__subclasses__() for one in below(own))}
+
+    found = {kind for kind in below(Estimator) if kind.__module__.startswith("analysis.")}
+    assert {kind for kind in found if not inspect.isabstract(kind)} == set(EVERY)
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+@pytest.mark.parametrize("kind", EVERY)
+def test_one_shape(kind):
+    """`add` returns the estimator, parameters and results are read-only, checks, merge, plot into given Axes."""
+    *first, last = frames(kind)
+    estimator = measured(kind, first)
+    assert list(inspect.signature(kind.add).parameters) == ["self", "frame"]
+    assert estimator.add(last) is estimator
+    assert estimator.scene.n == 64
+    names = {name for name in dir(kind) if isinstance(getattr(kind, name), property)} | set(vars(estimator))
+    for name in names:
+        if not name.startswith("_"):
+            with pytest.raises(AttributeError):
+                setattr(estimator, name, 1)
+    checks = estimator.checks
+    assert all(type(check) is TheoryCheck for check in checks)
+    assert (checks == []) == (kind is BondOrder)
+    assert not any(check.p_value < 1e-4 for check in checks if kind is not RelaxationCurve)
+    assert kind.merge is Estimator.merge
+    axes = Figure().subplots()
+    assert estimator.plot(axes) is axes and estimator.plot(ax=axes) is axes
+    assert axes.get_xlabel() and axes.get_ylabel() and axes.get_legend() is not None
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_checks_see_a_gas_that_is_not_at_equilibrium(gas):
+    """Equal speeds, sampled as if independent; sibling: Maxwell's speeds of the same gas."""
+    rng = np.random.default_rng(1)
+    for kind in (SpeedDistribution, EnergyDistribution, FourthCumulant, KolmogorovSmirnov, HFunction):
+        wrong, right = new(kind), new(kind)
+        for k in range(60):
+            v = gas.maxwell(rng, 64, 3)
+            right.add(gas.frame(v - v.mean(axis=0), s=20.0 * k))
+            wrong.add(gas.frame(gas.equal_speeds(rng, 64, 3) + 0.3 * (v - v.mean(axis=0)), s=20.0 * k))
+        assert right.checks[0].p_value > 1e-3 and wrong.checks[0].p_value < 1e-6
+
+
+@pytest.mark.parametrize("kind", EVERY)
 def test_asked_too_early_it_says_what_to_call(kind):
     results = [
         name
@@ -104,7 +179,7 @@ def test_memory_does_not_grow_with_the_blocks(kind):
     assert last - first < 1000
 
 
-@pytest.mark.parametrize("kind", [*STREAMING, *REPLICAS, Pressure, FreePath])
+@pytest.mark.parametrize("kind", EVERY)
 def test_repr_tells_results_or_that_there_are_none(kind):
     """Sibling: an estimator that has seen nothing; what cannot be told yet raises nothing."""
     name = kind.__name__
@@ -123,24 +198,6 @@ def test_repr_tells_results_or_that_there_are_none(kind):
     assert text.startswith(f"<{name}: ") and "nothing" not in text and "\n" not in text and len(text) < 300
     if kind is Pressure:
         assert f"virial {estimator.virial}" in text and "n_blocks 20" in text
-
-
-def frames(kind, seed=1):
-    """21 frames of a small gas that this kind of estimator can measure."""
-    scene = random_gas("3d_mixture" if kind is TemperatureEquilibration else "3d", 64, 0.02, seed=seed)
-    sim = hs.Simulation(scene, free_paths=kind is FreePath)
-    sim.run(collisions=400)
-    return sim.frames(every=3.0, count=21)
-
-
-def measured(kind, seed=1):
-    """An estimator that has seen these frames."""
-    estimator = None
-    for frame in frames(kind, seed):
-        if estimator is None:
-            estimator = kind(frame.scene) if kind in (Pressure, FreePath) else new(kind)
-        estimator.add(frame)
-    return estimator
 
 
 def same(a, b):
@@ -171,16 +228,14 @@ def results(estimator):
 @pytest.mark.filterwarnings(
     "ignore::analysis.series.SeriesWarning", "ignore::analysis.theory.TheoryRangeWarning"
 )
-@pytest.mark.parametrize("kind", [*STREAMING, *REPLICAS, Pressure, FreePath])
+@pytest.mark.parametrize("kind", EVERY)
 def test_stored_and_read_again_it_has_the_same_results_and_goes_on(kind):
     """Sibling: other results after another frame."""
-    first, *others = frames(kind)
-    estimator = kind(first.scene) if kind in (Pressure, FreePath) else new(kind)
-    for frame in (first, *others[:-1]):
-        estimator.add(frame)
+    *first, last = frames(kind)
+    estimator = measured(kind, first)
     again = decode(encode(estimator))
     assert same(results(estimator), results(again))
     before = results(estimator)
-    again.add(others[-1])
+    again.add(last)
     assert not same(before, results(again))
-    assert same(results(estimator.add(others[-1])), results(again))
+    assert same(results(estimator.add(last)), results(again))
