@@ -18,13 +18,13 @@ from scipy import stats
 from analysis import theory
 from analysis.correlation_times import FrameWeights
 from analysis.estimator import PALETTE, Estimator, NoDataError, axes_or_new, labelled
-from analysis.reduced import Species, reduced_velocities, species_labels
+from analysis.reduced import Gas, reduced_velocities
 from analysis.statistics import ChiSquare, Estimate, TheoryCheck
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from hardspheres import Frame, Scene
+    from hardspheres import Frame
 
 __all__ = ["ComponentDistribution", "EnergyDistribution", "SpeedDistribution"]
 
@@ -77,7 +77,8 @@ class _Histogram(Estimator):
         reduced, temperature = reduced_velocities(frame)
         species = frame.scene.species
         values = self._values(reduced)
-        sizes = Species.of(frame.scene).sizes
+        gas = Gas.of(frame.scene)
+        sizes = gas.sizes
         counts = np.stack(
             [np.histogram(values[species == kind], bins=self.edges)[0] for kind in range(len(sizes))]
         )
@@ -85,16 +86,16 @@ class _Histogram(Estimator):
             raise ValueError(
                 f"frame has {len(sizes)} species; expected {len(self._counts)}, as in the first frame"
             )
-        self._begin(frame.scene, temperature, counts.shape)
+        self._begin(gas, temperature, counts.shape)
         self._count(counts, sizes, 1)
         if self._weights.add(frame):
             self._tested, self._tested_sizes = self._tested + counts, self._tested_sizes + sizes
         return self
 
-    def _begin(self, scene: Scene, temperature: float, shape: tuple[int, ...]) -> None:
+    def _begin(self, gas: Gas, temperature: float, shape: tuple[int, ...]) -> None:
         """Keep the gas and its temperature where nothing has been counted yet."""
         if self._counts is None:
-            self._scene, self._temperature = scene, temperature
+            self._gas, self._temperature = gas, temperature
             self._counts = self._tested = np.zeros(shape, dtype=np.int64)
             self._sizes = self._tested_sizes = np.zeros(shape[0], dtype=np.int64)
 
@@ -105,7 +106,7 @@ class _Histogram(Estimator):
 
     def _take_in(self, other: Self) -> None:
         counts = other._counted()
-        self._begin(other.scene, other._temperature, counts.shape)
+        self._begin(other.gas, other._temperature, counts.shape)
         self._count(counts, other._sizes, other._frames)
         self._tested = self._tested + other._tested
         self._tested_sizes = self._tested_sizes + other._tested_sizes
@@ -127,12 +128,12 @@ class _Histogram(Estimator):
 
         Multiply `edges` of speeds by it and divide `density` by it for absolute units.
         """
-        return np.asarray(np.sqrt(self._temperature / self._species.masses))
+        return np.asarray(np.sqrt(self._temperature / self.gas.masses))
 
     @property
     def labels(self) -> list[str]:
         """One label per species; "all" for a single one."""
-        return species_labels(self)
+        return self.gas.labels
 
     def _units(self) -> FloatArray:
         """Return what 1 on the axis of the histogram is for each species, (k,)."""
@@ -170,9 +171,9 @@ class _Histogram(Estimator):
         return np.asarray(np.diff(self._finite_laws(), axis=1) / np.diff(self.edges))
 
     def _finite_laws(self) -> FloatArray:
-        if self.scene.degrees_of_freedom <= self.scene.dim:  # a single particle shares no energy
+        if self.gas.degrees_of_freedom <= self.gas.dim:  # a single particle shares no energy
             return np.tile(self._law(self.edges), (len(self._sizes), 1))
-        return np.array([self._finite_law(self.edges, share) for share in self._species.momentum_shares])
+        return np.array([self._finite_law(self.edges, share) for share in self.gas.momentum_shares])
 
     @property
     def chi_square(self) -> ChiSquare:
@@ -228,14 +229,14 @@ class _Histogram(Estimator):
         """
         self._counted()
         axes = axes_or_new(ax)
-        shares, freedom = self._species.momentum_shares, self.scene.degrees_of_freedom
+        shares, freedom = self.gas.momentum_shares, self.gas.degrees_of_freedom
         centres = (self.edges[1:] + self.edges[:-1]) / 2
         fine = np.linspace(self.edges[0], self.edges[-1], 601)
         step = 1e-4
         law = (self._law(fine + step) - self._law(fine - step)) / (2 * step)
         for index, (thermal, label) in enumerate(zip(self._units(), self.labels, strict=True)):
             colour = PALETTE[index % len(PALETTE)]
-            if self._sizes[index] < 1000 and freedom > self.scene.dim:
+            if self._sizes[index] < 1000 and freedom > self.gas.dim:
                 share = shares[index]
                 finite = self._finite_law(fine + step, share) - self._finite_law(fine - step, share)
                 axes.plot(fine * thermal, finite / (2 * step) / thermal, "--", color=colour, lw=1, zorder=1)
@@ -279,10 +280,10 @@ class SpeedDistribution(_Histogram):
         return np.asarray(np.sqrt(np.einsum("ik,ik->i", reduced, reduced)))
 
     def _law(self, edges: FloatArray) -> FloatArray:
-        return theory.speed_cdf(edges, self.scene.dim)
+        return theory.speed_cdf(edges, self.gas.dim)
 
     def _finite_law(self, edges: FloatArray, momentum_share: float) -> FloatArray:
-        law = theory.finite_energy_law(self.scene.degrees_of_freedom, self.scene.dim, momentum_share)
+        law = theory.finite_energy_law(self.gas.degrees_of_freedom, self.gas.dim, momentum_share)
         return np.asarray(law.cdf(np.maximum(edges, 0.0) ** 2 / 2))
 
 
@@ -314,7 +315,7 @@ class ComponentDistribution(_Histogram):
 
     def _finite_law(self, edges: FloatArray, momentum_share: float) -> FloatArray:
         # a component's share of the energy is (1 - q) Beta(1/2, (D - 1)/2)
-        freedom = self.scene.degrees_of_freedom
+        freedom = self.gas.degrees_of_freedom
         square = edges**2 / (freedom * (1.0 - momentum_share))
         half = stats.beta.cdf(np.minimum(square, 1.0), 0.5, (freedom - 1) / 2) / 2
         return np.asarray(0.5 + np.sign(edges) * half)
@@ -346,8 +347,8 @@ class EnergyDistribution(_Histogram):
         return np.full(len(self._sizes), self._temperature)
 
     def _law(self, edges: FloatArray) -> FloatArray:
-        return theory.energy_cdf(edges, self.scene.dim)
+        return theory.energy_cdf(edges, self.gas.dim)
 
     def _finite_law(self, edges: FloatArray, momentum_share: float) -> FloatArray:
-        law = theory.finite_energy_law(self.scene.degrees_of_freedom, self.scene.dim, momentum_share)
+        law = theory.finite_energy_law(self.gas.degrees_of_freedom, self.gas.dim, momentum_share)
         return np.asarray(law.cdf(edges))

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.correlation_times import LONG_RUN, velocity_correlation_times, warn_if_frozen
-from analysis.reduced import Species
+from analysis.reduced import Gas
 from analysis.series import BlockSeries, estimate_from_runs
 from analysis.statistics import Estimate, TheoryCheck
 from hardspheres.errors import HardSpheresError
@@ -49,6 +49,10 @@ NUMBERS = {"int", "Estimate", "Estimate | None", "ChiSquare"}
 """Types of the results whose values `repr` shows."""
 
 
+INPUT = {"checks", "gas", "scene"}
+"""Properties that are no results of their own, which `repr` leaves out."""
+
+
 class NoDataError(HardSpheresError, RuntimeError):
     """A result was asked of an estimator that has not seen the data it needs."""
 
@@ -61,7 +65,7 @@ class Estimator(ABC):
     raise `NoDataError` until there are enough data.
     """
 
-    _scene: Scene | None = None
+    _gas: Gas | None = None
 
     @abstractmethod
     def add(self, frame: Any) -> Self:
@@ -98,10 +102,10 @@ class Estimator(ABC):
             If it is of another class or gas, has other parameters, or is this one.
         """
         self._require_like(other)
-        if other._scene is not None:
-            if self._scene is None:
-                self._scene = other._scene
-            self._take_in(copy.deepcopy(other, {id(other._scene): self._scene}))  # one scene serves both
+        if other._gas is not None:
+            scene = vars(other).get("_scene")  # one serves both
+            self._take_in(copy.deepcopy(other, {id(scene): vars(self).get("_scene", scene)} if scene else {}))
+            self._gas = self._gas or other._gas
         return self
 
     def _require_like(self, other: Estimator) -> None:
@@ -116,21 +120,16 @@ class Estimator(ABC):
             if not np.array_equal(own, value):
                 both = "" if isinstance(own, np.ndarray) else f" ({own} and {value})"
                 raise ValueError(f"two {name}s of different {parameter}{both} cannot be merged")
-        if self._scene is not None and other._scene is not None:
-            difference = _difference(self._scene, other._scene)
-            if difference:
-                raise ValueError(f"a {name} of another gas cannot be merged: {difference}")
+        difference = self._gas.difference(other._gas) if self._gas and other._gas else ""
+        if difference:
+            raise ValueError(f"a {name} of another gas cannot be merged: {difference}")
 
     @property
-    def scene(self) -> Scene:
-        """The gas, where its first simulation started."""
-        self._require(self._scene is not None, "gas", "add(frame)")
-        assert self._scene is not None
-        return self._scene
-
-    @property
-    def _species(self) -> Species:
-        return Species.of(self.scene)
+    def gas(self) -> Gas:
+        """What was measured: size, density, temperature, species of the gas."""
+        self._require(self._gas is not None, "gas", "add(frame)")
+        assert self._gas is not None
+        return self._gas
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Set an attribute; AttributeError where it is a parameter that has its value."""
@@ -143,7 +142,7 @@ class Estimator(ABC):
         numbers, names, missing = [], [], False
         for name in dict.fromkeys(name for kind in reversed(type(self).__mro__) for name in vars(kind)):
             result = getattr(type(self), name)
-            if name in vars(Estimator) or name.startswith("_") or not isinstance(result, property):
+            if name in INPUT or name.startswith("_") or not isinstance(result, property):
                 continue
             try:
                 with warnings.catch_warnings():
@@ -163,29 +162,6 @@ class Estimator(ABC):
     def _require(self, ready: bool, what: str, call: str) -> None:
         if not ready:
             raise NoDataError(f"{type(self).__name__} has no {what} yet; call {call} first")
-
-
-def _difference(scene: Scene, other: Scene) -> str:
-    """Return in what two gases differ, in words; an empty string where they are the same."""
-
-    def told(scene: Scene) -> dict[str, Any]:
-        species = Species.of(scene)
-        return {
-            "dimension": scene.dim,
-            "particles of each species": species.sizes.tolist(),
-            "boundary": scene.boundary,
-            "box": scene.box,
-            "diameters": species.diameters,
-            "masses": species.masses,
-            "temperature": scene.temperature,
-        }
-
-    for (name, own), value in zip(told(scene).items(), told(other).values(), strict=True):
-        exact = name in ("dimension", "particles of each species", "boundary")
-        if own != value if exact else not np.allclose(own, value, rtol=1e-6, atol=0.0):
-            told_value, told_own = (f"{x:.6g}" if isinstance(x, float) else f"{x}" for x in (value, own))
-            return f"{name} {told_value}; expected {told_own}"
-    return ""
 
 
 class BlockEstimator(Estimator):
@@ -226,15 +202,21 @@ def over_runs(means: Sequence[FloatArray], weights: Sequence[float]) -> FloatArr
 class TalliedEstimator(BlockEstimator):
     """Base of estimators of what the engine counts: a block lies between one frame and the next."""
 
+    _gas: Gas
     _followed: Scene | None = None  # where the simulation started whose frames have come
     _before: FloatArray | None = None  # what was counted up to the last of them, its time first
 
     def __init__(self, scene: Scene, rows: int, what: str) -> None:
         if not scene.thermal_energy > 0.0:
             raise ValueError(f"nothing moves in this scene; a gas without thermal motion has no {what}")
-        self._scene = scene
+        self._scene, self._gas = scene, Gas.of(scene)
         self._blocks = BlockSeries(rows)
         self._correlation_times = velocity_correlation_times(scene)
+
+    @property
+    def scene(self) -> Scene:
+        """The scene that was given."""
+        return self._scene
 
     @property
     def n_blocks(self) -> int:
@@ -270,7 +252,7 @@ class TalliedEstimator(BlockEstimator):
             if len(self._correlation_times) > 1:
                 slowest = float(self._correlation_times.max())
                 if per_row * len(counts) < LONG_RUN * slowest:
-                    warn_if_frozen(self.scene, per_row * len(counts))
+                    warn_if_frozen(self._correlation_times, per_row * len(counts))
                 else:
                     longest = max(least, slowest)
             shortest.append(max(math.ceil(longest / per_row), 1) if per_row > 0.0 else 1)

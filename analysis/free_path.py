@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 from analysis import theory
 from analysis.estimator import PALETTE, TalliedEstimator, axes_or_new, labelled
 from analysis.pressure import Pressure
-from analysis.reduced import Species, species_labels
 from analysis.statistics import Estimate, TheoryCheck
 from analysis.theory import FreeFlights, Prediction
 
@@ -71,7 +70,7 @@ class FreePath(TalliedEstimator):
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene, ROWS, "free paths")
-        gas = Species.of(scene)
+        gas = self._gas
         self._particles, self._diameters, self._masses = gas.sizes, gas.diameters, gas.masses
         self._edges: dict[str, FloatArray] = {}
         self._columns: dict[str, tuple[int, tuple[int, ...]]] = {}
@@ -187,7 +186,7 @@ class FreePath(TalliedEstimator):
     @property
     def labels(self) -> list[str]:
         """What tells the species apart; "all" where there is one."""
-        return species_labels(self)
+        return self._gas.labels
 
     # Means and rates ----------------------------------------------------------------------------------------
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+from typing import TYPE_CHECKING, Self
 
 from analysis.per_frame import PerFrame
 from analysis.statistics import Estimate, TheoryCheck
@@ -24,8 +25,10 @@ class BondOrder(PerFrame):
     """
 
     _line = "crystalline above"
+    _threshold = math.inf
 
     def _measure(self, frame: Frame) -> list[float]:
+        self._threshold = crystal_threshold(frame.scene)
         return [bond_order(frame.scene.with_state(frame.positions, frame.velocities)).value]
 
     @property
@@ -55,9 +58,13 @@ class BondOrder(PerFrame):
         self._require_values()
         return []
 
+    def _take_in(self, other: Self) -> None:
+        super()._take_in(other)
+        self._threshold = min(self._threshold, other._threshold)
+
     def _level(self) -> float:
-        return crystal_threshold(self.scene)
+        return self._threshold
 
     @property
     def _ylabel(self) -> str:  # type: ignore[override]
-        return "$Q_6$" if self.scene.dim == 3 else r"$|\psi_6|$"
+        return "$Q_6$" if self.gas.dim == 3 else r"$|\psi_6|$"

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from analysis.correlation_times import FrameWeights
 from analysis.estimator import BlockEstimator, axes_or_new, labelled
+from analysis.reduced import Gas
 from analysis.series import SHORT_RUN, BlockSeries
 from analysis.statistics import Estimate, estimate_from_replicas
 
@@ -42,7 +43,7 @@ class PerFrame(BlockEstimator):
     def add(self, frame: Frame) -> Self:
         """Take in one frame and return the estimator itself."""
         measured = self._measure(frame)
-        self._scene = self._scene or frame.scene
+        self._gas = self._gas or Gas.of(frame.scene)
         self._blocks.add([frame.collisions_per_particle, *measured])
         self._weights.add(frame)
         self._last = measured[0]

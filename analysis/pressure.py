@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from analysis import theory
 from analysis.correlation_times import virial_block_length
 from analysis.estimator import PALETTE, TalliedEstimator, axes_or_new, labelled, over_runs
-from analysis.reduced import Species
 from analysis.series import BlockSeries, equilibration
 from analysis.statistics import Estimate, TheoryCheck
 from analysis.theory import Prediction
@@ -107,7 +106,6 @@ class Pressure(TalliedEstimator):
         super().__init__(scene, 1024, "pressure")
         self.discard = discard
         self._counts_pairs = False
-        self._gas = Species.of(scene)
         momentum = np.where(scene.periodic, scene.momentum, 0.0) if scene.n > 1 else np.zeros(scene.dim)
         self._least_block = virial_block_length(scene.packing_fraction, scene.dim)
         self._common_motion = np.outer(momentum, momentum) / float(scene.masses.sum())

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from analysis import theory
 from analysis.estimator import ReplicaEstimator, axes_or_new, labelled
-from analysis.reduced import Species, mean_a2
+from analysis.reduced import Gas
 from analysis.statistics import (
     ChiSquare,
     Estimate,
@@ -28,7 +28,7 @@ from analysis.statistics import (
     jackknife,
     replica_mean,
 )
-from analysis.velocities import cumulants, h_excess, reduced_velocities, species_labels
+from analysis.velocities import cumulants, h_excess, reduced_velocities
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -129,9 +129,9 @@ class RelaxationCurve(ReplicaEstimator):
         """
         reduced, temperature = reduced_velocities(frame)
         scene = frame.scene
-        sizes = Species.of(scene).sizes
-        if self._scene is None:
-            self._scene, self._temperature = scene, temperature
+        sizes = Gas.of(scene).sizes
+        if self._gas is None:
+            self._gas, self._temperature = Gas.of(scene), temperature
         elif scene.dim != self.dim or not np.array_equal(sizes, self._sizes):
             raise ValueError(
                 f"frame has {scene.dim} dimensions and species of {sizes.tolist()} particles; expected "
@@ -180,31 +180,31 @@ class RelaxationCurve(ReplicaEstimator):
     @property
     def dim(self) -> int:
         """Dimension d."""
-        return self.scene.dim
+        return self.gas.dim
 
     @property
     def _sizes(self) -> NDArray[np.int64]:
-        return self._species.sizes
+        return self.gas.sizes
 
     @property
     def n_per_replica(self) -> int:
         """Number of particles N of one replica."""
-        return self.scene.n
+        return self.gas.n
 
     @property
     def labels(self) -> list[str]:
         """One label per species; "all" for a single one."""
-        return species_labels(self)
+        return self.gas.labels
 
     @property
     def thermal_speeds(self) -> FloatArray:
         """sqrt(kT/m) of each species in the first replica, (k,), [speed]."""
-        return np.asarray(np.sqrt(self._temperature / self._species.masses))
+        return np.asarray(np.sqrt(self._temperature / self.gas.masses))
 
     @property
     def degrees_of_freedom(self) -> int:
         """Number of translational degrees of freedom D of one replica."""
-        return self.scene.degrees_of_freedom
+        return self.gas.degrees_of_freedom
 
     @property
     def s(self) -> FloatArray:
@@ -469,10 +469,10 @@ class RelaxationCurve(ReplicaEstimator):
             measured = Estimate(float(value), float(error), self.n_replicas, freedom)
             return TheoryCheck(name, "equilibrium", measured, expected, uncertainty)
 
-        checks = [check("a2", self.a2[-1], self.a2_error[-1], mean_a2(self.scene))]
+        checks = [check("a2", self.a2[-1], self.a2_error[-1], self.gas.mean_a2)]
         if len(self._sizes) > 1:
             values, errors = self.temperature_by_species[-1], self.temperature_by_species_error[-1]
-            for kind, share in enumerate(1.0 - self._species.momentum_shares):
+            for kind, share in enumerate(1.0 - self.gas.momentum_shares):
                 checks.append(check(f"T{kind + 1}/T", values[kind], errors[kind], float(share)))
         if self.preferred_direction is not None:
             along = self.temperature_along(self.preferred_direction)

@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 
 from analysis import theory
 from analysis.estimator import PALETTE, BlockEstimator, axes_or_new, labelled, over_runs
+from analysis.reduced import Gas
 from analysis.series import BlockSeries, block_length, run_groups
 from analysis.statistics import Estimate, TheoryCheck
 
@@ -74,6 +75,7 @@ class PairDistribution(BlockEstimator):
         self.edges: FloatArray = np.linspace(0.0, depth, bins + 1)
         self._blocks = BlockSeries(256)
         self._at_collision = 0
+        self._scene: Scene | None = None
 
     def add(self, frame: Frame) -> Self:
         """Take in one frame.
@@ -94,13 +96,13 @@ class PairDistribution(BlockEstimator):
             If an axis has walls, or the box is not twice as long as the largest r.
         """
         scene = frame.scene
-        if self._scene is None:
+        if self._gas is None:
             self._begin(scene)
-        elif len(frame.positions) != self._scene.n:
+        elif len(frame.positions) != self._gas.n:
             raise ValueError(
-                f"frame has {len(frame.positions)} particles; expected {self._scene.n}, as in the first"
+                f"frame has {len(frame.positions)} particles; expected {self._gas.n}, as in the first"
             )
-        species, depth = self._species, float(self.edges[-1])
+        species, depth = self.gas, float(self.edges[-1])
         reach = float(species.diameters.max()) * (1.0 + depth)
         tree = cKDTree(frame.positions, boxsize=scene.box)
         i, j = tree.query_pairs(reach, output_type="ndarray").T
@@ -133,23 +135,24 @@ class PairDistribution(BlockEstimator):
                 f"depth = {self.edges[-1]:g} reaches to r = {reach:.4g}, beyond half of the shortest edge, "
                 f"{scene.box.min() / 2:.4g}; choose a smaller depth or a larger gas"
             )
-        self._scene = scene
+        self._scene, self._gas = scene, Gas.of(scene)
 
     def _take_in(self, other: Self) -> None:
+        self._scene = self._scene or other._scene
         super()._take_in(other)
         self._at_collision += other._at_collision
 
     def _pairs(self) -> list[tuple[int, int]]:
-        return list(itertools.combinations_with_replacement(range(len(self._species.sizes)), 2))
+        return list(itertools.combinations_with_replacement(range(len(self.gas.sizes)), 2))
 
     def _ideal(self) -> FloatArray:
         """Pairs that each bin would hold without any correlation, (pairs, bins)."""
-        scene, sizes = self.scene, self._species.sizes
-        shells = self._shells(scene.dim)
+        gas, sizes = self.gas, self.gas.sizes
+        shells = self._shells(gas.dim)
         rows = []
         for i, j in self._pairs():
             pairs = sizes[i] * sizes[j] / (2.0 if i == j else 1.0)
-            rows.append(pairs / scene.volume * self._contact(i, j) ** scene.dim * shells)
+            rows.append(pairs / gas.volume * self._contact(i, j) ** gas.dim * shells)
         return np.array(rows)
 
     def _shells(self, dim: int) -> FloatArray:
@@ -158,7 +161,7 @@ class PairDistribution(BlockEstimator):
         return np.asarray(ball * np.diff((1.0 + self.edges) ** dim))
 
     def _contact(self, i: int, j: int) -> float:
-        diameters = self._species.diameters
+        diameters = self.gas.diameters
         return float(diameters[i] + diameters[j]) / 2.0
 
     # Results ------------------------------------------------------------------------------------------------
@@ -250,7 +253,7 @@ class PairDistribution(BlockEstimator):
         Least squares with the shells' volumes as weights, which are those of counts where g is flat, and with
         the polynomial averaged over each bin: fixed numbers, so that the result is linear in the data.
         """
-        dim = self.scene.dim
+        dim = self.gas.dim
         last = int(np.searchsorted(self.edges, self.window * (1.0 + 1e-9), side="right")) - 1
         low, high = self.edges[:last], self.edges[1 : last + 1]
         nodes, weights = np.polynomial.legendre.leggauss(degree + 3)
@@ -280,12 +283,12 @@ class PairDistribution(BlockEstimator):
 
     def _shares(self) -> FloatArray:
         """Return what each pair's contact value adds to canonical Z - 1, (pairs,)."""
-        scene, sizes = self.scene, self._species.sizes
-        ball = 2 * math.pi / 3 if scene.dim == 3 else math.pi / 2
+        gas, sizes = self.gas, self.gas.sizes
+        ball = 2 * math.pi / 3 if gas.dim == 3 else math.pi / 2
         shares = []
         for i, j in self._pairs():
-            both = sizes[i] * sizes[j] * (1.0 if i == j else 2.0) / scene.n**2
-            shares.append(ball * scene.n / scene.volume * both * self._contact(i, j) ** scene.dim)
+            both = sizes[i] * sizes[j] * (1.0 if i == j else 2.0) / gas.n**2
+            shares.append(ball * gas.n / gas.volume * both * self._contact(i, j) ** gas.dim)
         return np.array(shares)
 
     @property
@@ -311,7 +314,7 @@ class PairDistribution(BlockEstimator):
         in 2D: the virial theorem, exact at any N but for the extrapolation. Comparable with `Pressure.virial`
         and with `theory.finite_size_compressibility`.
         """
-        shares = self._shares() * self.scene.n / (self.scene.n - 1)
+        shares = self._shares() * self.gas.n / (self.gas.n - 1)
         estimate = self._pooled([1.0 + run @ shares for run in self._contact_rows()])
         return self._with_floor(estimate, np.outer(shares, self._extrapolation(self.degree)))
 
@@ -325,7 +328,7 @@ class PairDistribution(BlockEstimator):
         mean = over_runs([rows.mean(axis=0) for rows in self._rows()], frames) @ np.stack(
             [self._extrapolation(self.degree), self._extrapolation(self.degree + 1)], axis=1
         )
-        both = self._shares() @ mean * (self.scene.n / (self.scene.n - 1))
+        both = self._shares() @ mean * (self.gas.n / (self.gas.n - 1))
         return float(abs(both[1] - both[0]))
 
     @property
@@ -334,7 +337,8 @@ class PairDistribution(BlockEstimator):
         from analysis.pressure import Pressure
 
         measured = self.compressibility_factor
-        name, expected = next(iter(Pressure(self.scene).predictions.items()))
+        assert self._scene is not None
+        name, expected = next(iter(Pressure(self._scene).predictions.items()))
         uncertainty = math.hypot(expected.uncertainty, self.extrapolation_bias)
         return TheoryCheck("Z from g at contact", name, measured, expected.value, uncertainty)
 
@@ -347,12 +351,11 @@ class PairDistribution(BlockEstimator):
         """Draw g(r) of each pair of species with its standard errors, and theory's contact value."""
         r, g, error = self.r, self.g, self.g_error
         axes = axes_or_new(ax)
-        species, scene = self._species, self.scene
-        if len(species.sizes) > 1:
-            densities = species.sizes / scene.volume
-            expected = theory.mixture_contact_values(densities, species.diameters, scene.dim)
+        gas = self.gas
+        if len(gas.sizes) > 1:
+            expected = theory.mixture_contact_values(gas.sizes / gas.volume, gas.diameters, gas.dim)
         else:
-            expected = np.array([[float(theory.contact_value(scene.packing_fraction, scene.dim))]])
+            expected = np.array([[float(theory.contact_value(gas.packing_fraction, gas.dim))]])
         for index, (i, j) in enumerate(self.pairs):
             colour = PALETTE[index % len(PALETTE)]
             label = "simulation" if len(r) == 1 else f"species {i}, {j}"

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from analysis import theory
 from analysis.estimator import PALETTE, ReplicaEstimator, axes_or_new, labelled
-from analysis.reduced import Species
+from analysis.reduced import Gas
 from analysis.statistics import Estimate, TheoryCheck, estimate_from_jackknife, replica_mean
 from analysis.theory import Prediction
 from hardspheres.scene import drift
@@ -63,13 +63,14 @@ class _Replicas(ReplicaEstimator):
             If the gas is not one this estimator is for, or not the one of the first frame.
         """
         scene = frame.scene
-        if self._scene is not None and (scene.n, scene.dim) != (self._scene.n, self._scene.dim):
+        gas = self._gas or Gas.of(scene)
+        if (scene.n, scene.dim) != (gas.n, gas.dim):
             raise ValueError(
-                f"frame has {scene.n} particles in {scene.dim} dimensions; expected {self._scene.n} in "
-                f"{self._scene.dim}, as in the first frame"
+                f"frame has {scene.n} particles in {scene.dim} dimensions; expected {gas.n} in "
+                f"{gas.dim}, as in the first frame"
             )
         values = self._measure(frame)
-        self._scene = self._scene or scene
+        self._gas = gas
         replica = self._continued(frame.time, "time", lambda: _Replica([], [], []))
         replica.time.append(frame.time)
         replica.s.append(frame.collisions_per_particle)
@@ -163,7 +164,7 @@ class TemperatureEquilibration(_Replicas):
 
     def _measure(self, frame: Frame) -> FloatArray:
         scene = frame.scene
-        species = Species.of(scene)
+        species = Gas.of(scene)
         if len(species.sizes) < 2:
             raise ValueError("the gas has one species; temperatures of species need at least two")
         peculiar = frame.velocities - drift(frame.velocities, scene.masses, scene.periodic)
@@ -187,11 +188,9 @@ class TemperatureEquilibration(_Replicas):
         return self._theory(self.time)
 
     def _theory(self, time: FloatArray) -> Prediction:
-        scene, species = self.scene, self._species
-        densities, start = species.sizes / scene.volume, self.temperatures[0]
-        return theory.temperature_equilibration(
-            time, start, densities, species.diameters, species.masses, scene.dim
-        )
+        gas, start = self.gas, self.temperatures[0]
+        densities = gas.sizes / gas.volume
+        return theory.temperature_equilibration(time, start, densities, gas.diameters, gas.masses, gas.dim)
 
     def fit_rate(self, window: tuple[float, float], species: tuple[int, int] = (0, 1)) -> Estimate:
         """Return the mean rate at which the difference of two temperatures decays over a window of time.
@@ -229,7 +228,7 @@ class TemperatureEquilibration(_Replicas):
         difference = expected.value[ends, species[0]] - expected.value[ends, species[1]]
         length = float(time[ends[1]] - time[ends[0]])
         rate = math.log(float(difference[0] / difference[1])) / length
-        relative = {3: 0.04, 2: 0.08}[self.scene.dim]
+        relative = {3: 0.04, 2: 0.08}[self.gas.dim]
         return Prediction(rate, relative * rate)
 
     @property
@@ -330,7 +329,7 @@ class AnisotropyDecay(_Replicas):
 
     def _theory(self, s: FloatArray) -> Prediction:
         start = float(self.anisotropy[0])
-        decay = theory.anisotropy_decay(s, self.scene.dim)
+        decay = theory.anisotropy_decay(s, self.gas.dim)
         return Prediction(start * decay.value, abs(start) * decay.uncertainty)
 
     def fit_rate(self, window: tuple[float, float] = (0.0, 2.0)) -> Estimate:

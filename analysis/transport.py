@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from analysis import theory
 from analysis.estimator import Estimator, axes_or_new, labelled, over_runs
+from analysis.reduced import Gas
 from analysis.series import BlockSeries, SeriesWarning, estimate_from_runs, estimate_from_series
 from analysis.statistics import Estimate, TheoryCheck
 
@@ -94,6 +95,7 @@ class Diffusion(Estimator):
         self._times: list[float] = []
         self._count = 0
         self._particles = 0
+        self._scene: Scene | None = None
         self._merged: list[Diffusion] = []  # other runs
         self._levels: list[deque[tuple[FloatArray, FloatArray]]] = []
         self._rows_by_level: list[BlockSeries] = []
@@ -135,6 +137,7 @@ class Diffusion(Estimator):
             raise ValueError(f"species = {self.species}; the gas has {int(scene.species.max()) + 1}")
         self._particles = len(members)
         self._scene = self._scene or scene
+        self._gas = self._gas or Gas.of(scene)
         share = scene.masses / scene.masses.sum()
         common = np.where(scene.periodic, 1.0, 0.0)
         x = (positions - common * (share @ positions))[members]
@@ -153,12 +156,20 @@ class Diffusion(Estimator):
         self._count += 1
         return self
 
+    @property
+    def scene(self) -> Scene:
+        """Where the simulation started whose gas is followed: its box, sizes and masses."""
+        self._require(self._scene is not None, "moments", "add(sim)")
+        assert self._scene is not None
+        return self._scene
+
     def _take_in(self, other: Self) -> None:
         spacings = [run.spacing for run in (self, other) if len(run._times) > 1]
         if np.ptp(spacings or [0.0]) > 1e-6 * max(spacings, default=1.0):
             raise ValueError(
                 f"samples {spacings[0]:g} and {spacings[1]:g} apart in time cannot be merged: the lags differ"
             )
+        self._scene = self._scene or other._scene
         self._merged += [other, *other._merged]
         other._merged = []
         other._levels, other._first = [], None  # of snapshots, which only an own run needs

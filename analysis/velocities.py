@@ -23,7 +23,7 @@ from scipy import stats
 from analysis import theory
 from analysis.distributions import ComponentDistribution, EnergyDistribution, SpeedDistribution
 from analysis.per_frame import PerFrame
-from analysis.reduced import mean_a2, reduced_velocities, species_labels
+from analysis.reduced import reduced_velocities, species_labels
 from analysis.statistics import Estimate, TheoryCheck
 
 if TYPE_CHECKING:
@@ -240,9 +240,9 @@ class FourthCumulant(PerFrame):
     def _cumulant(self, order: Literal[2, 3]) -> Estimate:
         if len(self.values) > 1:
             return self._estimate(order - 1)
-        n = self.scene.n
+        n = self.gas.n
         value = float(self._columns(order - 1)[0][0])
-        return Estimate(value, theory.cumulant_noise(n, self.scene.dim, order), float(n))
+        return Estimate(value, theory.cumulant_noise(n, self.gas.dim, order), float(n))
 
     @property
     def by_species(self) -> FloatArray:
@@ -253,12 +253,12 @@ class FourthCumulant(PerFrame):
     @property
     def expected(self) -> float:
         """What an equilibrium gas of this size gives on average: -2/(D + 2)."""
-        return float(theory.equilibrium_a2(self.scene.degrees_of_freedom))
+        return float(theory.equilibrium_a2(self.gas.degrees_of_freedom))
 
     @property
     def checks(self) -> list[TheoryCheck]:
         """The mean of `a2` beside that of N particles of fixed energy, `reduced.mean_a2`."""
-        return [TheoryCheck("a2", "equilibrium", self.a2, mean_a2(self.scene), 0.0)]
+        return [TheoryCheck("a2", "equilibrium", self.a2, self.gas.mean_a2, 0.0)]
 
 
 class KolmogorovSmirnov(PerFrame):
@@ -276,7 +276,7 @@ class KolmogorovSmirnov(PerFrame):
         return [ks_distance(np.sqrt(np.einsum("ik,ik->i", reduced, reduced)), frame.scene.dim)]
 
     def _level(self) -> float:
-        return theory.ks_floor(self.scene.n, self.scene.dim)
+        return theory.ks_floor(self.gas.n, self.gas.dim)
 
     @property
     def distance(self) -> Estimate:
@@ -287,13 +287,13 @@ class KolmogorovSmirnov(PerFrame):
     def p_value(self) -> float:
         """Probability of a larger distance at equilibrium, for the last frame; see `ks_p_value`."""
         self._require_values()
-        return ks_p_value(self._last, self.scene.n, self.scene.dim, bool(self.scene.periodic.all()))
+        return ks_p_value(self._last, self.gas.n, self.gas.dim, bool(self.gas.periodic.all()))
 
     @property
     def checks(self) -> list[TheoryCheck]:
         """The mean `distance` beside `theory.ks_floor`, uncertain by its 1 % and by 1/N."""
         floor = self._level()
-        doubt = floor * math.hypot(0.01, 1.0 / self.scene.n)
+        doubt = floor * math.hypot(0.01, 1.0 / self.gas.n)
         return [TheoryCheck("KS distance", "equilibrium", self.distance, floor, doubt)]
 
 
@@ -334,11 +334,11 @@ class HFunction(PerFrame):
     @property
     def expected(self) -> float:
         """What an equilibrium gas of this size gives on average with these bins: `h_bias`."""
-        return h_bias(self._probabilities(self.scene.dim), self.scene.n)
+        return h_bias(self._probabilities(self.gas.dim), self.gas.n)
 
     @property
     def checks(self) -> list[TheoryCheck]:
         """The mean `excess` beside that of N particles at equilibrium, uncertain by a tenth and 1/N^2."""
-        expected, n = self.expected, self.scene.n
+        expected, n = self.expected, self.gas.n
         doubt = math.hypot(0.1 * expected, 1.0 / n**2)
         return [TheoryCheck("H - H_eq", "equilibrium", self.excess, expected, doubt)]

@@ -42,7 +42,7 @@ REPLICAS = [RelaxationCurve, TemperatureEquilibration, AnisotropyDecay]
 EVERY = [*STREAMING, *REPLICAS, Pressure, FreePath]
 # true before anything is added
 WITHOUT_DATA = {"n_replicas", "n_blocks", "discarded_rows", "predictions", "flights"}
-WITH_SCENE = {"scene", "labels"}  # where the constructor takes the scene
+WITH_SCENE = {"gas", "scene", "labels"}  # where the constructor takes the scene
 
 
 def new(kind):
@@ -88,7 +88,7 @@ def test_one_shape(kind):
     estimator = measured(kind, first)
     assert list(inspect.signature(kind.add).parameters) == ["self", "frame"]
     assert estimator.add(last) is estimator
-    assert estimator.scene.n == 64
+    assert estimator.gas.n == 64
     names = {name for name in dir(kind) if isinstance(getattr(kind, name), property)} | set(vars(estimator))
     for name in names:
         if not name.startswith("_"):
@@ -164,6 +164,18 @@ def test_memory_does_not_grow_with_the_frames(kind):
     first, last = sizes(estimator, frame, lambda estimator, frame: estimator.add(frame))
     # Diffusion keeps one more level of 4 snapshots and up to 256 rows: the logarithm of the number of frames
     assert last - first < (40_000 if kind is Diffusion else 1000)
+
+
+@pytest.mark.parametrize("kind", [*STREAMING[:6], *REPLICAS])
+def test_what_is_kept_does_not_grow_with_the_particles(kind, gas):
+    """Sibling: the frame itself, of 9 numbers for each of 3000 more particles."""
+    rng, found, whole = np.random.default_rng(1), [], []
+    for n in (1000, 4000):
+        masses = np.where(np.arange(n) % 2, 1.0, 7.0)
+        frame = gas.frame(gas.maxwell(rng, n, 3, masses), masses)
+        found.append(len(pickle.dumps(new(kind).add(frame))))
+        whole.append(len(pickle.dumps(frame)))
+    assert found[1] - found[0] < 1000 < whole[1] - whole[0]
 
 
 @pytest.mark.parametrize("kind", [Pressure, FreePath])

@@ -97,7 +97,7 @@ def test_no_pair_near_contact_is_no_certainty():
     assert abs(pairs.check.z) < 1 and abs(pairs.contact[(0, 0)].z(1.0)) < 1
     assert np.all(np.abs(pairs.g - 1) / pairs.g_error < 1)
     # sibling: blocks of what was seen leave nothing over
-    assert pairs._frames.rows.std() == 0.0
+    assert pairs._blocks.rows.std() == 0.0
 
 
 @pytest.mark.filterwarnings("ignore::analysis.series.SeriesWarning")
@@ -110,7 +110,7 @@ def test_errors_of_sparse_pairs_cover():
         contact = pairs.contact[(0, 0)]
         missed.append(abs(contact.value - truth))
         errors.append(contact.standard_error)
-        blocks.append(estimate_from_series(pairs._contact_rows()[:, 0]).standard_error)
+        blocks.append(estimate_from_series(pairs._contact_rows()[0][:, 0]).standard_error)
     beyond = [np.mean(np.array(missed) > 2 * np.array(error)) for error in (errors, blocks)]
     assert beyond[0] < 0.1 < beyond[1]  # chance: 5 +- 1.5 %
     assert np.square(errors).mean() < 2.5 * np.square(missed).mean()  # and they are not far too large
