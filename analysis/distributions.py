@@ -63,17 +63,7 @@ class _Histogram(Estimator):
         """Probability below each edge at fixed energy; one particle has this share of the mass."""
 
     def add(self, frame: Frame) -> Self:
-        """Take in one frame.
-
-        Parameters
-        ----------
-        frame : Frame
-            All frames must have the species of the first.
-
-        Returns
-        -------
-        The estimator itself.
-        """
+        """Take in one frame; all must have the species of the first."""
         reduced, temperature = reduced_velocities(frame)
         species = frame.scene.species
         values = self._values(reduced)

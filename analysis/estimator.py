@@ -223,6 +223,17 @@ class TalliedEstimator(BlockEstimator):
         """How many blocks there are, in each run one less than frames."""
         return sum(series.n_samples for series in self._series())
 
+    def _reach(self) -> FloatArray:
+        """Edges of the volume that centres of particles of mean radius can reach, (d,), [length]."""
+        scene = self.scene
+        return np.asarray(scene.box - np.where(scene.periodic, 0.0, 2.0 * float(scene.radii.mean())))
+
+    def _density_between_walls(self) -> float:
+        """Packing fraction in this volume, at most as dense as fluids are."""
+        scene = self.scene
+        denser: float = scene.packing_fraction * scene.volume / math.prod(self._reach().tolist())
+        return min(denser, 0.54 if scene.dim == 3 else 0.66)
+
     def _require_blocks(self) -> None:
         self._require(sum(map(len, self._series())) >= 2, "two blocks", "add(frame) with three frames")
 

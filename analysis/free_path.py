@@ -86,11 +86,6 @@ class FreePath(TalliedEstimator):
         frame : Frame
             `sim.frame()`, or one of `sim.frames(...)`, of a ``Simulation(scene, free_paths=True)``.
 
-        Returns
-        -------
-        FreePath
-            The estimator itself.
-
         Warns
         -----
         FirstFlightsWarning
@@ -318,16 +313,12 @@ class FreePath(TalliedEstimator):
             One for each bin, [length]; NaN for bins between that fewer than 10 blocks have flights in.
         """
         edges, counts, sums = self._by_speed("paths", species)
-        return edges, [
-            self._ratio_at_speed(sums[:, k], counts[:, k], counts[:, k]) for k in range(len(edges) - 1)
-        ]
+        return edges, [self._ratio_at_speed(a, b, b) for a, b in zip(sums.T, counts.T, strict=True)]
 
     def rate_at_speed(self, species: int = 0) -> tuple[FloatArray, list[Estimate]]:
         """Return nu(v), the collision rate of the particles at a speed, [1/time]; as `path_at_speed`."""
         edges, counts, sums = self._by_speed("times", species)
-        return edges, [
-            self._ratio_at_speed(counts[:, k], sums[:, k], counts[:, k]) for k in range(len(edges) - 1)
-        ]
+        return edges, [self._ratio_at_speed(a, b, a) for a, b in zip(counts.T, sums.T, strict=True)]
 
     def _ratio_at_speed(self, above: FloatArray, below: FloatArray, counts: FloatArray) -> Estimate:
         """Return the ratio of two columns of a bin of speeds, NaN where too few blocks have flights in it, as of a frozen species."""
@@ -365,14 +356,12 @@ class FreePath(TalliedEstimator):
             self._particles if self.scene.periodic.all() else None,
         )
 
-    def _wall_doubt(self) -> float:
+    def _wall_uncertainty(self) -> float:
         """Relative uncertainty of rates for the volume that walls exclude, and their layer."""
         scene = self.scene
         if scene.periodic.all():
             return 0.0
-        eta, dim = scene.packing_fraction, scene.dim
-        reach = scene.box - np.where(scene.periodic, 0.0, 2.0 * float(scene.radii.mean()))
-        denser = min(eta * scene.volume / math.prod(reach.tolist()), 0.54 if dim == 3 else 0.66)
+        denser, eta, dim = self._density_between_walls(), scene.packing_fraction, scene.dim
         doubt = float(theory.collision_rate(denser, dim) / theory.collision_rate(eta, dim)) - 1.0
         return math.hypot(doubt, 1.0 / scene.n)
 
@@ -401,7 +390,7 @@ class FreePath(TalliedEstimator):
             float(scene.box.min() / (self._diameters @ self._particles) * scene.n),
         )
         rates = law.value
-        doubts = np.hypot(law.uncertainty, self._wall_doubt() * rates)
+        doubts = np.hypot(law.uncertainty, self._wall_uncertainty() * rates)
         totals = rates.sum(axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):  # one particle alone
             times, relatives = 1.0 / totals, doubts.sum(axis=1) / totals
@@ -429,24 +418,17 @@ class FreePath(TalliedEstimator):
         Between two walls and periodic along another axis momentum is conserved in part: m/M of the particle is uncertain.
         """
         with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore", theory.TheoryRangeWarning
-            )  # a check without theory says so itself
+            warnings.simplefilter("ignore", theory.TheoryRangeWarning)  # a check without theory says so
             return self._checks()
 
     def _checks(self) -> list[TheoryCheck]:
         partly = bool(self.scene.periodic.any()) and not self.scene.periodic.all()
         expected, name = self.predictions, "Enskog"
-        species = (
-            [""]
-            if len(self._particles) == 1
-            else [f" of species {k + 1}" for k in range(len(self._particles))]
-        )
+        kinds = range(len(self._particles))
+        species = [""] if len(kinds) == 1 else [f" of species {k + 1}" for k in kinds]
         checks = []
-        for quantity, measured in (
-            ("mean free path", self.mean_free_path),
-            ("mean free time", self.mean_free_time),
-        ):
+        means = {"mean free path": self.mean_free_path, "mean free time": self.mean_free_time}
+        for quantity, measured in means.items():
             for label, value, p in zip(species, measured, expected[quantity], strict=True):
                 checks.append(TheoryCheck(quantity + label, name, value, p.value, p.uncertainty))
         for i, row in enumerate(self.collision_rates):
@@ -467,12 +449,8 @@ class FreePath(TalliedEstimator):
                     quantity = f"<{symbol}^{order}>/<{symbol}>^{order}{label}"
                     checks.append(TheoryCheck(quantity, "Boltzmann", measured_moment, expected_moment, doubt))
         best, z = next(iter(Pressure(self.scene).predictions.items()))
-        checks.append(
-            TheoryCheck(
-                "Z from the collision rate", best, self.compressibility_factor, z.value, z.uncertainty
-            )
-        )
-        return checks
+        measured_z = self.compressibility_factor
+        return [*checks, TheoryCheck("Z from the collision rate", best, measured_z, z.value, z.uncertainty)]
 
     def plot(self, ax: Axes | None = None, x: Sequence[float] = SURVIVAL_AT) -> Axes:
         """Draw the survival function of free paths of each species, in units of its own mean, over theory.
@@ -483,27 +461,17 @@ class FreePath(TalliedEstimator):
             Where to draw; a new figure when absent.
         x : sequence of float
             Where to measure.
-
-        Returns
-        -------
-        Axes
         """
         measured = [self.survival(x, species=k) for k in range(len(self._particles))]
         axes = axes_or_new(ax)
         fine = np.linspace(0.0, 1.1 * max(x), 200)
         axes.plot(fine, np.exp(-fine), color="0.6", lw=1.0, ls="--", label="exponential")
+        alone = len(measured) == 1
         for k, (label, points) in enumerate(zip(self.labels, measured, strict=True)):
-            law = self.flights_in_theory(k).path_survival(fine).value
-            axes.plot(
-                fine, law, color=PALETTE[k % len(PALETTE)], label="Boltzmann" if len(measured) == 1 else None
-            )
-            axes.errorbar(
-                x,
-                [point.value for point in points],
-                [point.standard_error for point in points],
-                fmt="o",
-                color=PALETTE[k % len(PALETTE)],
-                label="simulation" if len(measured) == 1 else label,
-            )
+            law, colour = self.flights_in_theory(k).path_survival(fine).value, PALETTE[k % len(PALETTE)]
+            axes.plot(fine, law, color=colour, label="Boltzmann" if alone else None)
+            values, errors = [p.value for p in points], [p.standard_error for p in points]
+            name = "simulation" if alone else label
+            axes.errorbar(x, values, errors, fmt="o", color=colour, label=name)
         axes.set_yscale("log")
         return labelled(axes, "free path / mean free path", "part of the flights that are longer")

@@ -121,11 +121,6 @@ class Pressure(TalliedEstimator):
             `sim.frame()`, or one of `sim.frames(...)`. The pressure from the rate of a mixture needs frames of a
             ``Simulation(scene, free_paths=True)``.
 
-        Returns
-        -------
-        Pressure
-            The estimator itself.
-
         Raises
         ------
         ValueError
@@ -380,8 +375,7 @@ class Pressure(TalliedEstimator):
         the bulk pressure by O(sigma/L); for the exact statement see `walls`. In a mixture the area is that
         reached by a particle of mean radius.
         """
-        scene = self.scene
-        reach = np.where(scene.periodic, scene.box, scene.box - 2.0 * float(scene.radii.mean()))
+        reach = self._reach()
         pressures = {}
         for name, force in self.wall_forces.items():
             area = math.prod(np.delete(reach, "xyz".index(name[0])).tolist())
@@ -445,13 +439,11 @@ class Pressure(TalliedEstimator):
         bulk = theory.compressibility_factor(eta, dim)
         shift, doubt = 0.0, 0.0
         if scene.periodic.all() and n > 1:
-            finite = theory.finite_size_shift(
-                eta, dim, n, edge=float(scene.box.min() / 2.0 / scene.radii.mean())
-            )
+            edge = float(scene.box.min() / 2.0 / scene.radii.mean())
+            finite = theory.finite_size_shift(eta, dim, n, edge=edge)
             shift, doubt = float(finite.value), float(finite.uncertainty)
         else:
-            reach = scene.box - np.where(scene.periodic, 0.0, 2.0 * float(scene.radii.mean()))
-            denser = min(eta * scene.volume / math.prod(reach.tolist()), 0.54 if dim == 3 else 0.66)
+            denser = self._density_between_walls()
             doubt = abs(float(theory.compressibility_factor(denser, dim).value - bulk.value))
         if not alike:  # masses alone play no part
             sizes, diameters = self._gas.sizes, self._gas.diameters

@@ -110,17 +110,7 @@ class RelaxationCurve(ReplicaEstimator):
     # Collecting ---------------------------------------------------------------------------------------------
 
     def add(self, frame: Frame) -> Self:
-        """Take in one frame.
-
-        Parameters
-        ----------
-        frame : Frame
-            The next frame of this replica, or the first of another.
-
-        Returns
-        -------
-        RelaxationCurve
-            The estimator itself.
+        """Take in the next frame of this replica, or the first of another.
 
         Raises
         ------
@@ -265,13 +255,7 @@ class RelaxationCurve(ReplicaEstimator):
 
     @property
     def a2_covariance(self) -> FloatArray:
-        """Covariance of the points of `a2` (of the mean over replicas), (S, S).
-
-        Raises
-        ------
-        NoDataError
-            With a single replica.
-        """
+        """Covariance of the points of `a2` (of the mean over replicas), (S, S); none of a single replica."""
         samples = self.a2_samples
         self._require(len(samples) > 1, "covariance", "add(frame) with a second replica")
         return np.atleast_2d(np.cov(samples, rowvar=False)) / len(samples)
@@ -540,10 +524,8 @@ class RelaxationCurve(ReplicaEstimator):
             raise ValueError(f"window = {window}; expected s1 < s2")
         excess = self.a2_samples[:, ends] - theory.equilibrium_a2(self.degrees_of_freedom)
         noise = theory.cumulant_noise(self.n_per_replica * self.n_replicas, self.dim)
-        mean, error = (
-            excess.mean(axis=0),
-            np.maximum(self.a2_error[ends], noise),
-        )  # the error from few replicas may be too small
+        # the error from few replicas may be too small
+        mean, error = excess.mean(axis=0), np.maximum(self.a2_error[ends], noise)
         if np.any(np.abs(mean) < 3.0 * error) or mean[0] * mean[1] < 0.0:
             raise ValueError(
                 f"a2 is lost in the noise within the window {window}: {mean[0]:.2g} and {mean[1]:.2g} with "
@@ -565,10 +547,6 @@ class RelaxationCurve(ReplicaEstimator):
             `theory.finite_size_relaxation`. Equilibrium: a gas that starts Maxwellian and stays so, a2 =
             `theory.equilibrium_a2`, H = H_eq, KS = `theory.ks_floor`.
 
-        Returns
-        -------
-        Comparison
-
         Notes
         -----
         The KS distance of N particles in all exceeds that of the infinite gas by about floor^2/(2 ks); twice
@@ -581,36 +559,26 @@ class RelaxationCurve(ReplicaEstimator):
             table = theory.boltzmann_equal_speeds(np.where(known, s, 0.0), self.dim)
             finite = theory.finite_size_relaxation(table.a2, -2.0 / (self.dim + 2), self.degrees_of_freedom)
             a2, a2_uncertainty = finite.value, np.hypot(table.a2_error, finite.uncertainty)
-            ks, ks_uncertainty = (
-                table.ks,
-                np.hypot(table.ks_error, np.where(s > 0.0, floor**2 / table.ks, 0.0)),
-            )
+            extra = np.where(s > 0.0, floor**2 / table.ks, 0.0)
+            ks, ks_uncertainty = table.ks, np.hypot(table.ks_error, extra)
             h, h_uncertainty = table.h, table.h_error
             if self.h_bins != theory.H_BINS:  # the table holds for its bins only
                 h = np.full(len(s), np.nan)
             fluctuates = known & (s > 0.0)
         else:
             known = fluctuates = np.ones(len(s), dtype=bool)
-            a2, a2_uncertainty = (
-                np.full(len(s), theory.equilibrium_a2(self.degrees_of_freedom)),
-                np.zeros(len(s)),
-            )
-            ks, ks_uncertainty = (
-                np.full(len(s), floor),
-                np.full(len(s), 0.3 * floor),
-            )  # its spread, see `ks_floor`
-            h, h_uncertainty = np.zeros(len(s)), np.zeros(len(s))
+            zero = np.zeros(len(s))
+            a2, a2_uncertainty = zero + theory.equilibrium_a2(self.degrees_of_freedom), zero
+            ks, ks_uncertainty = zero + floor, zero + 0.3 * floor  # its spread, see `ks_floor`
+            h, h_uncertainty = zero, zero
+        freedom = self.n_replicas - 1.0 if self.n_replicas > 1 else math.inf
 
         def against(
             measured: tuple[FloatArray, FloatArray], expected: FloatArray, uncertainty: FloatArray
         ) -> tuple[FloatArray, FloatArray, FloatArray]:
             apart = np.where(fluctuates, measured[0] - expected, np.nan)
-            freedom = self.n_replicas - 1.0 if self.n_replicas > 1 else math.inf
-            return (
-                np.where(known, expected, np.nan),
-                uncertainty,
-                deviates(apart, measured[1], uncertainty, freedom),
-            )
+            z = deviates(apart, measured[1], uncertainty, freedom)
+            return np.where(known, expected, np.nan), uncertainty, z
 
         points = np.flatnonzero(fluctuates)
         chi_square = None

@@ -115,32 +115,13 @@ class Estimate:
     def z(self, theory: float, uncertainty: float = 0.0) -> float:
         """Return the deviation from a theory as a normal deviate: what all tables show.
 
-        Parameters
-        ----------
-        theory, uncertainty : float
-            As in `deviation`.
-
-        Returns
-        -------
-        float
-            The standard normal deviate of the same tail probability as `deviation` with these degrees of
-            freedom, see `deviates`: with two replicas, 10 standard errors give z = 1.8.
+        It has the tail probability of `deviation`, whose parameters these are, with these degrees of freedom,
+        see `deviates`: with two replicas, 10 standard errors give z = 1.8.
         """
         return float(deviates(self.value - theory, self.standard_error, uncertainty, self.degrees_of_freedom))
 
     def p_value(self, theory: float, uncertainty: float = 0.0) -> float:
-        """Return the probability of a larger deviation, either way, when the theory is right.
-
-        Parameters
-        ----------
-        theory, uncertainty : float
-            As in `deviation`.
-
-        Returns
-        -------
-        float
-            Two-sided probability of |z| at least as large; NaN where the errors are unknown.
-        """
+        """Return the probability of |z| at least as large if the theory is right; NaN for unknown errors."""
         return float(2.0 * special.ndtr(-abs(self.z(theory, uncertainty))))
 
     def interval(self, confidence: float = 0.95) -> tuple[float, float]:
@@ -302,10 +283,6 @@ def combine_replicas(estimates: Sequence[Estimate], weights: Sequence[float] | N
     weights : sequence of float, optional
         Lengths of the replicas, to which their variances are inverse; equal by default. The squared error is
         then sum of w (x - mean)^2 / ((R - 1) sum of w).
-
-    Returns
-    -------
-    Estimate
 
     Warns
     -----
@@ -592,10 +569,6 @@ def compare_with_theory(
         The curve expected for the mean.
     theory_uncertainty : (p,) array_like, optional
         The theory's own standard uncertainty at each point, taken as independent between points.
-
-    Returns
-    -------
-    ChiSquare
 
     Raises
     ------

@@ -85,11 +85,6 @@ class PairDistribution(BlockEstimator):
         frame : Frame
             Of a gas that is periodic along every axis; all frames of the same gas.
 
-        Returns
-        -------
-        PairDistribution
-            The estimator itself.
-
         Raises
         ------
         ValueError

@@ -46,16 +46,7 @@ class _Replicas(ReplicaEstimator):
         """Return what is kept of a frame."""
 
     def add(self, frame: Frame) -> Self:
-        """Take in one frame.
-
-        Parameters
-        ----------
-        frame : Frame
-            The next frame of this replica, or the first of another.
-
-        Returns
-        -------
-        The estimator itself.
+        """Take in the next frame of this replica, or the first of another.
 
         Raises
         ------
@@ -129,16 +120,18 @@ class _Replicas(ReplicaEstimator):
         wanted = int(np.argmin(np.abs(np.log(np.abs(expected[: last + 1] / expected[0])) + 1.0)))
         return float(axis[0]), float(axis[max(wanted, 1)])
 
-    def _rate(self, ends: FloatArray, length: float, what: str) -> Estimate:
-        """Mean rate of exponential decay between two ends, (R, 2); jackknife over replicas."""
+    def _rate(
+        self, axis: FloatArray, decaying: FloatArray, window: tuple[float, float], what: str
+    ) -> Estimate:
+        """Mean rate of exponential decay of a quantity, (R, S), over a window; jackknife over replicas."""
+        places = list(self._ends(axis, window))
+        ends, length = decaying[:, places], float(axis[places[1]] - axis[places[0]])
         mean, error = replica_mean(ends)
-        unknown = np.where(np.isnan(error), 0.0, error)
-        if np.any(np.abs(mean) < 3.0 * unknown) or mean[0] * mean[1] <= 0.0:
+        if np.any(np.abs(mean) < 3.0 * np.nan_to_num(error)) or mean[0] * mean[1] <= 0.0:
             raise ValueError(
                 f"the {what} is lost in the noise within the window: {mean[0]:.2g} and {mean[1]:.2g} with "
-                "standard "
-                f"errors {error[0]:.2g} and {error[1]:.2g}; use more particles or replicas, or an earlier "
-                "window"
+                f"standard errors {error[0]:.2g} and {error[1]:.2g}; use more particles or replicas, or an "
+                "earlier window"
             )
         return estimate_from_jackknife(ends, lambda pair: math.log(float(pair[0] / pair[1])) / length)
 
@@ -215,10 +208,9 @@ class TemperatureEquilibration(_Replicas):
         ValueError
             If the window does not hold two samples, or the difference is lost in the noise at one end.
         """
-        time, samples = self.time, self.samples
-        ends = list(self._ends(time, window))
-        difference = samples[:, ends, species[0]] - samples[:, ends, species[1]]
-        return self._rate(difference, float(time[ends[1]] - time[ends[0]]), "temperature difference")
+        samples = self.samples
+        difference = samples[..., species[0]] - samples[..., species[1]]
+        return self._rate(self.time, difference, window, "temperature difference")
 
     def expected_rate(self, window: tuple[float, float], species: tuple[int, int] = (0, 1)) -> Prediction:
         """Return what the two-Maxwellian theory says of `fit_rate`, with its uncertainty."""
@@ -244,14 +236,9 @@ class TemperatureEquilibration(_Replicas):
 
     def check(self, window: tuple[float, float], species: tuple[int, int] = (0, 1)) -> TheoryCheck:
         """Return the fitted rate beside the theory's."""
-        expected = self.expected_rate(window, species)
-        return TheoryCheck(
-            "rate of temperature equilibration",
-            "two Maxwellians",
-            self.fit_rate(window, species),
-            expected.value,
-            expected.uncertainty,
-        )
+        p, measured = self.expected_rate(window, species), self.fit_rate(window, species)
+        name = "rate of temperature equilibration"
+        return TheoryCheck(name, "two Maxwellians", measured, p.value, p.uncertainty)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the temperatures of the species against time over the theory with its band."""
@@ -261,19 +248,10 @@ class TemperatureEquilibration(_Replicas):
         expected = self._theory(fine)
         for kind in range(values.shape[1]):
             low, high = (expected.value + sign * expected.uncertainty for sign in (-1, 1))
-            axes.fill_between(
-                fine, low[:, kind], high[:, kind], color=PALETTE[kind % len(PALETTE)], alpha=0.2, lw=0
-            )
-            axes.plot(fine, expected.value[:, kind], color=PALETTE[kind % len(PALETTE)], lw=1.5)
-            axes.errorbar(
-                time,
-                values[:, kind],
-                errors[:, kind],
-                fmt="o",
-                ms=4,
-                color=PALETTE[kind % len(PALETTE)],
-                label=f"species {kind}",
-            )
+            colour, label = PALETTE[kind % len(PALETTE)], f"species {kind}"
+            axes.fill_between(fine, low[:, kind], high[:, kind], color=colour, alpha=0.2, lw=0)
+            axes.plot(fine, expected.value[:, kind], color=colour, lw=1.5)
+            axes.errorbar(time, values[:, kind], errors[:, kind], fmt="o", ms=4, color=colour, label=label)
         axes.plot([], [], color="0.4", lw=1.5, label="two Maxwellians")
         return labelled(axes, "time", "temperature $k_BT$")
 
@@ -342,9 +320,7 @@ class AnisotropyDecay(_Replicas):
         window : (float, float), default (0, 2)
             s1 < s2, collisions per particle since the first sample; the nearest samples are used.
         """
-        s = self.s
-        ends = list(self._ends(s, window))
-        return self._rate(self.samples[:, ends], float(s[ends[1]] - s[ends[0]]), "anisotropy")
+        return self._rate(self.s, self.samples, window, "anisotropy")
 
     def expected_rate(self, window: tuple[float, float] = (0.0, 2.0)) -> Prediction:
         """Return what the Boltzmann equation says of `fit_rate`, with its uncertainty."""
@@ -364,14 +340,9 @@ class AnisotropyDecay(_Replicas):
 
     def check(self, window: tuple[float, float] = (0.0, 2.0)) -> TheoryCheck:
         """Return the fitted rate beside the theory's."""
-        expected = self.expected_rate(window)
-        return TheoryCheck(
-            "decay rate of the anisotropy",
-            "Boltzmann equation",
-            self.fit_rate(window),
-            expected.value,
-            expected.uncertainty,
-        )
+        p, measured = self.expected_rate(window), self.fit_rate(window)
+        name = "decay rate of the anisotropy"
+        return TheoryCheck(name, "Boltzmann equation", measured, p.value, p.uncertainty)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the anisotropy with its standard errors against s over the Boltzmann equation's."""

@@ -114,11 +114,6 @@ class Diffusion(Estimator):
         frame : Simulation or frame
             Anything with `time`, `unwrapped_positions`, `velocities` and `scene`; equally spaced in time.
 
-        Returns
-        -------
-        Diffusion
-            The estimator itself.
-
         Raises
         ------
         ValueError

@@ -293,8 +293,8 @@ class KolmogorovSmirnov(PerFrame):
     def checks(self) -> list[TheoryCheck]:
         """The mean `distance` beside `theory.ks_floor`, uncertain by its 1 % and by 1/N."""
         floor = self._level()
-        doubt = floor * math.hypot(0.01, 1.0 / self.gas.n)
-        return [TheoryCheck("KS distance", "equilibrium", self.distance, floor, doubt)]
+        uncertainty = floor * math.hypot(0.01, 1.0 / self.gas.n)
+        return [TheoryCheck("KS distance", "equilibrium", self.distance, floor, uncertainty)]
 
 
 class HFunction(PerFrame):
@@ -340,5 +340,5 @@ class HFunction(PerFrame):
     def checks(self) -> list[TheoryCheck]:
         """The mean `excess` beside that of N particles at equilibrium, uncertain by a tenth and 1/N^2."""
         expected, n = self.expected, self.gas.n
-        doubt = math.hypot(0.1 * expected, 1.0 / n**2)
-        return [TheoryCheck("H - H_eq", "equilibrium", self.excess, expected, doubt)]
+        uncertainty = math.hypot(0.1 * expected, 1.0 / n**2)
+        return [TheoryCheck("H - H_eq", "equilibrium", self.excess, expected, uncertainty)]
