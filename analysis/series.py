@@ -143,9 +143,7 @@ def block_length(series: ArrayLike) -> int:
 
 
 def estimate_from_series(
-    series: ArrayLike,
-    statistic: Callable[[FloatArray], FloatArray] | None = None,
-    shortest: int = 1,
+    series: ArrayLike, statistic: Callable[[FloatArray], FloatArray] | None = None, shortest: int = 1
 ) -> Estimate:
     """Return the mean of a correlated series, or a function of its means, with an error from blocks.
 

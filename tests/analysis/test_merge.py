@@ -34,14 +34,15 @@ def correlated(rng, count, length):
     return 1.0 + series
 
 
-@pytest.mark.parametrize("lengths", [(2000, 2000), (4000, 1500), (3000, 2000, 2000)])
+@pytest.mark.filterwarnings("ignore::analysis.series.SeriesWarning")
+@pytest.mark.parametrize("lengths", [(1000, 1000), (2000, 800), (1200, 800, 800)])
 def test_pooled_errors_of_runs_follow_students_t(lengths):
-    """300 times runs of known mean; false alarm 1e-3 and 3 standard errors of the spread.
+    """200 times runs of known mean; false alarm 1e-3 and 3 standard errors of the spread.
 
     Siblings: the error of a single run, which is not reduced, and all runs with equal weights.
     """
     rng = np.random.default_rng(1)
-    runs = [correlated(rng, 300, length) for length in lengths]
+    runs = [correlated(rng, 200, length) for length in lengths]
     pooled = [estimate_from_runs(several) for several in zip(*runs, strict=True)]
     assert calibrate(pooled, 1.0).passed
     first = [
@@ -194,6 +195,22 @@ def test_replicas_go_on_after_a_merge():
     other = RelaxationCurve().merge(curve)
     other.add(frame(2.0, 5))  # it has no own replica yet
     assert other.n_replicas == 3 and curve.n_replicas == 2
+
+
+@pytest.mark.parametrize("kind", [RelaxationCurve, FourthCumulant, SpeedDistribution, BondOrder, Diffusion])
+def test_a_run_that_goes_on_after_it_was_merged_changes_nothing_there(kind):
+    """Sibling: merged again, it does."""
+    first, second = kind(), kind()
+    sims = [hs.Simulation(random_gas("3d", 32, 0.1, seed=seed)) for seed in (1, 2)]
+    for estimator, sim in zip((first, second), sims, strict=True):
+        for frame in sim.frames(every=0.5, count=40):
+            estimator.add(frame)
+    first.merge(second)
+    before = encode(first)["data"].tobytes()
+    sims[1].run(time=0.5)
+    second.add(sims[1].frame())
+    assert encode(first)["data"].tobytes() == before
+    assert encode(first.merge(second))["data"].tobytes() != before
 
 
 @pytest.mark.parametrize(
