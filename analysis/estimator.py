@@ -103,8 +103,9 @@ class Estimator(ABC):
         """
         self._require_like(other)
         if other._gas is not None:
-            scene = vars(other).get("_scene")  # one serves both
-            self._take_in(copy.deepcopy(other, {id(scene): vars(self).get("_scene", scene)} if scene else {}))
+            scene = vars(other).get("_scene")  # one, which never changes, serves both
+            memo = {id(scene): vars(self).get("_scene") or scene} if scene else {}
+            self._take_in(copy.deepcopy(other, memo))
             self._gas = self._gas or other._gas
         return self
 

@@ -1,5 +1,6 @@
 """What holds for every estimator: one shape, words for what is missing, memory that does not grow with the frames."""
 
+import copy
 import importlib
 import inspect
 import pickle
@@ -103,6 +104,20 @@ def test_one_shape(kind):
     axes = Figure().subplots()
     assert estimator.plot(axes) is axes and estimator.plot(ax=axes) is axes
     assert axes.get_xlabel() and axes.get_ylabel() and axes.get_legend() is not None
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+@pytest.mark.parametrize("kind", EVERY)
+def test_merged_into_an_empty_one_it_has_the_same_results(kind):
+    """And an empty one merged into it changes nothing. Sibling: a second run does."""
+    given = frames(kind)
+    estimator = measured(kind, given)
+    empty = kind(given[0].scene) if kind in (Pressure, FreePath) else new(kind)
+    before = encode(estimator)["data"].tobytes()
+    assert encode(estimator.merge(empty))["data"].tobytes() == before
+    assert same(results(empty.merge(estimator)), results(estimator))
+    assert empty.plot(Figure().subplots()).get_xlabel()
+    assert not same(results(copy.deepcopy(empty).merge(estimator)), results(estimator))
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
