@@ -11,6 +11,10 @@ if TYPE_CHECKING:
 __all__ = ["QUESTIONS", "study_named"]
 
 QUESTIONS = {
+    "thermalise": (
+        "studies.thermalisation:Thermalisation",
+        "Follow the relaxation of a gas to the Maxwell-Boltzmann distribution.",
+    ),
     "diffusion": ("studies.diffusion:SelfDiffusion", "Measure self-diffusion, beside Enskog's theory."),
 }
 """Where each study is found, and its question."""

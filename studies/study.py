@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -18,9 +19,10 @@ import numpy as np
 
 import hardspheres as hs
 from analysis.estimator import Estimator
-from studies.answer import Answer, Gas, curve_files, tidy, write_tables
+from studies.answer import Answer, Gas, curve_files, heading, tidy, write_tables
 from studies.fluid import broken, representatives
-from studies.options import MANY, check_options, option
+from studies.options import MANY, check_options, option, options_of
+from studies.recording import Recorder
 from studies.report import (
     ALARM,
     Z_MEANS,
@@ -127,6 +129,10 @@ class Study(ABC):
         """Refuse options beyond their limits."""
         check_options(self)
 
+    def prepared(self, say: Callable[[str], object]) -> Study:
+        """Return the study with every file read that it starts from, once; `say` takes remarks on them."""
+        return self
+
     @abstractmethod
     def gases(self) -> Sequence[Gas]:
         """Return the gases, easiest first; SceneError for options that make no sense."""
@@ -159,15 +165,16 @@ class Study(ABC):
         """Return the one figure, where there is one."""
         raise NotImplementedError
 
-    def recorders(self, gas: Gas, folder: Path) -> Mapping[str, Estimator]:
+    def recorders(self, gas: Gas) -> Mapping[str, Recorder]:
         """Return what looks at a second run of the first replica, for `show`; nothing by default.
 
-        Looking changes no bit, so it is the same run again; what it records is in nobody's way.
+        Looking changes no bit, so it is the same run again, and no checkpoint carries what is recorded but
+        its own.
         """
         return {}
 
     def show(self, recorders: Mapping[str, Any], answers: Sequence[Answer], out: OutputFolder) -> None:
-        """Write what the recorders saw."""
+        """Write what the recorders saw; their own files are in `out.checkpoints`."""
 
     def to_precision(self, target: float) -> Study | None:
         """Return the study that reaches a relative standard error by itself; None: by more replicas."""
@@ -194,13 +201,17 @@ class _Running(Resumable[_Run, Replica, Replica]):
         """Make the gas and what measures it."""
         replica = Replica(self.study.seed, item.index, None, {})
         replica.running = simulation = self.study.start(item.gas, replica.seed)
-        recorders = self.study.recorders(item.gas, self.folder) if item.recording else None
-        replica.estimators = dict(recorders or self.study.estimators(item.gas, simulation))
+        watching = self.study.recorders(item.gas) if item.recording else None
+        replica.estimators = dict(watching or self.study.estimators(item.gas, simulation))
         return replica
 
     def steps(self, item: _Run, state: Replica) -> Iterator[None]:
         """Go on with it."""
-        return self.study.advance(item.gas, state)
+        with ExitStack() as open_files:
+            for each in state.estimators.values():
+                if isinstance(each, Recorder):
+                    open_files.enter_context(each.recording(self.folder))
+            yield from self.study.advance(item.gas, state)
 
     def result(self, item: _Run, state: Replica, seconds: float) -> Replica:
         """Return the replica, without its gas."""
@@ -235,7 +246,7 @@ def run_study(
     """
     gases, count = study.gases(), study.replicas
     runs = [_Run(gas, k * count + r) for k, gas in enumerate(gases) for r in range(count)]
-    if record and study.recorders(gases[0], folder):
+    if record and study.recorders(gases[0]):
         runs.insert(0, _Run(gases[0], 0, recording=True))
     # dense gases take longest: they are last here and run first, so that all workers finish together
     with screen.progress("runs", len(runs)) as advance:
@@ -275,6 +286,7 @@ def conduct(
         If options make no sense, a gas cannot be made or never collides, or the folder cannot be written.
     """
     began = time.perf_counter()
+    study = study.prepared(screen.note)
     gases = study.gases()
     out.check(study)
     with screen.compiling("; ".join(dict.fromkeys(gas.kind for gas in gases))):
@@ -290,7 +302,7 @@ def conduct(
             out.write_csv(f"{name}.csv", columns)
         with screen.working("drawing"):
             for name, figure in study.figures(answers).items():
-                out.save_figure(f"{name}.png", figure, f"{study.replicas} x {gases[0]}")
+                out.save_figure(f"{name}.png", figure, heading(answers, study.replicas))
             if recorded is not None:
                 study.show(recorded.estimators, answers, out)
         summary = summary_of(study, answers, replicas, out)
@@ -317,7 +329,9 @@ def summary_of(
         "study": study.name,
         "version": hs.__version__,
         "seed": study.seed,
-        "options": {each.name: getattr(study, each.name) for each in fields(study) if each.name != "workers"},
+        "options": {
+            each.name: getattr(study, each.name) for each, _ in options_of(study) if each.name != "workers"
+        },
         "workers": available_cores() if study.workers is None else study.workers,
         "n": answers[0].gas.n,
         "dim": answers[0].gas.dim,
@@ -339,7 +353,7 @@ def _print(
     for sentence in study.legend(answers):
         screen.say(sentence)
     screen.say(Z_MEANS)
-    if any(found.better_than_theory for answer in answers for found in answer.numbers):
+    if any(answer.better_than_theory for answer in answers):
         screen.say(BETTER)
     for answer in answers:
         for note in answer.notes:

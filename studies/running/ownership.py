@@ -34,13 +34,6 @@ WRITTEN: dict[str, tuple[str, ...]] = {
     "pressure_suite": _EQUATION,
     "soak": ("soak.csv",),
     "suite": ("bench.csv", "bench.png"),  # of the benchmarks
-    "thermalisation": (
-        "trajectory.xyz",
-        "relaxation.csv",
-        "distributions.png",
-        "relaxation.png",
-        "gas.gif",
-    ),
 }
 """Files that programs write beside their summary, by module; those of a `Study` are in its `files`."""
 
