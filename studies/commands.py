@@ -101,6 +101,7 @@ def function_of(kind: type[Study]) -> Callable[..., None]:
             **{name: value for name, value in given.items() if value is not None and value is not False}
         )
         screen = Screen(json)
+        study = study.prepared(screen.note)
         folder = folder_for(out, kind.name, study.seed, checkpoint_every, resume, force)
         itself = None if until_error is None else study.to_precision(until_error)
         if until_error is None or itself is not None:
