@@ -247,6 +247,12 @@ def tidy(answers: Sequence[Answer]) -> dict[str, list[Any]]:
     }
 
 
+def _place(answer: Answer, answers: Sequence[Answer]) -> dict[str, Any]:
+    """Return what tells the gas of an answer from those of the others in a file of curves."""
+    place: dict[str, Any] = {"gas": str(answer.gas)} if len({str(one.gas) for one in answers}) > 1 else {}
+    return place | ({"packing_fraction": answer.gas.packing_fraction} if len(answers) > 1 else {})
+
+
 def curve_files(answers: Sequence[Answer]) -> dict[str, dict[str, FloatArray]]:
     """Return the columns of each file of curves by its name: one gas after another."""
     files: dict[str, dict[str, FloatArray]] = {}
@@ -255,8 +261,7 @@ def curve_files(answers: Sequence[Answer]) -> dict[str, dict[str, FloatArray]]:
         for answer in answers:
             flat = answer.curves[name].flat()
             length = len(next(iter(flat.values())))
-            first = {"packing_fraction": np.full(length, answer.gas.packing_fraction)}
-            parts.append((first if len(answers) > 1 else {}) | flat)
+            parts.append({key: np.full(length, name) for key, name in _place(answer, answers).items()} | flat)
         files[name] = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
     return files
 

@@ -28,10 +28,9 @@ from studies.commands import (
     Studies,
     UntilError,
     _out,
-    folder_for,
 )
 from studies.layout import wrapped
-from studies.options import App, at_most, boundary, one_number, positive, word
+from studies.options import App, OptionError, at_most, boundary, one_number, positive, word
 
 __all__ = ["app", "main"]
 
@@ -257,7 +256,7 @@ def pressure(
     study = EquationOfState(
         parsed(packing_fractions), fluid, collisions_per_particle, replicas, seed, workers
     )
-    screen, folder = Screen(json), folder_for(out, "pressure", seed, checkpoint_every, resume, force)
+    screen, folder = Screen(json), _folder(out, "pressure", seed, checkpoint_every, resume, force)
     if not suite:
         _finish(screen, _precisely(equation_of_state, study, folder, screen, until_error))
         return
@@ -313,7 +312,7 @@ def free_path(
     fluid = Fluid(n, dim, 0.3, "periodic", diameter_ratio, mass_ratio, share)
     study = FreePaths(parsed(packing_fractions), fluid, collisions_per_particle, replicas, seed, workers)
     screen = Screen(json)
-    folder = folder_for(out, "free-path", seed, checkpoint_every, resume, force)
+    folder = _folder(out, "free-path", seed, checkpoint_every, resume, force)
     _finish(screen, _precisely(run, study, folder, screen, until_error))
 
 
@@ -361,7 +360,7 @@ def mixture(
     fluid = Fluid(n, dim, packing_fraction, "periodic", diameter_ratio, mass_ratio, share)
     study = Mixture(fluid, temperature_ratio, relaxation_times, replicas, seed, workers)
     screen = Screen(json)
-    folder = folder_for(out, "mixture", seed, checkpoint_every, resume, force)
+    folder = _folder(out, "mixture", seed, checkpoint_every, resume, force)
     _finish(screen, _precisely(run, study, folder, screen, until_error))
 
 
@@ -391,7 +390,7 @@ def accuracy(
     from studies.validation.accuracy import accuracy as run
 
     study = Accuracy(parsed(packing_fractions), n, dim, seed)
-    screen, folder = Screen(json), folder_for(out, "accuracy", seed, checkpoint_every, resume, force)
+    screen, folder = Screen(json), _folder(out, "accuracy", seed, checkpoint_every, resume, force)
     _finish(screen, run(study.quicker() if quick else study, folder, screen))
 
 
@@ -428,7 +427,7 @@ def calibration(
     from studies.validation.calibration import Calibrations
     from studies.validation.calibration import calibration as run
 
-    screen, folder = Screen(json), folder_for(out, "calibration", seed, checkpoint_every, resume, force)
+    screen, folder = Screen(json), _folder(out, "calibration", seed, checkpoint_every, resume, force)
     _finish(screen, run(Calibrations(runs, seed, workers), folder, screen))
 
 
@@ -475,38 +474,20 @@ def hard_cases(
     from studies.validation.hard_cases import hard_cases as run
 
     chosen, groups, screen = size_named(size), groups_named(only), Screen(json)
-    folder = folder_for(out, "hard-cases", chosen, checkpoint_every, resume, force)
+    folder = _folder(out, "hard-cases", chosen, checkpoint_every, resume, force)
     _finish(screen, run(chosen, groups, folder, screen))
 
 
-@app.command()
-def soak(
-    collisions: Annotated[
-        int,
-        typer.Option(min=1000, max=10**15, help="Pair collisions of the fluid; the mixture gets a tenth."),
-    ] = 1_000_000_000,
-    n: Annotated[int, typer.Option(min=2, help="Particles in each gas.")] = 4000,
-    dim: Annotated[int, typer.Option(min=2, max=3, help="Dimension.")] = 3,
-    seed: Seed = 1,
-    workers: Workers = None,
-    out: Out = None,
-    checkpoint_every: CheckpointEvery = 60.0,
-    resume: Resume = False,
-    force: Force = False,
-    json: Json = False,
-) -> None:
-    """Run two gases for very long and test what must not change.
+def _folder(
+    out: Path | None, study: str, which: int | str, checkpoint_every: float, resume: bool, force: bool
+) -> Any:
+    """Return the output folder of a study."""
+    from studies.report import OutputFolder
 
-    Energy, momentum, overlaps, events out of order and resident memory of a fluid at packing fraction 0.3,
-    and of a mixture between walls. Takes about half an hour on two cores. Writes a summary and a table.
-    """
-    from studies.report import Screen
-    from studies.validation.soak import Soak
-    from studies.validation.soak import soak as run
-
-    screen = Screen(json)
-    study = Soak(n, dim, collisions, seed, workers)
-    _finish(screen, run(study, folder_for(out, "soak", seed, checkpoint_every, resume, force), screen))
+    if resume and force:
+        raise OptionError("--resume continues a run and --force replaces it; give one of them")
+    path = out or Path("runs") / f"{study}-{which}"
+    return OutputFolder(path, checkpoint_every=checkpoint_every, resume=resume, force=force)
 
 
 def _next_folder(path: Path, force: bool) -> Path:

@@ -14,9 +14,9 @@ from studies.options import App, OptionError, options_of, rewrapped
 from studies.registry import QUESTIONS, study_named
 
 if TYPE_CHECKING:
-    from studies.study import Study
+    from studies.program import Program
 
-__all__ = ["Studies", "command_of", "folder_for", "main"]
+__all__ = ["Studies", "command_of", "main"]
 
 
 def _out(name: str) -> Path:
@@ -60,54 +60,40 @@ UntilError = Annotated[
     ),
 ]
 OF_EVERY_RUN: dict[str, tuple[Any, Any]] = {
-    "until_error": (UntilError, None),
     "out": (Out, None),
-    "checkpoint_every": (CheckpointEvery, 60.0),
-    "resume": (Resume, False),
     "force": (Force, False),
     "json": (Json, False),
 }
+OF_LONG_RUNS: dict[str, tuple[Any, Any]] = {
+    "checkpoint_every": (CheckpointEvery, 60.0),
+    "resume": (Resume, False),
+}
 
 
-def folder_for(
-    out: Path | None, study: str, which: int | str, checkpoint_every: float, resume: bool, force: bool
-) -> Any:
-    """Return the output folder of a study."""
-    from studies.report import OutputFolder
-
-    if resume and force:
-        raise OptionError("--resume continues a run and --force replaces it; give one of them")
-    path = out or Path("runs") / f"{study}-{which}"
-    return OutputFolder(path, checkpoint_every=checkpoint_every, resume=resume, force=force)
-
-
-def function_of(kind: type[Study]) -> Callable[..., None]:
+def function_of(kind: type[Program]) -> Callable[..., None]:
     """Return the function that the command of a study runs: its parameters are the study's options."""
 
     def run(
-        until_error: float | None,
         out: Path | None,
-        checkpoint_every: float,
-        resume: bool,
         force: bool,
         json: bool,
+        until_error: float | None = None,
+        checkpoint_every: float = 60.0,
+        resume: bool = False,
         **given: Any,
     ) -> None:
         from studies.report import Screen
-        from studies.study import conduct
-        from studies.until_error import until_error as precisely
 
-        study = kind(
-            **{name: value for name, value in given.items() if value is not None and value is not False}
-        )
+        program = kind(**{name: value for name, value in given.items() if value is not None})
         screen = Screen(json)
-        study = study.prepared(screen.note)
-        folder = folder_for(out, kind.name, study.seed, checkpoint_every, resume, force)
-        itself = None if until_error is None else study.to_precision(until_error)
-        if until_error is None or itself is not None:
-            summary, sound = conduct(itself or study, folder, screen)
+        folder = program.folder(out, checkpoint_every, resume, force)
+        program = program.prepared(screen.note)
+        if until_error is None:
+            summary, sound = program.conduct(folder, screen)
         else:
-            summary, sound = precisely(study, until_error, folder, screen)
+            from studies.until_error import until_error as precisely
+
+            summary, sound = precisely(program, until_error, folder, screen)
         screen.finish(summary)
         if not sound:
             raise typer.Exit(1)
@@ -124,6 +110,10 @@ def function_of(kind: type[Study]) -> Callable[..., None]:
             annotation = str | None if default is None else type(default)
         parameters[each.name] = (Annotated[annotation, declared], default)
     parameters |= OF_EVERY_RUN
+    if kind.resumable:
+        parameters |= OF_LONG_RUNS
+    if kind.to_an_error:
+        parameters["until_error"] = (UntilError, None)
     keyword = inspect.Parameter.KEYWORD_ONLY
     run.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
         [
@@ -135,7 +125,7 @@ def function_of(kind: type[Study]) -> Callable[..., None]:
     return run
 
 
-def command_of(kind: type[Study], question: str = "") -> Any:
+def command_of(kind: type[Program], question: str = "") -> Any:
     """Return the command of a study.
 
     Parameters
@@ -171,7 +161,7 @@ class Studies(TyperGroup):
         return super().resolve_command(ctx, args)
 
 
-def main(kind: type[Study]) -> None:
+def main(kind: type[Program]) -> None:
     """Run a study of one's own as a program: `if __name__ == "__main__": main(MyStudy)`."""
     from studies.cli import run_program
 

@@ -18,7 +18,7 @@ from analysis.statistics import Estimate, estimate_from_replicas, replica_mean
 from analysis.transport import Diffusion, with_correction
 from studies.answer import Answer, Column, Curves, alarms, number
 from studies.fluid import Fluid, check_length, ordered
-from studies.options import densities, dimension, option, particles
+from studies.options import densities, dimension, option, particles, runs
 from studies.running.resuming import until
 from studies.study import Replica, Study
 
@@ -132,7 +132,7 @@ class SelfDiffusion(Study):
         "How long to measure in each replica, s = 2 collisions / n.",
         shown="three times the window of the slope, 200 to 2000",
     )
-    replicas: int = option(12, "Independent runs of each gas; errors come from their spread.", at_least=1)
+    replicas: int = runs(12)
 
     def gases(self) -> list[Fluid]:
         """Return the gases to measure, by ascending packing fraction."""

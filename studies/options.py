@@ -318,6 +318,11 @@ def particles(count: int) -> Any:
     return option(count, "Particles in each replica.", at_least=2)
 
 
+def runs(count: int) -> Any:
+    """Return the field for the number of replicas."""
+    return option(count, "Independent runs of each gas; errors come from them.", at_least=1, at_most=MANY)
+
+
 def dimension() -> Any:
     """Return the field for the dimension."""
     return option(3, "Dimension.", at_least=2, at_most=3)

@@ -6,7 +6,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from studies.study import Study
+    from studies.program import Program
 
 __all__ = ["QUESTIONS", "study_named"]
 
@@ -16,11 +16,15 @@ QUESTIONS = {
         "Follow the relaxation of a gas to the Maxwell-Boltzmann distribution.",
     ),
     "diffusion": ("studies.diffusion:SelfDiffusion", "Measure self-diffusion, beside Enskog's theory."),
+    "soak": (
+        "studies.validation.soak:Soak",
+        "Run two gases for very long and test what must not change.",
+    ),
 }
 """Where each study is found, and its question."""
 
 
-def study_named(name: str) -> type[Study]:
+def study_named(name: str) -> type[Program]:
     """Return the class of a study."""
     module, _, kind = QUESTIONS[name][0].partition(":")
     found: Any = getattr(importlib.import_module(module), kind)

@@ -8,8 +8,8 @@ rest is done here: replicas over processes, checkpoints, tables, files.
 from __future__ import annotations
 
 import time
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from abc import abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,7 +21,8 @@ import hardspheres as hs
 from analysis.estimator import Estimator
 from studies.answer import Answer, Gas, curve_files, heading, tidy, write_tables
 from studies.fluid import broken, representatives
-from studies.options import MANY, check_options, option, options_of
+from studies.options import option, options_of, runs
+from studies.program import Program
 from studies.recording import Recorder
 from studies.report import (
     ALARM,
@@ -31,6 +32,7 @@ from studies.report import (
     checks_of,
     engine_of,
     engine_rate,
+    figure_style,
     say_checks,
     seconds_taken,
 )
@@ -99,39 +101,27 @@ class Replica:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Study(ABC):
-    """A question about gases; subclasses are frozen dataclasses, their fields made by `option`.
+class Study(Program):
+    """A question about gases.
 
     Attributes
     ----------
-    name : str
-        On the command line.
-    explanation : str
-        What --help says.
-    files : tuple of str
-        Everything that it writes beside summary.json.
     table : str
         The file of all numbers, without ending.
     """
 
-    name: ClassVar[str]
-    explanation: ClassVar[str]
-    files: ClassVar[tuple[str, ...]]
+    to_an_error = True
     table: ClassVar[str]
 
-    replicas: int = option(2, "Independent runs of each gas.", at_least=1, at_most=MANY)
+    replicas: int = runs(2)
     seed: int = option(1, "Source of every random choice: the same seed gives the same results.", at_least=0)
     workers: int | None = option(
         None, "Processes; the results do not depend on it.", at_least=1, shown="all cores"
     )
 
-    def __post_init__(self) -> None:
-        """Refuse options beyond their limits."""
-        check_options(self)
-
-    def prepared(self, say: Callable[[str], object]) -> Study:
-        """Return the study with every file read that it starts from, once; `say` takes remarks on them."""
-        return self
+    def conduct(self, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:
+        """Run it, print its results and write its files, see `conduct`."""
+        return conduct(self, out, screen)
 
     @abstractmethod
     def gases(self) -> Sequence[Gas]:
@@ -300,7 +290,7 @@ def conduct(
         out.write_csv(f"{study.table}.csv", tidy(answers))
         for name, columns in curve_files(answers).items():
             out.write_csv(f"{name}.csv", columns)
-        with screen.working("drawing"):
+        with screen.working("drawing"), figure_style():
             for name, figure in study.figures(answers).items():
                 out.save_figure(f"{name}.png", figure, heading(answers, study.replicas))
             if recorded is not None:

@@ -26,6 +26,7 @@ from studies.options import (
     one_number,
     option,
     positive,
+    runs,
     word,
 )
 from studies.recording import Film, Recorder, Trajectory
@@ -224,7 +225,7 @@ class Thermalisation(Study):
         None, "Number fraction of the second species.", at_least=0.0, at_most=1.0, shown="0.5"
     )
     collisions_per_particle: float = option(10.0, "How long to run, s = 2 collisions / n.")
-    replicas: int = option(100, "Independent gases to average over.", at_least=1, at_most=MANY)
+    replicas: int = runs(100)
     source: str | None = option(None, "Start from a structure in any file that ASE reads.", flag="--from")
     radius: float | dict[str, float] | None = option(None, **of_labels("--radius"))
     mass: float | dict[str, float] | None = option(None, **of_labels("--mass"))

@@ -157,6 +157,9 @@ def until_error(
         raise hs.SceneError(
             f"--until-error {target:g} must be between 0 and 1: a relative standard error, such as 1e-3"
         )
+    itself = study.to_precision(target)
+    if itself is not None:
+        return run(itself, out, screen)
     out.check()
     seed = int(np.random.SeedSequence([study.seed, 1]).generate_state(1)[0])
     pilot = replace(study, replicas=min(study.replicas, PILOT), seed=seed)

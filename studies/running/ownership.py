@@ -32,7 +32,6 @@ WRITTEN: dict[str, tuple[str, ...]] = {
     "mixture": ("mixture.csv", "mixture.png"),
     "pressure": _EQUATION,
     "pressure_suite": _EQUATION,
-    "soak": ("soak.csv",),
     "suite": ("bench.csv", "bench.png"),  # of the benchmarks
 }
 """Files that programs write beside their summary, by module; those of a `Study` are in its `files`."""

@@ -2,69 +2,37 @@
 
 from __future__ import annotations
 
-import datetime
 import math
-import time
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 import hardspheres as hs
-from studies.benchmarks.clock import machine
+from analysis.estimator import Estimator, axes_or_new
+from analysis.theory import Prediction
+from studies.answer import Answer, Column, Curves, number
 from studies.fluid import Fluid, broken
-from studies.report import OutputFolder, Screen, checks_of, engine_of, engine_rate, say_checks, seconds_taken
+from studies.options import dimension, option, particles, runs
 from studies.running.encoding import encode
-from studies.running.ensemble import available_cores, replica_seeds, run_replicas
-from studies.running.resuming import Resumable, until
+from studies.running.resuming import until
+from studies.study import Replica, Study
 
-__all__ = ["Gas", "Soak", "Soaking", "growth_exponent", "soak"]
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["Invariants", "Soak", "growth_exponent"]
 
 Floats = NDArray[np.float64]
 
 SAMPLES = 100  # in each run
 WARM = 10_000_000  # collisions in a process before its memory is compared
 MOST_GROWTH = 1_000_000  # bytes
-
-
-@dataclass(frozen=True)
-class Gas:
-    """What to run, and for how many pair collisions."""
-
-    fluid: Fluid
-    collisions: int
-
-
-@dataclass(frozen=True)
-class Soak:
-    """Options of the study, as on the command line (`hardspheres soak --help`).
-
-    Attributes
-    ----------
-    n, dim : int
-        Particles in each gas, and the dimension.
-    collisions : int
-        Pair collisions of the fluid.
-    seed, workers
-        As in `studies.running.ensemble`.
-    """
-
-    n: int = 4000
-    dim: int = 3
-    collisions: int = 1_000_000_000
-    seed: int = 1
-    workers: int | None = None
-
-    @property
-    def gases(self) -> tuple[Gas, ...]:
-        """A fluid, and for a tenth as long a mixture between walls."""
-        fluid = Fluid(self.n, self.dim)
-        mixture = Fluid(self.n, self.dim, 0.25, "wall", diameter_ratio=2.0, mass_ratio=10.0)
-        return Gas(fluid, self.collisions), Gas(mixture, self.collisions // 10)
-
+EXPONENT_ERROR = 0.08  # of `growth_exponent`, with 100 samples of a random walk
 
 COLUMNS = (
     "collisions",
@@ -75,25 +43,6 @@ COLUMNS = (
     "late_events",
     "memory_growth",
 )
-
-
-@dataclass(frozen=True)
-class Soaked:
-    """Result of one run: `samples` has a row for each moment and a column for each of `COLUMNS`."""
-
-    samples: Floats
-    failures: tuple[str, ...]
-    status: dict[str, Any]
-    seconds: float
-
-    def column(self, name: str) -> Floats:
-        """Return one of the columns."""
-        return self.samples[:, COLUMNS.index(name)]
-
-    def worst(self, name: str) -> float:
-        """Return the largest absolute value of a column, NaN where it is not known."""
-        column = np.abs(self.column(name))
-        return float(np.nanmax(column)) if np.isfinite(column).any() else math.nan
 
 
 def growth_exponent(values: Floats) -> float:
@@ -117,15 +66,6 @@ def growth_exponent(values: Floats) -> float:
     return math.log10(long / short) if short > 0.0 and long > 0.0 else math.nan
 
 
-@dataclass
-class _Soaking:
-    """A run in progress."""
-
-    simulation: hs.Simulation
-    samples: list[tuple[float, ...]]
-    failures: list[str]
-
-
 def resident() -> float:
     """Return the resident memory of this process in bytes, NaN where it is not known (it is on Linux)."""
     try:
@@ -135,184 +75,134 @@ def resident() -> float:
     return next((1024.0 * int(line.split()[1]) for line in lines if line.startswith("VmRSS:")), math.nan)
 
 
-@dataclass(frozen=True)
-class Soaking(Resumable[tuple[Gas, np.random.SeedSequence], _Soaking, Soaked]):
-    """The task that turns a gas and a seed into a long run."""
+@dataclass
+class Invariants(Estimator):
+    """What must not change, sampled during a run.
 
-    def begin(self, item: tuple[Gas, np.random.SeedSequence]) -> _Soaking:
-        """Make the gas."""
-        gas, seed = item
-        return _Soaking(hs.Simulation(gas.fluid.scene(seed)), [], [])
+    Attributes
+    ----------
+    samples : list of list of float
+        A row for each moment, with an entry for each of `COLUMNS`.
+    failures : list of str
+        What `Simulation.check` found broken, and when.
+    """
 
-    def steps(self, item: tuple[Gas, np.random.SeedSequence], state: _Soaking) -> Iterator[None]:
+    samples: list[list[float]] = field(default_factory=list)
+    failures: list[str] = field(default_factory=list)
+
+    def add(self, frame: hs.Simulation, memory: float = math.nan) -> Self:
+        """Sample a simulation; `memory` is by how many bytes the process has grown."""
+        overlap, status, failure = frame.worst_overlap, frame.status(), broken(frame)
+        row = [frame.collisions, frame.time, status["energy_drift"], status["momentum_drift"]]
+        self.samples.append([*row, overlap, status["late_events"], memory])
+        if failure:
+            self.failures.append(f"after {frame.collisions} collisions {failure}")
+        return self
+
+    def column(self, name: str) -> Floats:
+        """Return one of `COLUMNS`."""
+        return np.array(self.samples, dtype=np.float64)[:, COLUMNS.index(name)]
+
+    def worst(self, name: str) -> float:
+        """Return the largest absolute value of a column, NaN where it is not known."""
+        column = np.abs(self.column(name))
+        return float(np.nanmax(column)) if np.isfinite(column).any() else math.nan
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the change of energy and momentum against the number of collisions."""
+        axes = axes_or_new(ax)
+        for name in ("energy_drift", "momentum_drift"):
+            axes.plot(self.column("collisions"), np.abs(self.column(name)), label=name.replace("_", " "))
+        axes.set(xlabel="collisions", ylabel="relative change")
+        axes.legend()
+        return axes
+
+
+@dataclass(frozen=True, kw_only=True)
+class Soak(Study):
+    """A fluid, and for a tenth as long a mixture between walls."""
+
+    name = "soak"
+    explanation = """
+    Energy, momentum, overlaps, events out of order and resident memory of a fluid at packing fraction 0.3,
+    and of a mixture between walls. Takes about half an hour on two cores. Writes a summary and two tables.
+    """
+    table = "soak"
+    files = ("soak.csv", "invariants.csv")
+    to_an_error = False
+
+    collisions: int = option(
+        1_000_000_000,
+        "Pair collisions of the fluid; the mixture gets a tenth.",
+        at_least=1000,
+        at_most=10**15,
+    )
+    n: int = particles(4000)
+    dim: int = dimension()
+    replicas: int = runs(1)
+
+    def gases(self) -> list[Fluid]:
+        """Return the two gases."""
+        fluid = Fluid(self.n, self.dim)
+        mixture = Fluid(self.n, self.dim, 0.25, "wall", diameter_ratio=2.0, mass_ratio=10.0)
+        fluid.check()
+        return [fluid, mixture]
+
+    def estimators(self, gas: Fluid, simulation: hs.Simulation) -> dict[str, Invariants]:
+        """Return what samples the invariants."""
+        return {"invariants": Invariants()}
+
+    def advance(self, gas: Fluid, replica: Replica) -> Iterator[None]:
         """Run, and sample at regular numbers of collisions."""
-        simulation, total = state.simulation, item[0].collisions
-        first, before = simulation.collisions, math.nan
-        warm = first + min(WARM, total // 10)
-        for sample in range(len(state.samples) + 1, SAMPLES + 1):
-            yield from until(simulation, total * sample // SAMPLES)
-            overlap, status, failure = simulation.worst_overlap, simulation.status(), broken(simulation)
+        simulation, invariants = replica.simulation, replica.estimators["invariants"]
+        total = self.collisions // 10 if gas.mixed else self.collisions
+        before, warm = math.nan, simulation.collisions + min(WARM, total // 10)
+        while replica.done < SAMPLES:
+            yield from until(simulation, total * (replica.done + 1) // SAMPLES)
             if math.isnan(before) and simulation.collisions >= warm:
-                encode(state)  # first, so that one-time allocations do not count as growth
+                encode(replica)  # first, so that one-time allocations do not count as growth
                 before = resident()
-            row = [simulation.collisions, simulation.time, status["energy_drift"], status["momentum_drift"]]
-            state.samples.append((*row, overlap, status["late_events"], resident() - before))
-            if failure:
-                state.failures.append(f"after {simulation.collisions} collisions {failure}")
+            invariants.add(simulation, resident() - before)
+            replica.done += 1
             yield
 
-    def result(self, item: tuple[Gas, np.random.SeedSequence], state: _Soaking, seconds: float) -> Soaked:
-        """Return what was measured."""
-        samples = np.array(state.samples, dtype=np.float64)
-        found = Soaked(samples, tuple(state.failures), state.simulation.status(), seconds)
-        late, growth = found.worst("late_events"), found.worst("memory_growth")
-        failures = [*state.failures]
-        failures += [f"{late:.0f} events were out of order"] if late else []
-        failures += [f"resident memory grew by {growth / 1e6:.1f} MB"] if growth >= MOST_GROWTH else []
-        return Soaked(samples, tuple(failures), found.status, seconds)
-
-
-def soak(study: Soak, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:
-    """Run the study, print its results and write its files.
-
-    Parameters
-    ----------
-    study : Soak
-        What to do.
-    out : OutputFolder
-        Where the files go; made only after everything has been checked.
-    screen : Screen
-        Where results and progress are shown.
-
-    Returns
-    -------
-    summary : dict
-        The content of summary.json.
-    sound : bool
-        Whether energy and momentum were conserved, no particles overlapped, no event was out of order and
-        memory did not grow.
-
-    Raises
-    ------
-    HardSpheresError
-        If a gas cannot be made or never collides, or the folder cannot be written.
-    """
-    began = time.perf_counter()
-    for gas in study.gases:
-        gas.fluid.check()
-    out.check(study)
-    seeds = replica_seeds(study.seed, len(study.gases))
-    with screen.compiling("a fluid, and a mixture between walls"):
-        for gas, seed in zip(study.gases, seeds, strict=True):
-            hs.Simulation(gas.fluid.scene(seed)).run(collisions=1)
-    ready = time.perf_counter()
-    with out.running(study) as shelf:
-        items = list(zip(study.gases, seeds, strict=True))
-        with screen.progress("runs", len(items)) as advance:
-            runs = run_replicas(Soaking(), items, workers=study.workers, done=advance, shelf=shelf)
-        ran = time.perf_counter()
-        out.write_csv("soak.csv", _columns(runs))
-        summary = _summary(study, runs, out)
-        summary["seconds"] = seconds_taken(began, ready, ran, work="runs")
-        out.write_json("summary.json", summary)
-    _print(screen, study, runs, summary, out)
-    return summary, bool(summary["checks"]["passed"])
-
-
-def _columns(runs: Sequence[Soaked]) -> dict[str, Any]:
-    """Return the columns of soak.csv, one run after another."""
-    table = np.concatenate([run.samples for run in runs])
-    return {"gas": np.repeat(range(len(runs)), [len(run.samples) for run in runs])} | dict(
-        zip(COLUMNS, table.T, strict=True)
-    )
-
-
-def _summary(study: Soak, runs: Sequence[Soaked], out: OutputFolder) -> dict[str, Any]:
-    statuses = [run.status for run in runs]
-    failures = [f"gas {index}: {failure}" for index, run in enumerate(runs) for failure in run.failures]
-    collisions = sum(status["collisions"] for status in statuses)
-    return {
-        "study": "soak",
-        "version": hs.__version__,
-        "seed": study.seed,
-        "options": {"n": study.n, "dim": study.dim, "collisions": study.collisions},
-        "workers": available_cores() if study.workers is None else study.workers,
-        "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
-        "machine": machine(),
-        "gases": [
-            {
-                "gas": str(gas.fluid),
-                "packing_fraction": gas.fluid.packing_fraction,
-                "collisions": run.status["collisions"],
-                "wall_collisions": run.status["wall_collisions"],
-                "energy_drift": run.worst("energy_drift"),
-                "momentum_drift": run.worst("momentum_drift"),
-                "energy_growth_exponent": growth_exponent(run.column("energy_drift")),
-                "momentum_growth_exponent": growth_exponent(run.column("momentum_drift")),
-                "worst_overlap": run.worst("worst_overlap"),
-                "late_events": run.worst("late_events"),
-                "memory_growth": run.worst("memory_growth"),
-                "collisions_per_second": run.status["collisions"] / run.seconds,
-            }
-            for gas, run in zip(study.gases, runs, strict=True)
-        ],
-        "collisions": collisions,
-        "collisions_per_second_and_core": collisions / sum(run.seconds for run in runs),
-        "engine_collisions_per_second": engine_rate(statuses),
-        "checks": checks_of(statuses, failures),
-        "engine": engine_of(statuses[0]),
-        "files": sorted({*out.files, "summary.json"}),
-        "seconds": {},
-    }
-
-
-def _power(exponent: float) -> str:
-    return f"n^{exponent:.2f}" if math.isfinite(exponent) else ""
-
-
-def _print(
-    screen: Screen, study: Soak, runs: Sequence[Soaked], summary: dict[str, Any], out: OutputFolder
-) -> None:
-    for index, gas in enumerate(study.gases):
-        screen.say(f"gas {index}: {gas.fluid}, packing fraction {gas.fluid.packing_fraction:g}")
-    screen.say()
-    header = [
-        "gas",
-        "collisions",
-        "wall collisions",
-        "energy",
-        "growth",
-        "momentum",
-        "growth",
-        "overlap",
-        "late",
-        "memory",
-        "per second",
-    ]
-    rows = []
-    for index, gas in enumerate(summary["gases"]):
-        growth = gas["memory_growth"]
-        rows.append(
-            [
-                str(index),
-                f"{gas['collisions']:.3g}",
-                f"{gas['wall_collisions']:.3g}",
-                f"{gas['energy_drift']:.1e}",
-                _power(gas["energy_growth_exponent"]),
-                f"{gas['momentum_drift']:.1e}",
-                _power(gas["momentum_growth_exponent"]),
-                f"{gas['worst_overlap']:.1e}",
-                f"{gas['late_events']:.0f}",
-                f"{growth / 1e6:.2f} MB" if math.isfinite(growth) else "",
-                f"{gas['collisions_per_second']:.2g}",
-            ]
+    def answer(self, gas: Fluid, replicas: Sequence[Replica]) -> Answer:
+        """Return the largest changes of all runs, and the course of the first."""
+        seen = [replica.estimators["invariants"] for replica in replicas]
+        worst = {name: max(one.worst(name) for one in seen) for name in COLUMNS}
+        walk = Prediction(0.5, EXPONENT_ERROR)
+        numbers = [number("collisions", sum(replica.status["collisions"] for replica in replicas))]
+        numbers.append(
+            number("collisions with walls", sum(replica.status["wall_collisions"] for replica in replicas))
         )
-    screen.table("", header, rows)
-    screen.say()
-    screen.say(
-        "energy, momentum: largest change, relative, and of sum m |v|, and how it grows with the number n "
-        "of collisions (random walk: n^0.5, drift: n^1)"
-    )
-    screen.say("overlap: deepest, in contact distances")
-    screen.say("late: events executed out of order; memory: largest growth of the process after the start-up")
-    say_checks(screen, summary, out)
+        for name in ("energy", "momentum"):
+            growth = growth_exponent(seen[0].column(f"{name}_drift"))
+            numbers.append(number(f"change of {name}, relative", worst[f"{name}_drift"]))
+            numbers.append(number(f"exponent of its growth, {name}", growth, "random walk", walk))
+        numbers += [
+            number("deepest overlap, in contact distances", worst["worst_overlap"]),
+            number("events out of order", worst["late_events"], "none", 0.0),
+            number("growth of memory, MB", worst["memory_growth"] / 1e6),
+        ]
+        failures = [failure for one in seen for failure in one.failures]
+        if worst["late_events"]:
+            failures.append(f"{worst['late_events']:.0f} events were out of order")
+        if worst["memory_growth"] >= MOST_GROWTH:
+            failures.append(f"resident memory grew by {worst['memory_growth'] / 1e6:.1f} MB")
+        course = {
+            name: Column(seen[0].column(name), np.full(len(seen[0].samples), np.nan)) for name in COLUMNS
+        }
+        axes = {name: course.pop(name).value for name in COLUMNS[:2]}
+        return Answer(gas, numbers, {"invariants": Curves(axes, course)}, failures=failures)
+
+    def legend(self, answers: Sequence[Answer]) -> list[str]:
+        """Return what the numbers are."""
+        growth = (
+            "change of momentum: relative to the sum of m |v|; exponent of its growth: n^0.5 for n "
+            "collisions in a random walk of roundings, n^1 in a drift"
+        )
+        return [growth, "growth of memory: of the process, after the start-up"]
+
+    def figures(self, answers: Sequence[Answer]) -> Mapping[str, Figure]:
+        """Return no figure."""
+        return {}

@@ -23,7 +23,7 @@ from studies.benchmarks.bench import Bench, bench
 from studies.benchmarks.gas import Gas
 from studies.benchmarks.suite import Suite as BenchSuite
 from studies.benchmarks.suite import run_suite as run_bench_suite
-from studies.diffusion import SelfDiffusion, self_diffusion
+from studies.diffusion import SelfDiffusion
 from studies.figures.style import LIMIT, falling
 from studies.fluid import Fluid
 from studies.free_path import FreePaths, free_path
@@ -32,10 +32,11 @@ from studies.mixture import Mixture, mixture
 from studies.pressure import EquationOfState, equation_of_state
 from studies.pressure_suite import Suite, run_suite
 from studies.report import OutputFolder, Screen
+from studies.study import conduct
 from studies.thermalisation import Recipe, Thermalisation, thermalise
 from studies.validation.calibration import Calibrations, calibration
 from studies.validation.hard_cases import groups_named, hard_cases
-from studies.validation.soak import Soak, soak
+from studies.validation.soak import Soak
 
 MIXED = Fluid(n=200, packing_fraction=0.02, mass_ratio=4.0, diameter_ratio=0.5)
 UNLIKE = Fluid(n=108, packing_fraction=0.3, diameter_ratio=1.25, mass_ratio=10.0)
@@ -73,13 +74,14 @@ STUDIES = {
     "pressure-suite": lambda *to: run_suite(SUITE, *to),
     "free-path": lambda *to: free_path(FreePaths((0.002, 0.05), Fluid(n=200), 50.0, workers=1), *to),
     "free-path-mixture": lambda *to: free_path(FreePaths((0.3,), UNLIKE, 200.0, workers=1), *to),
-    "diffusion": lambda *to: self_diffusion(
-        SelfDiffusion((0.1,), Fluid(n=64), 80.0, replicas=6, workers=1), *to
+    "diffusion": lambda *to: conduct(
+        SelfDiffusion(packing_fractions=(0.1,), n=64, collisions_per_particle=80.0, replicas=6, workers=1),
+        *to,
     ),
     "mixture": lambda *to: mixture(Mixture(MIXED, relaxation_times=1.5, replicas=8, workers=1), *to),
     "calibration": lambda *to: calibration(Calibrations(20, workers=1, families=("series",)), *to),
     "hard-cases": lambda *to: hard_cases("small", groups_named(["cradle"]), *to),
-    "soak": lambda *to: soak(Soak(n=200, dim=2, collisions=20_000, workers=1), *to),
+    "soak": lambda *to: conduct(Soak(n=200, dim=2, collisions=20_000, workers=1), *to),
     "bench": lambda *to: bench(Bench(Gas(n=128, packing_fraction=0.3), collisions=2000), *to),
     "bench-suite": lambda *to: run_bench_suite(
         BenchSuite("mini", (64, 128), (0.05, 0.2), window_seconds=0.001, peer_up_to=0), Bench(Gas()), *to

@@ -12,8 +12,7 @@ from scipy.stats import chi2
 import hardspheres as hs
 from studies import until_error as module
 from studies.cli import main
-from studies.fluid import Fluid
-from studies.pressure import EquationOfState, equation_of_state
+from studies.diffusion import SelfDiffusion
 from studies.report import OutputFolder, Screen
 from studies.until_error import Number, Plan, main_numbers, until_error
 
@@ -28,13 +27,17 @@ class Coins:
     replicas: int = 6
     seed: int = 1
 
+    def to_precision(self, target):
+        """By more replicas, as most studies."""
 
-def toss(study, out, screen):
-    """Estimate the mean as `mixture` does, from the spread of the replicas."""
+
+def toss(study, out, screen, record=True):
+    """Estimate the mean as studies do, from the spread of the replicas."""
     x = np.random.default_rng(study.seed).normal(1.0, 0.2, study.replicas)
     error = float(np.std(x, ddof=1)) / math.sqrt(study.replicas)
     estimate = {"value": float(x.mean()), "standard_error": error, "degrees_of_freedom": study.replicas - 1.0}
-    summary = {"study": "mixture", "measured": [{"quantity": "mean", **estimate}], "replicas": study.replicas}
+    state = {"packing_fraction": 0.1, "main": ["mean"], "measured": [{"quantity": "mean", **estimate}]}
+    summary = {"study": "coins", "states": [state], "replicas": study.replicas}
     summary |= {"collisions": 100 * study.replicas, "collisions_per_second_and_core": 1000.0}
     out.create()
     out.write_json("summary.json", summary)
@@ -49,9 +52,9 @@ def deviations(results):
 def test_error_bars_are_honest_and_the_target_is_reached(tmp_path, capsys):
     """200 studies: 5 % are beyond 1.96 standard errors, 4.5 sigma of that count allowed; the target is missed seldom."""
     outs, screen = [OutputFolder(tmp_path / str(seed)) for seed in range(200)], Screen(json_output=True)
-    found = [until_error(toss, Coins(seed=k), TARGET, out, screen)[0] for k, out in enumerate(outs)]
+    found = [until_error(Coins(seed=k), TARGET, out, screen, run=toss)[0] for k, out in enumerate(outs)]
     capsys.readouterr()
-    z = deviations([summary["measured"][0] for summary in found])
+    z = deviations([summary["states"][0]["measured"][0] for summary in found])
     assert np.sum(z > 1.96) < 0.05 * 200 + 4.5 * math.sqrt(200 * 0.05 * 0.95)
     reached = np.mean([summary["until_error"]["reached"] for summary in found])
     assert reached > 0.8  # 0.9 by the choice of the plan, less for the error's own noise
@@ -85,34 +88,39 @@ def test_the_plan():
         Plan.of([Number("Z", math.nan, 1.0)], 1, 1e-3)
 
 
-def test_the_main_numbers_of_free_paths():
+def test_the_main_numbers_are_those_that_the_answers_name():
     found = [
         {"quantity": name, "value": 4.0, "standard_error": 0.02, "degrees_of_freedom": 9.0} for name in NAMES
     ]
-    states = [{"packing_fraction": eta, "measured": found} for eta in (0.01, 0.1)]
-    numbers = main_numbers({"study": "free-path", "states": states})
+    states = [{"packing_fraction": eta, "main": NAMES[:2], "measured": found} for eta in (0.01, 0.1)]
+    numbers = main_numbers({"states": states})
     assert [number.name for number in numbers] == [
         f"{name} at packing fraction {eta}" for eta in (0.01, 0.1) for name in NAMES[:2]
     ]
     assert numbers[0].relative_error == pytest.approx(5e-3)
+    states[1]["main"] = "a decay rate, and there is none"
+    with pytest.raises(hs.SceneError, match="--until-error needs a decay rate, and there is none"):
+        main_numbers({"states": states})
 
 
 def test_a_real_study(tmp_path, capsys):
-    study = EquationOfState((0.05,), Fluid(n=100), 60.0, replicas=2, seed=5, workers=1)
-    out = OutputFolder(tmp_path / "pressure")
-    summary, sound = until_error(equation_of_state, study, 1e-3, out, Screen())
+    study = SelfDiffusion(
+        packing_fractions=(0.05,), n=64, collisions_per_particle=80.0, replicas=4, seed=5, workers=1
+    )
+    out = OutputFolder(tmp_path / "diffusion")
+    summary, sound = until_error(study, 0.05, out, Screen())
     told = capsys.readouterr()
     found = summary["until_error"]
     assert sound and found["replicas"] == summary["options"]["replicas"] > 4
-    assert found["relative_error"] < 2e-3 and found["core_seconds"]["study"] > 0
-    assert "asked for 0.001: " in told.out and "the pilot took" in told.out
-    assert "pilot: 2 replicas give Z from the virial at packing fraction 0.05" in told.err
+    assert found["relative_error"] < 0.1 and found["core_seconds"]["study"] > 0
+    assert "asked for 0.05: " in told.out and "the pilot took" in told.out
+    assert "pilot: 4 replicas give D of this box" in told.err
     assert sorted(path.name for path in out.path.iterdir()) == sorted(summary["files"])
 
 
 def test_what_cannot_be_reached_is_said(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(module, "MOST", 3)
-    summary, _ = until_error(toss, Coins(), 1e-4, OutputFolder(tmp_path / "coins"), Screen())
+    summary, _ = until_error(Coins(), 1e-4, OutputFolder(tmp_path / "coins"), Screen(), run=toss)
     told = capsys.readouterr().out
     assert "NOT reached: that needs about" in told and "no more than 18 (3 times the pilot) are run" in told
     assert summary["replicas"] == 18 and not summary["until_error"]["reached"]
@@ -121,9 +129,7 @@ def test_what_cannot_be_reached_is_said(tmp_path, monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        (["pressure", "--until-error", "0"], "--until-error 0 must be between 0 and 1"),
-        (["free-path", "--until-error", "-1"], "--until-error -1 must be between 0 and 1"),
-        (["mixture", "--until-error", "2"], "--until-error 2 must be between 0 and 1"),
+        (["diffusion", "--until-error", "-1"], "--until-error -1 must be between 0 and 1"),
         (
             [
                 "thermalise",

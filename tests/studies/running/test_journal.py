@@ -164,7 +164,7 @@ def test_all_options_of_all_studies_count():
     moved = replace(of_file, recipe=Recipe(base=hs.lattice_gas(n=8, packing_fraction=0.1, seed=2)))
     name = "the structure that it starts from"
     assert options_of(of_file)[name] != options_of(moved)[name]
-    assert {"--n", "--dim", "--collisions", "--seed"} == set(options_of(Soak()))
+    assert {"--n", "--dim", "--collisions", "--seed", "--replicas"} == set(options_of(Soak()))
     assert "--workers" not in options_of(STUDY) and "--n" in options_of(STUDY)
 
 

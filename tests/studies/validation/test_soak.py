@@ -3,6 +3,7 @@
 import csv
 import gc
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,36 +12,32 @@ import pytest
 import hardspheres as hs
 import studies
 from studies.report import OutputFolder, Screen
+from studies.study import conduct, run_study
 from studies.validation import soak as soaking
-from studies.validation.soak import COLUMNS, Soak, Soaking, growth_exponent, resident, soak
+from studies.validation.soak import COLUMNS, Soak, growth_exponent, resident
 
 STUDY = Soak(n=200, dim=2, collisions=100_000, workers=1)
 
 
-@pytest.fixture(scope="module")
-def finished(tmp_path_factory):
-    out = OutputFolder(tmp_path_factory.mktemp("soak"))
-    summary, sound = soak(STUDY, out, Screen(json_output=True))
-    return out, summary, sound
-
-
-def test_a_short_soak_is_sound_and_stores_its_figures(finished):
+def test_a_short_soak_is_sound_and_stores_its_figures(tmp_path):
     """The memory may grow by less than 1 MB here too."""
-    out, summary, sound = finished
+    out = OutputFolder(tmp_path / "soak")
+    summary, sound = conduct(STUDY, out, Screen(json_output=True))
     assert sound, summary["checks"]
-    assert {path.name for path in out.path.iterdir()} == {"soak.csv", "summary.json"} == set(summary["files"])
-    fluid, mixture = json.loads((out.path / "summary.json").read_text())["gases"]
-    assert fluid["collisions"] == 100_000 and mixture["collisions"] == 10_000
-    assert fluid["wall_collisions"] == 0 and mixture["wall_collisions"] > 1000
-    with (out.path / "soak.csv").open() as handle:
+    with (out.path / "invariants.csv").open() as handle:
         rows = list(csv.DictReader(handle))
-    assert list(rows[0]) == ["gas", *COLUMNS] and len(rows) == 200
-    for index, gas in enumerate((fluid, mixture)):
-        own = [row for row in rows if row["gas"] == str(index)]
-        for name in ("energy_drift", "momentum_drift", "worst_overlap"):
-            assert gas[name] == max(abs(float(row[name])) for row in own) < 1e-12
-        assert gas["late_events"] == 0 and float(own[-1]["collisions"]) == gas["collisions"]
-    assert summary["machine"]["cores"] >= 1 and summary["date"].startswith("20")
+    assert set(COLUMNS) < set(rows[0]) and len(rows) == 200
+    for state, collisions in zip(summary["states"], (100_000, 10_000), strict=True):
+        found = {each["quantity"]: each["value"] for each in state["measured"]}
+        assert found["collisions"] == collisions and (found["collisions with walls"] > 1000) == (
+            collisions == 10_000
+        )
+        own = [row for row in rows if row["gas"] == state["gas"]]
+        worst = {name: max(abs(float(row[name])) for row in own) for name in COLUMNS[2:6]}
+        assert found["change of energy, relative"] == worst["energy_drift"] < 1e-12
+        assert found["change of momentum, relative"] == worst["momentum_drift"] < 1e-12
+        assert found["deepest overlap, in contact distances"] == worst["worst_overlap"] < 1e-12
+        assert found["events out of order"] == 0 and float(own[-1]["collisions"]) == collisions
 
 
 class Broken(hs.Simulation):
@@ -61,11 +58,12 @@ def test_what_breaks_is_told(monkeypatch):
     memory = iter(np.arange(1, 1000) * 2e4)
     monkeypatch.setattr(soaking, "resident", lambda: next(memory))
     monkeypatch.setattr(soaking, "encode", lambda state: None)
-    (gas, _), (seed,) = STUDY.gases, np.random.SeedSequence(1).spawn(1)
-    found = Soaking()((soaking.Gas(gas.fluid, 1000), seed))
-    assert len(found.failures) == 102 and "kinetic energy changed by 1e-06" in found.failures[0]
-    assert found.failures[-2:] == ("3 events were out of order", "resident memory grew by 1.8 MB")
-    assert found.worst("worst_overlap") == 1e-9
+    study = replace(STUDY, collisions=1000)
+    (first, _), _ = run_study(study, Screen(json_output=True))
+    failures = study.answer(study.gases()[0], first).failures
+    assert len(failures) == 102 and "kinetic energy changed by 1e-06" in failures[0]
+    assert failures[-2:] == ["3 events were out of order", "resident memory grew by 1.8 MB"]
+    assert first[0].estimators["invariants"].worst("worst_overlap") == 1e-9
 
 
 def test_memory_is_seen():

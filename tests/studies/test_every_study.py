@@ -1,0 +1,241 @@
+"""What holds for every study: files agree, workers and interruptions change nothing, bad input is one sentence."""
+
+import csv
+import json
+import sys
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from studies.cli import main
+from studies.options import OptionError, options_of
+from studies.registry import QUESTIONS, study_named
+from studies.report import OutputFolder, Screen
+from studies.running.encoding import encode
+from studies.running.journal import Shelf
+from studies.study import conduct, run_study
+
+SMALL = {
+    "diffusion": {"n": 64, "packing_fractions": (0.1,), "collisions_per_particle": 80.0, "replicas": 4},
+    "soak": {"n": 100, "dim": 2, "collisions": 5000},
+    "thermalise": {"n": 100, "replicas": 4, "collisions_per_particle": 2.0, "frames": 5, "animate": True},
+}
+RESTARTED = ("stale_events", "list_renewals", "bytes_per_particle", "collisions_per_second")
+STUDIES = list(QUESTIONS)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _same_memory():
+    """The memory of the process is no result: here it is unknown."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("studies.validation.soak.resident", lambda: np.nan)
+        yield
+
+
+def small(name, **more):
+    return study_named(name)(**{"seed": 5, "workers": 1} | SMALL[name] | more)
+
+
+def command(monkeypatch, *options):
+    monkeypatch.setattr(sys, "argv", ["hardspheres", *map(str, options)])
+    with pytest.raises(SystemExit) as end:
+        main()
+    return end.value.code
+
+
+def typed(name):
+    """The small study as it is typed."""
+    kind, options = study_named(name), []
+    flags = {each.name: its.named(each.name) for each, its in options_of(kind)}
+    for option, value in {**SMALL[name], "seed": 5, "workers": 1}.items():
+        text = ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
+        options += [flags[option]] if value is True else [flags[option], text]
+    return [name, *options]
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """Folder and summary of every study, run once."""
+    kept = {}
+
+    def run(name):
+        if name not in kept:
+            out = OutputFolder(tmp_path_factory.mktemp("runs") / name)
+            kept[name] = (out, *conduct(small(name), out, Screen(json_output=True)))
+        return kept[name]
+
+    return run
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_its_files_agree(name, finished):
+    out, summary, sound = finished(name)
+    kind = study_named(name)
+    assert sound and summary["checks"]["passed"] and summary["study"] == kind.name == name
+    there = {path.name for path in out.path.iterdir()}
+    assert there == set(summary["files"]) and there <= {"summary.json", *kind.files}
+    assert f"{kind.table}.csv" in there
+    stored = json.loads((out.path / "summary.json").read_text())
+    assert stored["states"] == json.loads(json.dumps(stored["states"], allow_nan=False))  # strict JSON
+    with (out.path / f"{kind.table}.csv").open() as handle:
+        rows = list(csv.DictReader(handle))
+    columns = ["packing_fraction", "quantity", "value", "error", "theory", "expected", "uncertainty", "z"]
+    assert list(rows[0])[-8:] == columns
+    found = [(state["packing_fraction"], each) for state in stored["states"] for each in state["measured"]]
+    assert len(rows) == len(found)
+    for row, (eta, each) in zip(rows, found, strict=True):
+        assert float(row["packing_fraction"]) == eta and row["quantity"] == each["quantity"]
+        pairs = {"value": "value", "error": "standard_error", "expected": "expected", "z": "z"}
+        for column, entry in pairs.items():
+            number = np.nan if each[entry] is None else each[entry]
+            np.testing.assert_array_equal(float(row[column]), number)
+    for state in stored["states"]:
+        main_ones = state["main"]
+        assert isinstance(main_ones, str) or set(main_ones) <= {q["quantity"] for q in state["measured"]}
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_the_command_line_does_the_same(name, finished, tmp_path, monkeypatch, capsys):
+    """The same numbers, and JSON alone on standard output, which is the summary."""
+    out, *_ = finished(name)
+    capsys.readouterr()
+    monkeypatch.setattr(sys, "argv", ["hardspheres", *typed(name), "--json", "--out", str(tmp_path / "out")])
+    with pytest.raises(SystemExit) as end:
+        main()
+    told = capsys.readouterr()
+    assert end.value.code in (0, None), told.err
+    printed = json.loads(told.out)
+    assert printed == json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert printed["states"] == json.loads((out.path / "summary.json").read_text())["states"]
+    kind = study_named(name)
+    assert (tmp_path / "out" / f"{kind.table}.csv").read_bytes() == (
+        out.path / f"{kind.table}.csv"
+    ).read_bytes()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", STUDIES)
+def test_workers_change_nothing(name, finished, tmp_path):
+    out, summary, _ = finished(name)
+    other = OutputFolder(tmp_path / "again")
+    again, _ = conduct(small(name, workers=2), other, Screen(json_output=True))
+    assert again["checks"] == summary["checks"]
+    if name == "soak":  # it measures the memory of each process
+        return
+    np.testing.assert_equal(again["states"], summary["states"])
+    for path in out.path.glob("*.*"):
+        if path.suffix in (".csv", ".xyz"):
+            assert path.read_bytes() == (other.path / path.name).read_bytes()
+
+
+class Interrupted(Exception):
+    pass
+
+
+def bits(replica):
+    """A replica without its timings, and without what the search begins anew after a restart."""
+    status = {key: value for key, value in replica.status.items() if key not in RESTARTED}
+    bare = replace(replica, seconds=0.0, status=status)
+    return {name: content.tobytes() for name, content in encode(bare).items()}
+
+
+def in_pieces(study, folder, every, monkeypatch):
+    """Replicas of a study that is thrown away after every few pauses, with all that it did not save."""
+    whole = type(study).advance
+
+    def advance(self, gas, replica):
+        for pauses, _ in enumerate(whole(self, gas, replica)):
+            if pauses == every:
+                raise Interrupted
+            yield
+
+    monkeypatch.setattr(type(study), "advance", advance)
+    (folder / "checkpoint").mkdir(parents=True)
+    times = 0
+    while True:
+        try:
+            shelf = Shelf(folder / "checkpoint", 0.0)
+            return run_study(study, Screen(True), shelf, folder, record=True), times
+        except Interrupted:
+            times += 1
+
+
+def same(one, other):
+    (replicas, recorded), (others, other_recorded) = one, other
+    pairs = [(a, b) for x, y in zip([*replicas], [*others], strict=True) for a, b in zip(x, y, strict=True)]
+    if recorded is not None:
+        pairs.append((recorded, other_recorded))
+    return all(bits(a) == bits(b) for a, b in pairs)
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_interrupted_often_it_gives_the_same_bytes(name, tmp_path, monkeypatch):
+    """Sibling: a study that forgets what it had added when it was interrupted."""
+    monkeypatch.setattr("studies.running.resuming.PAUSE", 300)
+    study = small(name)
+    study = replace(study, replicas=max(1, min(study.replicas, 4)))
+    (tmp_path / "whole").mkdir()
+    whole = run_study(study, Screen(True), None, tmp_path / "whole", record=True)
+    pieces, times = in_pieces(study, tmp_path / "pieces", 30, monkeypatch)
+    assert times > 5
+    assert same(pieces, whole)
+    recorded = {path.name: path.read_bytes() for path in (tmp_path / "whole").iterdir()}
+    assert recorded == {
+        path.name: path.read_bytes() for path in (tmp_path / "pieces").iterdir() if path.is_file()
+    }
+
+
+def test_a_study_that_forgets_something_is_found_out(tmp_path, monkeypatch):
+    kind, study = study_named("diffusion"), small("diffusion", replicas=4)
+    whole = run_study(study, Screen(True))
+    remembering = kind.advance
+
+    def forgetful(self, gas, replica):
+        if replica.done:
+            replica.estimators = dict(self.estimators(gas, replica.simulation))
+        yield from remembering(self, gas, replica)
+
+    monkeypatch.setattr(kind, "advance", forgetful)
+    assert not same(in_pieces(study, tmp_path, 100, monkeypatch)[0], whole)
+
+
+BAD = [
+    (["--replicas", "0"], "--replicas 0 is out of range; ask for 1 to 1000000"),
+    (["--workers", "0"], "--workers 0 is out of range; ask for at least 1"),
+    (["--seed", "-1"], "--seed -1 is out of range; ask for at least 0"),
+    (["--dim", "4"], "--dim 4 is out of range; ask for 2 to 3"),
+    (["--out", ""], "--out is empty; name a folder for the results"),
+    (["--out", "a-file/below"], "a-file cannot be written to; give another folder with --out"),
+    (["--resume"], "holds no unfinished run, so there is nothing to resume"),
+    (["--resume", "--force"], "--resume continues a run and --force replaces it; give one of them"),
+]
+OF_GASES = [
+    (["--packing-fraction", "0.9"], "packing fraction 0.9 is above"),
+    (["--until-error", "2"], "--until-error 2 must be between 0 and 1"),
+]
+BAD_HERE = [(name, *row) for name in STUDIES for row in BAD + OF_GASES * study_named(name).to_an_error]
+
+
+@pytest.mark.parametrize(("name", "options", "sentence"), BAD_HERE)
+def test_bad_input_is_one_sentence(name, options, sentence, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a-file").write_text("mine")
+    code = command(monkeypatch, name, *options)
+    told = capsys.readouterr()
+    assert code == 2 and told.out == ""
+    assert told.err.startswith("error: ") and sentence in told.err and told.err.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["a-file"]
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_every_field_is_an_option_with_help(name):
+    kind = study_named(name)
+    described = {each.name for each, its in options_of(kind) if its.help.endswith((".", "same"))}
+    assert described == {each.name for each in fields(kind) if each.repr}
+    assert QUESTIONS[name][1].endswith(".") and kind.explanation.strip().endswith(".")
+
+
+def test_limits_hold_in_python_too():
+    with pytest.raises(OptionError, match="--n 1 is out of range; ask for at least 2"):
+        study_named("diffusion")(n=1)
