@@ -1,4 +1,7 @@
-"""Print the lowest version that pyproject.toml allows of each dependency, as pip takes it: CI tries these, as well as the newest."""
+"""Print the lowest version that pyproject.toml allows of each dependency, as pip takes it.
+
+CI tries these, as well as the newest.
+"""
 
 import re
 import tomllib

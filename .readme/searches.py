@@ -1,4 +1,7 @@
-"""Draw the two searches of the engine, `lists.png` and `windows.png`: true geometry of a few discs. Run it from the project's folder."""
+"""Draw the two searches of the engine, `lists.png` and `windows.png`: true geometry of a few discs.
+
+Run it from the project's folder.
+"""
 
 import itertools
 import math
@@ -28,7 +31,7 @@ def discs(rng, n, box, least):
 
 
 def meeting(r, v, contact):
-    """Return the time of contact of two with separation r and relative velocity v; infinity where they miss."""
+    """Time of contact of two with separation r and relative velocity v; infinity where they miss."""
     b, c, vv = r @ v, r @ r - contact**2, v @ v
     return contact_time(b, c, math.sqrt(max(0.0, b * b - vv * c)))
 

@@ -37,14 +37,14 @@ FINE = 4  # bins of the engine in one of these
 
 
 class FirstFlightsWarning(UserWarning):
-    """Flights that began before the simulation ended in a block: the distributions lack them, and they are long ones."""
+    """Flights from before the simulation ended in a block: the distributions lack these, mostly long ones."""
 
 
 class FreePath(TalliedEstimator):
     """Free paths and times from what the engine counts of flights between frames.
 
-    Give it the frames of one simulation; each two in succession make a block. `analysis.pressure.Pressure` takes the
-    same frames:
+    Give it the frames of one simulation; each two in succession make a block. `analysis.pressure.Pressure`
+    takes the same frames:
 
     >>> import hardspheres as hs
     >>> sim = hs.Simulation(hs.lattice_gas(n=108, packing_fraction=0.1, seed=1), free_paths=True)
@@ -56,12 +56,12 @@ class FreePath(TalliedEstimator):
     >>> print(free_path.mean_free_path[0])  # doctest: +SKIP
     0.9093(11)
 
-    The mean free path is all path flown over all ends of flights, unbiased in a block of any length. Everything about
-    single flights is from those that ended in a block, each with its whole length: unbiased in a steady state
-    (`hardspheres.free_paths.FreePaths` says why). Paths are measured in the frame of the box, so theory holds for gases
-    at rest. All results are ratios of sums over blocks, with errors from blocks of automatic length
-    (`series.estimate_from_series`, which also warns of too few blocks and of a drift): give 100 blocks or more. Memory
-    does not grow beyond 256 rows of histograms.
+    The mean free path is all path flown over all ends of flights, unbiased in a block of any length.
+    Everything about single flights is from those that ended in a block, each with its whole length: unbiased
+    in a steady state (`hardspheres.free_paths.FreePaths` says why). Paths are measured in the frame of the
+    box, so theory holds for gases at rest. All results are ratios of sums over blocks, with errors from
+    blocks of automatic length (`series.estimate_from_series`, which also warns of too few blocks and of a
+    drift): give 100 blocks or more. Memory does not grow beyond 256 rows of histograms.
 
     Results come for each species, in the order of `Scene.species`.
 
@@ -107,7 +107,8 @@ class FreePath(TalliedEstimator):
         Raises
         ------
         ValueError
-            If the frame is of another gas or simulation, is not later than the one before, or has no free paths.
+            If the frame is of another gas or simulation, is not later than the one before, or has no free
+            paths.
         """
         self._require_next(frame)
         free_paths = frame.free_paths
@@ -143,8 +144,8 @@ class FreePath(TalliedEstimator):
         self._first += int(ends - flights)
         if self._first > 1e-3 * self._ends:
             message = (
-                f"{self._first} of {self._ends} flights began before the simulation and are left out, long ones most "
-                "of all; let every particle collide before the first frame"
+                f"{self._first} of {self._ends} flights began before the simulation and are left out, "
+                "long ones most of all; let every particle collide before the first frame"
             )
             warnings.warn(FirstFlightsWarning(message), stacklevel=2)
         return self
@@ -171,7 +172,10 @@ class FreePath(TalliedEstimator):
         return np.concatenate([self._column(rows, name) for name in names], axis=1)
 
     def _estimate(self, rows: FloatArray, statistic: Callable[[FloatArray], FloatArray]) -> Estimate:
-        """Return a function of the mean row; warn where a species has not forgotten its velocities (`analysis.correlation_times`)."""
+        """Return a function of the mean row; warn where a run is short.
+
+        Short is where a species has not forgotten its velocities (`analysis.correlation_times`).
+        """
         per_row = float(self._rows("ends").sum(axis=1).mean()) * self._blocks.samples_per_row / self.scene.n
         longest = float(self._correlation_times.max())
         if per_row * len(rows) < LONG_RUN * longest:
@@ -213,8 +217,8 @@ class FreePath(TalliedEstimator):
     def collision_rates(self) -> list[list[Estimate]]:
         """nu_ij, how often a particle of species i meets one of species j, [1/time]; k lists of k.
 
-        Collisions of unlike particles are the same in nu_ij and nu_ji: rho_i nu_ij = rho_j nu_ji. Of fewer than 10 collisions
-        the error is Poisson's at least, that of one where none was seen.
+        Collisions of unlike particles are the same in nu_ij and nu_ji: rho_i nu_ij = rho_j nu_ji. Of fewer
+        than 10 collisions the error is Poisson's at least, that of one where none was seen.
         """
         time, pairs = self._rows("time")[:, 0], self._rows("pairs")
         kinds = range(len(self._particles))
@@ -232,7 +236,10 @@ class FreePath(TalliedEstimator):
 
     @property
     def compressibility_factor(self) -> Estimate:
-        """Z from the same collisions, `theory.compressibility_from_rate`: exact at equilibrium, see `Pressure.rate`."""
+        """Z from the same collisions, exact at equilibrium: see `Pressure.rate`.
+
+        The formula is that of `theory.compressibility_from_rate`.
+        """
         rows, kinds = self._rows("time", "pairs"), len(self._particles)
         freedom, temperature = self.scene.degrees_of_freedom, self.scene.temperature
 
@@ -284,8 +291,8 @@ class FreePath(TalliedEstimator):
         Returns
         -------
         list of Estimate
-            One for each x. Between the edges of the engine's bins, 1/16 to 1/32 of x apart, the logarithm is taken as
-            linear: a relative bias below 1e-4. The error bars know that the mean is measured too.
+            One for each x. Between the edges of the engine's bins, 1/16 to 1/32 of x apart, the logarithm is
+            taken as linear: a relative bias below 1e-4. The error bars know that the mean is measured too.
         """
         kind = self._species(species)
         edges = self._edges[of][kind][:-1] if self._edges else np.zeros(1)
@@ -317,7 +324,8 @@ class FreePath(TalliedEstimator):
         Returns
         -------
         edges : (b + 1,) array
-            Bins of speed, a quarter of sqrt(kT/m) wide, [length/time]; from the first with 100 flights to the last.
+            Bins of speed, a quarter of sqrt(kT/m) wide, [length/time]; from the first with 100 flights to the
+            last.
         paths : list of Estimate
             One for each bin, [length]; NaN for bins between that fewer than 10 blocks have flights in.
         """
@@ -334,7 +342,10 @@ class FreePath(TalliedEstimator):
         ]
 
     def _ratio_at_speed(self, above: FloatArray, below: FloatArray, counts: FloatArray) -> Estimate:
-        """Return the ratio of two columns of a bin of speeds, NaN where too few blocks have flights in it, as of a frozen species."""
+        """Return the ratio of two columns of a bin of speeds.
+
+        NaN where too few blocks have flights in it, as of a frozen species.
+        """
         if np.count_nonzero(counts) < FEW:
             return Estimate(math.nan, math.nan, 0.0, 0.0)
         return self._ratio(above, below)
@@ -388,9 +399,9 @@ class FreePath(TalliedEstimator):
     def predictions(self) -> dict[str, list[Prediction]]:
         """Theory of "mean free path" and "mean free time" of each species, and of "nu i-j" as a list of one.
 
-        `theory.finite_size_mixture_rates`, exact in the velocities of N particles at fixed energy and momentum; the path is
-        `theory.finite_mean_speed` over the rate. Between walls the change that the volume excluded by walls would make, and
-        1/N, are uncertain.
+        `theory.finite_size_mixture_rates`, exact in the velocities of N particles at fixed energy and
+        momentum; the path is `theory.finite_mean_speed` over the rate. Between walls the change that the
+        volume excluded by walls would make, and 1/N, are uncertain.
         """
         scene, kinds = self.scene, range(len(self._particles))
         dim, freedom = scene.dim, scene.degrees_of_freedom
@@ -429,8 +440,9 @@ class FreePath(TalliedEstimator):
     def checks(self) -> list[TheoryCheck]:
         """Means, rates between species and moments of each species beside theory, then Z from the rate.
 
-        The moments are those of the dilute gas, whose uncertainty eta (and 1/N) is what a denser one may differ by.
-        Between two walls and periodic along another axis momentum is conserved in part: m/M of the particle is uncertain.
+        The moments are those of the dilute gas, whose uncertainty eta (and 1/N) is what a denser one may
+        differ by. Between two walls and periodic along another axis momentum is conserved in part: m/M of the
+        particle is uncertain.
         """
         with warnings.catch_warnings():
             warnings.simplefilter(

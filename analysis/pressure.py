@@ -96,8 +96,8 @@ class Pressure(TalliedEstimator):
     V the volume of the box. All results are ratios of sums over blocks, with errors from blocks of automatic
     length (`series.estimate_from_series`, which also warns of too few blocks and of a drift): give 100 blocks
     or more, each of at least some collisions per particle. Blocks are no shorter than a dense fluid remembers
-    (`correlation_times.virial_block_length`: 300 collisions per particle at packing fraction 0.49), which no short series shows.
-    Memory does not grow beyond `series.BlockSeries`.
+    (`correlation_times.virial_block_length`: 300 collisions per particle at packing fraction 0.49), which no
+    short series shows. Memory does not grow beyond `series.BlockSeries`.
 
     Parameters
     ----------
@@ -128,8 +128,8 @@ class Pressure(TalliedEstimator):
         Parameters
         ----------
         frame : Frame
-            `sim.frame()`, or one of `sim.frames(...)`. The pressure from the rate of a mixture needs frames of a
-            ``Simulation(scene, free_paths=True)``.
+            `sim.frame()`, or one of `sim.frames(...)`. The pressure from the rate of a mixture needs frames
+            of a ``Simulation(scene, free_paths=True)``.
 
         Returns
         -------
@@ -139,7 +139,8 @@ class Pressure(TalliedEstimator):
         Raises
         ------
         ValueError
-            If the frame is of another gas or simulation, is not later than the one before, or no simulation made it.
+            If the frame is of another gas or simulation, is not later than the one before, or no simulation
+            made it.
         """
         tallies, kinds = self._require_next(frame), len(self._species)
         pairs = np.zeros((kinds, kinds))
@@ -182,7 +183,7 @@ class Pressure(TalliedEstimator):
         return equilibration(trace / rows[:, 0]).start
 
     def _from_blocks(self, statistic: Callable[[FloatArray], FloatArray]) -> Estimate:
-        """Return a function of the mean row, with blocks as long as the fluid remembers (`analysis.correlation_times`)."""
+        """Return a function of the mean row, with blocks as long as `analysis.correlation_times` says."""
         rows = self._rows()
         per_row = (
             2.0 * float(rows[:, -1].mean()) * self._blocks.samples_per_row / self.scene.n
@@ -197,7 +198,7 @@ class Pressure(TalliedEstimator):
         shortest = math.ceil(longest / per_row) if per_row > 0.0 else 1
         return estimate_from_series(rows, statistic, max(shortest, 1))
 
-    # Where things are in a row: time, virial, kinetic, wall impulses, wall radius impulses, pairs, collisions.
+    # Columns of a row: time, virial, kinetic, wall impulses, wall radius impulses, pairs, collisions.
 
     def _part(self, means: FloatArray, part: int) -> FloatArray:
         """Return one part of rows (..., p) over their time: 0 virial, 1 kinetic, 2, 3 walls, 4 pairs."""
@@ -296,9 +297,9 @@ class Pressure(TalliedEstimator):
     def virial_minus_rate(self) -> Estimate:
         """Difference of the compressibility factors `virial` and `rate`, 0 in a gas at equilibrium.
 
-        Taken block by block, since both rise and fall with the number of collisions: what is left is how
-        hard they were, with a standard error of about 0.5 (Z - 1)/sqrt(collisions), less than half that of
-        either. A gas that is not Maxwellian has another difference, at any density and whatever theory says of Z.
+        Taken block by block, since both rise and fall with the number of collisions: what is left is how hard
+        they were, with a standard error of about 0.5 (Z - 1)/sqrt(collisions), less than half that of either.
+        A gas that is not Maxwellian has another difference, at any density and whatever theory says of Z.
 
         Raises
         ------
@@ -342,10 +343,11 @@ class Pressure(TalliedEstimator):
     def _end_terms(self, axis: int) -> tuple[float, float]:
         """Return how much a run's two ends add to its time-integrated forces along a wall axis.
 
-        Standard deviations of G(t) - G(0), G = sum of m x v from the middle of the box, and of the momentum P(t) - P(0): each
-        2 (1 - C(t)) times the variance at equilibrium, sum of m kT <x^2> and of m kT, where <x^2> = (L - 2R)^2/12 but for
-        layers. C(t), what is left of them, counts in runs that sound crosses a few times only: `theory.virial_correlation`
-        and `theory.momentum_correlation`, of a mixture as of one species with its mean mass and volume.
+        Standard deviations of G(t) - G(0), G = sum of m x v from the middle of the box, and of the momentum
+        P(t) - P(0): each 2 (1 - C(t)) times the variance at equilibrium, sum of m kT <x^2> and of m kT, where
+        <x^2> = (L - 2R)^2/12 but for layers. C(t), what is left of them, counts in runs that sound crosses a
+        few times only: `theory.virial_correlation` and `theory.momentum_correlation`, of a mixture as of one
+        species with its mean mass and volume.
         """
         scene, time = self.scene, self._duration()
         square = (scene.box[axis] - 2.0 * scene.radii) ** 2 / 12.0
@@ -403,12 +405,12 @@ class Pressure(TalliedEstimator):
 
         Along a wall axis k, P_kk V = (L_k/2)(F_low + F_high) - (R F)_low - (R F)_high, where each hit counts
         with its particle's radius in (R F): Clausius' virial of the walls, equal to that of `tensor` in the
-        long run at any density, size and mixture. With some axes periodic, only the wall axes are in it.
-        A finite run adds [G(t) - G(0)]/t, G = sum of m r.v from the middle of the box, to what
-        is measured inside; `virial_identity.virial_identity` is the identity with it. Blocks cannot tell its
-        size, since one gives what the next one takes: the error combines that of the inside, from blocks, with
-        the exact variance of G at equilibrium and what a run shorter than some sound waves leaves of it (the error is right
-        to some 5 % there; without, it would be up to a fifth too small in a run of half a wave).
+        long run at any density, size and mixture. With some axes periodic, only the wall axes are in it. A
+        finite run adds [G(t) - G(0)]/t, G = sum of m r.v from the middle of the box, to what is measured
+        inside; `virial_identity.virial_identity` is the identity with it. Blocks cannot tell its size, since
+        one gives what the next one takes: the error combines that of the inside, from blocks, with the exact
+        variance of G at equilibrium and what a run shorter than some sound waves leaves of it (the error is
+        right to some 5 % there; without, it would be up to a fifth too small in a run of half a wave).
         """
         axes, half = self._require_walls(), self.scene.box / 2.0
         mean = self._rows().mean(axis=0)
@@ -432,12 +434,12 @@ class Pressure(TalliedEstimator):
     def predictions(self) -> dict[str, Prediction]:
         """What the theories say of Z for this gas, the best one first, by name.
 
-        One diameter in a periodic box: all with the finite-size correction of `theory.
-        finite_size_shift`, the same for each. A mixture: Santos, Yuste and Lopez de Haro, its pairs counted one by one
-        (`theory.pairs_of_few`), with the shift of one species at the same packing fraction, all of it counted as
-        uncertainty. Between walls: the bulk, with an uncertainty of what it would change to take the volume that centres
-        can reach for V. Spheres that start above melting as an fcc crystal without vacancies: that crystal. NaN where the
-        theory ends.
+        One diameter in a periodic box: all with the finite-size correction of `theory.finite_size_shift`,
+        the same for each. A mixture: Santos, Yuste and Lopez de Haro, its pairs counted one by one
+        (`theory.pairs_of_few`), with the shift of one species at the same packing fraction, all of it counted
+        as uncertainty. Between walls: the bulk, with an uncertainty of what it would change to take the
+        volume that centres can reach for V. Spheres that start above melting as an fcc crystal without
+        vacancies: that crystal. NaN where the theory ends.
         """
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", theory.TheoryRangeWarning)  # the checks say it
@@ -534,7 +536,7 @@ class Pressure(TalliedEstimator):
 
 
 def _is_full_lattice(scene: Scene) -> bool:
-    """Return whether a scene is a face-centred cubic crystal that fills a periodic cube, without vacancies."""
+    """Whether a scene is a face-centred cubic crystal that fills a periodic cube, without vacancies."""
     cells = round((scene.n / 4) ** (1 / 3))
     cube = bool(scene.periodic.all()) and float(np.ptp(scene.box)) <= 1e-9 * float(scene.box[0])
     return cube and 4 * cells**3 == scene.n and scene.n >= 32 and bond_order(scene).value > CRYSTAL[3]

@@ -21,10 +21,11 @@ if TYPE_CHECKING:
     from hardspheres.collision import contact_time, elastic_collision
     from hardspheres.compression import compressed_gas
     from hardspheres.files import TrajectoryWriter, read_trajectory
+    from hardspheres.frame import Frame
     from hardspheres.initial import lattice_gas, random_gas
     from hardspheres.order import BondOrder, bond_order
     from hardspheres.scene import Scene
-    from hardspheres.simulation import Frame, Simulation
+    from hardspheres.simulation import Simulation
     from hardspheres.velocities import draw_velocities
 
 __version__ = "0.1.0"
@@ -54,7 +55,7 @@ __all__ = [
 
 _HOMES = {
     "BondOrder": "hardspheres.order",
-    "Frame": "hardspheres.simulation",
+    "Frame": "hardspheres.frame",
     "Scene": "hardspheres.scene",
     "Simulation": "hardspheres.simulation",
     "TrajectoryWriter": "hardspheres.files",

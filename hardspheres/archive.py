@@ -13,14 +13,16 @@ import os
 import stat
 import zipfile
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hardspheres.errors import CheckpointError
 from hardspheres.memory import require_memory
-from hardspheres.temporary import remove_leftovers, temporary_beside
+from hardspheres.temporary import remove_leftovers, replacing
+
+__all__ = ["Arrays", "read_archive", "write_archive"]
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -33,15 +35,12 @@ MOST_MEMBERS = 100
 def write_archive(path: str | os.PathLike[str], arrays: Arrays, *, durable: bool = True) -> None:
     """Write named arrays to a file atomically: after a crash it is either the old one or the new one.
 
-    They go to a temporary file in the same folder, which is flushed to the disk and renamed. Temporary files
-    of killed processes in the folder are removed, see `temporary`.
-
     Parameters
     ----------
     path : path
         The file, replaced if it exists.
     arrays : dict of str to array
-        Arrays of float64, int64 or uint8.
+        Arrays of float64, int64 or uint8. The same arrays give the same bytes.
     durable : bool, default True
         Wait for the disk. Otherwise a power failure may leave an incomplete file (detected by its checksum);
         a crash of the process cannot.
@@ -52,42 +51,32 @@ def write_archive(path: str | os.PathLike[str], arrays: Arrays, *, durable: bool
         When the file cannot be written; nothing is then left behind, and an older file is as it was.
     """
     target = _as_path(path)
-    temporary = temporary_beside(target)
     try:
         if target.exists() and not target.is_file():
             raise CheckpointError(f"{target} is no ordinary file; give the checkpoint another name")
-        with open(temporary, "x+b") as file:
+        with replacing(target) as temporary, open(temporary, "x+b") as file:
             remove_leftovers(target.parent, os.fstat(file.fileno()).st_mtime)
             _write_members(file, arrays)
             _seal(file)
             if durable:
                 file.flush()
                 os.fsync(file.fileno())
-        os.replace(temporary, target)
-        if durable:
-            _sync_folder(target.parent)
     except OSError as error:
+        why = error.strerror or error
         raise CheckpointError(
-            f"the checkpoint {target} cannot be written: {error.strerror or error}; make room, or give "
-            "another path"
+            f"the checkpoint {target} cannot be written: {why}; make room, or give another path"
         ) from error
-    finally:
+    if durable:  # the new name too, where the system can
         with contextlib.suppress(OSError):
-            temporary.unlink()
+            folder = os.open(target.parent, os.O_RDONLY)
+            try:
+                os.fsync(folder)
+            finally:
+                os.close(folder)
 
 
 def read_archive(path: str | os.PathLike[str]) -> Arrays:
-    """Read the arrays of an archive, after its checksum.
-
-    Parameters
-    ----------
-    path : path
-        A file that `write_archive` wrote.
-
-    Returns
-    -------
-    dict of str to array
-        Read-only arrays.
+    """Return the arrays of an archive, read-only, after a check of its checksum.
 
     Raises
     ------
@@ -104,16 +93,20 @@ def read_archive(path: str | os.PathLike[str]) -> Arrays:
         content = source.read_bytes()
     except OSError as error:
         raise CheckpointError(f"the checkpoint {source} cannot be read: {error.strerror or error}") from error
-    _require_seal(source, content)
+    body, digest = content[:-DIGEST], content[-DIGEST:]
+    if not content:
+        raise CheckpointError(f"{source} is empty, not a checkpoint")
+    if not content.startswith(b"PK"):
+        raise CheckpointError(f"{source} is not a checkpoint: it does not begin as one")
+    if not body.endswith(SEAL):
+        raise CheckpointError(f"{source} is not a checkpoint, or its end is missing; use an older one")
+    if hashlib.sha256(body).hexdigest().encode() != digest:
+        raise CheckpointError(f"{source} is damaged: its checksum does not match; use an older one")
     try:
         return _members(content)
-    except (
-        Exception
-    ) as error:  # the checksum holds, so the file is ours or forged: on any failure it is refused
-        reason = str(error) or type(error).__name__
-        raise CheckpointError(
-            f"{source} is not a checkpoint as this package writes them: {reason}"
-        ) from error
+    except Exception as error:  # the checksum holds, so the file is ours, or forged to fail in any way
+        why = str(error) or type(error).__name__
+        raise CheckpointError(f"{source} is not a checkpoint as this package writes them: {why}") from error
 
 
 def _as_path(path: str | os.PathLike[str]) -> Path:
@@ -126,7 +119,7 @@ def _as_path(path: str | os.PathLike[str]) -> Path:
     return Path(name)
 
 
-def _write_members(file: BinaryIO, arrays: Arrays) -> None:
+def _write_members(file: io.BufferedRandom, arrays: Arrays) -> None:
     with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
         archive.comment = SEAL + b"0" * DIGEST
         for name, array in arrays.items():
@@ -136,41 +129,12 @@ def _write_members(file: BinaryIO, arrays: Arrays) -> None:
                 np.lib.format.write_array(member, plain, version=(1, 0), allow_pickle=False)
 
 
-def _seal(file: BinaryIO) -> None:
+def _seal(file: io.BufferedRandom) -> None:
     """Write the digest of all bytes before it over the last ones."""
-    size = file.seek(0, os.SEEK_END)
+    file.truncate(file.seek(0, os.SEEK_END) - DIGEST)
     file.seek(0)
-    digest, left = hashlib.sha256(), size - DIGEST
-    while left > 0:
-        part = file.read(min(left, 1 << 20))
-        digest.update(part)
-        left -= len(part)
-    file.seek(size - DIGEST)
+    digest = hashlib.file_digest(file, "sha256")
     file.write(digest.hexdigest().encode())
-
-
-def _sync_folder(folder: Path) -> None:
-    """Flush the folder, so that the new name is on disk too, where the system supports it."""
-    with contextlib.suppress(OSError):
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
-
-
-def _require_seal(source: Path, content: bytes) -> None:
-    if not content:
-        raise CheckpointError(f"{source} is empty, not a checkpoint")
-    if not content.startswith(b"PK"):
-        raise CheckpointError(f"{source} is not a checkpoint: it does not begin as one")
-    body, digest = content[:-DIGEST], content[-DIGEST:]
-    if not body.endswith(SEAL):
-        raise CheckpointError(f"{source} is not a checkpoint, or its end is missing; use an older one")
-    if hashlib.sha256(body).hexdigest().encode() != digest:
-        raise CheckpointError(
-            f"{source} is damaged: its checksum does not match its content; use an older one"
-        )
 
 
 def _members(content: bytes) -> Arrays:

@@ -18,19 +18,20 @@ relax slowly.
 """
 
 import math
-import time
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hardspheres.checks import boundary_words
 from hardspheres.clock import carried
 from hardspheres.engine import Engine
 from hardspheres.errors import SceneError, SimulationError
 from hardspheres.initial import checked_arguments, cubic_box, with_velocities
 from hardspheres.order import BondOrder, bond_order
 from hardspheres.placement import place_at_random
-from hardspheres.scene import Scene, boundary_words, drift, kinetic_energy, returned_to_box
+from hardspheres.scene import Scene, drift, kinetic_energy, returned_to_box
+from hardspheres.slices import Slices
 from hardspheres.tuning import collision_frequency
 from hardspheres.velocities import POSITIONS, Seed, stream
 
@@ -50,7 +51,6 @@ ATTEMPTS, HASTE = 3, 3.0  # number of attempts if the result orders, and the fac
 ORDERED = {2: 0.5, 3: 0.1}  # psi6, Q6 above which a scene of many particles is no fluid,
 FLUCTUATION = {2: 20.0, 3: 4.0}  # or this over sqrt(N), if more: three times what dense fluids show, or more
 HEXATIC = 0.70  # packing fraction from which discs order by themselves
-SLICE = 0.1  # seconds after which control returns to Python
 
 
 def compressed_gas(
@@ -224,7 +224,7 @@ class Compression:
         self._haste = haste
         self._energy = scene.kinetic_energy
         self._diameter = 2.0 * float(np.mean(radii))
-        self._budget = 2000 + scene.n
+        self._slices = Slices(scene.n)
 
     @property
     def packing_fraction(self) -> float:
@@ -266,7 +266,7 @@ class Compression:
         engine = Engine(last, growth=(self.scale / until, rate / until))
         at, number = engine.layout, engine.arrays.number
         epoch, moment = carried(0, duration, engine.length)
-        while not self._slice(engine, epoch, moment, limit):
+        while not self._slices.run(engine, epoch, moment, limit):
             pass
         done = int(engine.arrays.counter[at.PAIRS])
         if done >= limit:
@@ -276,15 +276,6 @@ class Compression:
             self.scale = until
         self.collisions += done
         self._read(engine, epoch * engine.length + moment, moment)
-
-    def _slice(self, engine: Engine, epoch: int, moment: float, limit: int) -> bool:
-        """Run for about SLICE seconds; True when the stage is over."""
-        began = time.perf_counter()
-        over = engine.run(epoch, moment, limit, self._budget)
-        if not over:
-            took = max(time.perf_counter() - began, 1e-6)
-            self._budget = int(self._budget * min(max(SLICE / took, 0.5), 2.0)) + 1
-        return over
 
     def _read(self, engine: Engine, passed: float, moment: float) -> None:
         """Make the scene from the rows, moved to one time; measure the pressure and restore the energy."""

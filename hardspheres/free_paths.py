@@ -20,19 +20,21 @@ SPEED_BIN = 1.0 / 16.0  # in units of the thermal speed sqrt(kT/m)
 class FreePaths:
     """Every free flight in a window of time, by species; exact counts, nothing is sampled.
 
-    The window of `Simulation.free_paths` begins at the last `Simulation.reset_tallies`, that of `Frame.free_paths` at
-    the start of the simulation: the difference of two frames is a window between them.
+    The window of `Simulation.free_paths` begins at the last `Simulation.reset_tallies`, that of
+    `Frame.free_paths` at the start of the simulation: the difference of two frames is a window between them.
 
-    A flight goes from one collision of two particles to the next; a wall turns it round and does not end it, its path goes on.
-    Counted are the flights that *end* in the window of observation, each with its whole path and free time, also what it flew
-    before the window. In a steady state as many flights of each kind end as begin in any stretch of time, so that this is an
-    unbiased sample of all flights, where one of the flights inside of the window would lack the long ones. The one exception
-    are the flights that were under way when the simulation was made (`first_flights`), whose beginning nobody knows: they are
-    left out, which makes a sample too short as long as there are any, so let every particle collide before the window
-    begins. The mean needs no sample of flights: `path_flown` / (`flights` + `first_flights`) is the path that all particles
-    flew in the window over the number of collisions that they had there, unbiased in any window.
+    A flight goes from one collision of two particles to the next; a wall turns it round and does not end it,
+    its path goes on. Counted are the flights that *end* in the window of observation, each with its whole
+    path and free time, also what it flew before the window. In a steady state as many flights of each kind
+    end as begin in any stretch of time, so that this is an unbiased sample of all flights, where one of the
+    flights inside of the window would lack the long ones. The one exception are the flights that were under
+    way when the simulation was made (`first_flights`), whose beginning is not known: they are left out, which
+    makes a sample too short as long as there are any, so let every particle collide before the window begins.
+    The mean needs no sample of flights: `path_flown` / (`flights` + `first_flights`) is the path that all
+    particles flew in the window over the number of collisions that they had there, unbiased in any window.
 
-    Species are numbered as in `Scene.species`; k is their number. Paths are measured in the frame of the box. Arrays are read-only.
+    Species are numbered as in `Scene.species`; k is their number. Paths are measured in the frame of the box.
+    Arrays are read-only.
 
     Attributes
     ----------
@@ -49,8 +51,8 @@ class FreePaths:
     path_sums, time_sums : (k, 3) float64 arrays
         Sums over `flights` of path and free time, their squares, and their cubes, [length^p], [time^p].
     path_edges, time_edges : (k, 259) float64 arrays
-        Edges of the bins, [length], [time]: 0, then 16 bins of equal width in each octave from 2^-8 to 2^8 expected mean free
-        paths (times), then infinity.
+        Edges of the bins, [length], [time]: 0, then 16 bins of equal width in each octave from 2^-8 to 2^8
+        expected mean free paths (times), then infinity.
     path_counts, time_counts : (k, 258) int64 arrays
         Flights in each bin.
     speed_edges : (k, 130) float64 array
@@ -58,10 +60,11 @@ class FreePaths:
     speed_counts : (k, 129) int64 array
         Flights at each speed.
     speed_paths, speed_times : (k, 129) float64 arrays
-        Their paths and free times, summed. `speed_paths / speed_counts` is the mean free path lambda(v) at a speed,
-        `speed_counts / speed_times` the collision rate there.
+        Their paths and free times, summed. `speed_paths / speed_counts` is the mean free path lambda(v) at a
+        speed, `speed_counts / speed_times` the collision rate there.
     pair_collisions : (k, k) int64 array
-        Collisions between two species in the window, symmetric: one between unlike particles stands in both places.
+        Collisions between two species in the window, symmetric: one between unlike particles stands in both
+        places.
     """
 
     time: float
@@ -101,9 +104,10 @@ def kinds_of(scene: Scene) -> NDArray[np.int32]:
 
 
 def expected_flights(scene: Scene) -> Floats:
-    """Units of the histograms, (k, 3): rough mean free path, mean free time, and thermal speed of each species.
+    """Units of the histograms, (k, 3): rough mean free path and time, and thermal speed, of each species.
 
-    Enskog's collision rates with a crude contact value (as in `hardspheres.tuning.collision_frequency`); 1 where nothing moves.
+    Enskog's collision rates with a crude contact value (as in `hardspheres.tuning.collision_frequency`); 1
+    where nothing moves.
     """
     kinds, dim = kinds_of(scene), scene.dim
     _, first, particles = np.unique(kinds, return_index=True, return_counts=True)
@@ -165,7 +169,7 @@ class FlightTallies:
         return {name: getattr(self, name) for name in ("paths_before", "earlier_sums", "earlier_counts")}
 
     def prepared(self, length: float) -> tuple[Floats, Floats]:
-        """Return what the kernels need for epochs of this length: each particle's flight, and the units of the bins."""
+        """Return what the kernels need for epochs of this length: all flights, and the units of the bins."""
         at = self.at
         flight = np.zeros((len(self.kinds), at.FLIGHT))
         flight[:, at.BEGAN], flight[:, at.BEGAN_EPOCH] = length, -1.0
@@ -173,7 +177,7 @@ class FlightTallies:
         return flight.ravel(), (1.0 / (self.units * [1.0, 1.0, SPEED_BIN])).ravel()
 
     def recount(self, flight: Floats, before: float, length: float) -> None:
-        """Have the flights that the kernels keep begin in epochs of another length, a power of two times that before."""
+        """Convert the beginnings of flights to epochs of another length, a power of two times that before."""
         table = flight.reshape(-1, self.at.FLIGHT)
         known = table[:, self.at.BEGAN_EPOCH] >= 0.0
         epoch, began = table[:, self.at.BEGAN_EPOCH], table[:, self.at.BEGAN]
@@ -212,7 +216,7 @@ class FlightTallies:
         self.paths_before = self._under_way(arrays, epoch, moment)
 
     def read(self, arrays: Any, now: tuple[int, float], passed: float, from_start: bool = False) -> FreePaths:
-        """Return what was tallied until now, in a window of this duration: since the reset, or since the start."""
+        """Return what was tallied until now in a window of this duration: since the reset, or the start."""
         at, kinds = self.at, len(self.particles)
         sums, every = arrays.total[at.FLIGHT_SUMS :].copy(), arrays.counter[at.FLIGHT_COUNTS :].copy()
         before = self.paths_before

@@ -10,10 +10,11 @@ from numbers import Integral, Real
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hardspheres.checks import boundary_words, contact_tolerance, one_per_particle
 from hardspheres.errors import SceneError
 from hardspheres.memory import require_room_for
 from hardspheres.placement import place_at_random
-from hardspheres.scene import Scene, boundary_words, contact_tolerance, one_per_particle, sphere_volume
+from hardspheres.scene import Scene, sphere_volume
 from hardspheres.velocities import POSITIONS, Seed, draw_velocities, stream
 
 Floats = NDArray[np.float64]

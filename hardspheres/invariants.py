@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hardspheres.cells import CellGrid, distances
+from hardspheres.cells import CellGrid, distances, worst_overlap
+from hardspheres.checks import contact_tolerance
 from hardspheres.collision import discriminant_2d, discriminant_3d
 from hardspheres.errors import InvariantError
-from hardspheres.scene import contact_tolerance, returned_to_box
+from hardspheres.scene import Scene, returned_to_box
 
 if TYPE_CHECKING:
     from hardspheres.engine import Engine
@@ -132,6 +133,17 @@ def _energy_and_momentum_are_kept(sim: "Simulation") -> None:
             abs(momentum) <= allowed,
             f"momentum along {axis} changed by {momentum:.3g} of sum m |v|; {allowed:.3g} is allowed",
         )
+
+
+def deepest_overlap(positions: Floats, scene: Scene) -> float:
+    """Depth of the deepest overlap, between particles or with a wall, in contact distances (diameters)."""
+    radii, walls = scene.radii, ~scene.periodic
+    i, j, depth = worst_overlap(positions, radii, scene.box, scene.periodic)
+    deepest = depth / float(radii[i] + radii[j]) if depth > 0 else 0.0
+    if walls.any():
+        beyond = np.maximum(radii[:, None] - positions, positions + radii[:, None] - scene.box)[:, walls]
+        deepest = max(deepest, float(np.max(beyond / (2.0 * radii[:, None]))))
+    return deepest
 
 
 def _no_overlaps(sim: "Simulation") -> None:

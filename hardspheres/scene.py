@@ -9,18 +9,27 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hardspheres.cells import worst_overlap
+from hardspheres import atoms as ase_atoms
+from hardspheres.checks import (
+    LEFT_BY_ROUNDING,
+    boundary_words,
+    box_edges,
+    contact_tolerance,
+    one_per_particle,
+    real_numbers,
+    require_finite,
+    require_in_box,
+    require_inside,
+    require_long_axes,
+    require_no_overlap,
+    require_resolved,
+    wrapped,
+)
 from hardspheres.errors import SceneError
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Array = TypeVar("Array", bound=NDArray[Any])
-
-BOUNDARIES = ("periodic", "wall")
-AXES = "xyz"
-LEFT_BY_ROUNDING = (
-    1e-6  # of the largest diameter: above any overlap that the engine leaves, and too small to affect it
-)
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -105,7 +114,7 @@ class Scene:
         spare: float = 0.0,
     ) -> None:
         """Check everything and store it; overlaps by `spare` largest diameters count as rounding."""
-        places = _numbers(positions, "positions")
+        places = real_numbers(positions, "positions")
         if places.ndim != 2 or places.shape[1] not in (2, 3):
             raise SceneError(
                 f"positions have shape {places.shape}; they need one row for each particle and 2 or 3 columns"
@@ -113,25 +122,25 @@ class Scene:
         n, dim = places.shape
         if n == 0:
             raise SceneError("a scene needs at least one particle; positions are empty")
-        speeds = _numbers(velocities, "velocities")
+        speeds = real_numbers(velocities, "velocities")
         if speeds.shape != places.shape:
             raise SceneError(
                 f"velocities have shape {speeds.shape}; they need that of positions, {places.shape}"
             )
-        edges = _edges(box, dim)
+        edges = box_edges(box, dim)
         words = boundary_words(boundary, dim)
-        _require_finite(places, "position")
-        _require_finite(speeds, "velocity")
+        require_finite(places, "position")
+        require_finite(speeds, "velocity")
         sizes = one_per_particle(radii, "radii", n)
         weights = one_per_particle(masses, "masses", n)
         periodic = np.array([word == "periodic" for word in words])
-        places = _wrapped(places, edges, periodic)
+        places = wrapped(places, edges, periodic)
         _require_representable(speeds, sizes, weights, edges)
-        _require_long_axes(sizes, edges, periodic)
-        _require_resolved(sizes, edges)
+        require_long_axes(sizes, edges, periodic)
+        require_resolved(sizes, edges)
         tolerance = max(contact_tolerance(edges), spare * 2.0 * float(sizes.max()))
-        _require_inside(places, sizes, edges, periodic, tolerance)
-        _require_no_overlap(places, sizes, edges, periodic, tolerance)
+        require_inside(places, sizes, edges, periodic, tolerance)
+        require_no_overlap(places, sizes, edges, periodic, tolerance)
         self._store(places, speeds, sizes, weights, edges, words, periodic, _kinds(weights, sizes))
 
     def _store(self, *values: Any) -> None:
@@ -245,16 +254,16 @@ class Scene:
             box.
         """
         scene = object.__new__(Scene)
-        here, there = _numbers(positions, "positions"), _numbers(velocities, "velocities")
+        here, there = real_numbers(positions, "positions"), real_numbers(velocities, "velocities")
         if here.shape != self.positions.shape or there.shape != self.positions.shape:
             raise SceneError(
                 f"a state of this scene has positions and velocities of shape {self.positions.shape}"
             )
-        _require_finite(here, "position")
-        _require_finite(there, "velocity")
+        require_finite(here, "position")
+        require_finite(there, "velocity")
         sizes = self.radii if radii is None else one_per_particle(radii, "radii", self.n)
         _require_representable(there, sizes, self.masses, self.box)
-        _require_in_box(here, self.box)
+        require_in_box(here, self.box)
         scene._store(here, there, sizes, self.masses, self.box, self.boundary, self.periodic, self.species)
         return scene
 
@@ -293,16 +302,45 @@ class Scene:
     def from_atoms(
         cls, atoms: Any, radius: ArrayLike | Mapping[str, float] | None = None, **reading: Any
     ) -> "Scene":
-        """Return the scene in an ASE Atoms object; see `hardspheres.files.from_atoms`."""
-        from hardspheres.files import from_atoms
+        """Return the scene in an ASE Atoms object.
 
-        return from_atoms(atoms, radius, **reading)
+        Parameters
+        ----------
+        atoms : ase.Atoms
+            Positions; an orthogonal cell, whose first corner is the origin (or ``celldisp``, or `Origin` in
+            ``info``); pbc, where False means a wall; radii or diameters, masses, momenta and velocities in
+            ``arrays`` or ``info``, by the names in `hardspheres.columns`. Particles are at rest without
+            momenta and velocities (see `has_velocities`); masses are ASE's own for the element where none are
+            given. Two-dimensional where ``info["dimension"]`` says so, or the third cell vector is zero. An
+            ``id`` for each particle gives their order.
+        radius : float, (N,) array_like or mapping of labels to floats, optional
+            Radii, whatever `atoms` has.
+        **reading
+            Other fields of `hardspheres.atoms.Reading`: `mass`, `units`, `box`, `boundary`, `dim`,
+            `velocities`.
+
+        Returns
+        -------
+        Scene
+            The scene. Where spheres overlap each other or a wall by no more than 8 printed decimals explain
+            (3e-8 between two spheres, in the unit of length of the file, and a ten-thousandth of the smallest
+            diameter), all radii are reduced by half of the worst overlap; positions and velocities are as
+            given. Without such an overlap every bit is as given. That, and every column of numbers that is
+            not used, is logged as a warning.
+
+        Raises
+        ------
+        TrajectoryError
+            When there is no orthogonal cell, no radius, or velocities are in a column whose unit is not
+            known.
+        SceneError
+            When the content makes no valid scene.
+        """
+        return ase_atoms.scene_of(cls, atoms, ase_atoms.Reading(radius, **reading))
 
     def to_atoms(self, units: str | None = None) -> Any:
-        """Return the scene as an ASE Atoms object; see `hardspheres.files.to_atoms`."""
-        from hardspheres.files import to_atoms
-
-        return to_atoms(self, units)
+        """Return the scene as an ASE Atoms object; see `hardspheres.atoms.to_atoms`."""
+        return ase_atoms.to_atoms(self, units)
 
     def __repr__(self) -> str:
         edges = " x ".join(f"{edge:.6g}" for edge in self.box)
@@ -368,106 +406,10 @@ def drift(velocities: Floats, masses: Floats, periodic: Bools) -> Floats:
     return np.where(periodic, total_momentum(velocities, masses) / float(np.sum(masses)), 0.0)
 
 
-def contact_tolerance(box: Floats) -> float:
-    """Depth of overlap that rounding alone explains: 4 eps times the longest edge.
-
-    Two centres rounded to the spacing of doubles near L are off by up to eps L/2 on each axis, so their
-    distance by up to sqrt(3) eps L; folding it to the nearest image and taking the root add less than eps L
-    more.
-    """
-    return 4 * float(np.finfo(np.float64).eps) * float(box.max())
-
-
 def returned_to_box(flown: Floats, box: Floats, periodic: Bools) -> Floats:
     """Return positions after a flight with periodic coordinates in [0, L); a copy."""
     inside = flown - box * np.floor(flown / box)
     positions: Floats = np.where(periodic, np.where(inside >= box, 0.0, inside), flown)
-    return positions
-
-
-def boundary_words(boundary: str | Sequence[str], dim: int) -> tuple[str, ...]:
-    """Return one word for each axis, or raise SceneError."""
-    words = (boundary,) * dim if isinstance(boundary, str) else boundary
-    if not isinstance(words, (tuple, list)) or not all(isinstance(w, str) and w in BOUNDARIES for w in words):
-        raise SceneError(
-            f'boundary is {boundary!r}; it must be "periodic" or "wall", or a sequence of one of them for '
-            "each axis"
-        )
-    if len(words) != dim:
-        raise SceneError(
-            f"boundary has {len(words)} words for {dim} axes; give one word, or one for each axis"
-        )
-    return tuple(words)
-
-
-def one_per_particle(values: ArrayLike, name: str, n: int) -> Floats:
-    """Radii or masses as (n,) positive finite numbers, from a number or n of them; else SceneError."""
-    numbers = _numbers(values, name)
-    if numbers.ndim == 0:
-        numbers = np.full(n, numbers[()])
-    if numbers.shape != (n,):
-        raise SceneError(
-            f"{name} have shape {numbers.shape}; they must be one number or one for each of the {n} particles"
-        )
-    bad = np.flatnonzero(~(np.isfinite(numbers) & (numbers > 0)))
-    if len(bad):
-        singular = {"radii": "radius", "masses": "mass"}.get(name, name)
-        raise SceneError(
-            f"the {singular} of particle {bad[0]} is {numbers[bad[0]]}; it must be positive and finite"
-        )
-    return numbers
-
-
-def _numbers(values: ArrayLike, name: str) -> Floats:
-    """Copy real numbers into a float64 array in C order, or raise SceneError."""
-    parts = values if isinstance(values, (list, tuple)) else ()
-    if any(isinstance(part, np.ma.MaskedArray) for part in (values, *parts)):
-        raise SceneError(
-            f"{name} are a masked array, whose masked values are not known; fill them in, or leave them out"
-        )
-    try:
-        raw = np.asarray(values)
-    except (TypeError, ValueError) as error:  # ragged rows, or an object that is no array
-        raise SceneError(
-            f"{name} cannot be made an array of numbers: rows differ in length or type"
-        ) from error
-    if raw.dtype.kind not in "iuf":
-        kind = {"b": "truth values", "c": "complex numbers", "U": "text", "S": "text"}.get(
-            raw.dtype.kind, str(raw.dtype)
-        )
-        raise SceneError(f"{name} hold {kind}; they must be real numbers")
-    return np.array(raw, dtype=np.float64, order="C")
-
-
-def _edges(box: ArrayLike, dim: int) -> Floats:
-    edges = _numbers(box, "box edges")
-    if edges.shape != (dim,):
-        raise SceneError(
-            f"box has shape {edges.shape}, but the positions are {dim}-dimensional; give {dim} edge lengths"
-        )
-    for axis, edge in enumerate(edges):
-        if not (math.isfinite(edge) and edge > 0):
-            raise SceneError(f"the box edge along {AXES[axis]} is {edge}; it must be positive and finite")
-    return edges
-
-
-def _require_finite(values: Floats, what: str) -> None:
-    if np.isfinite(values).all():
-        return
-    particle, axis = np.argwhere(~np.isfinite(values))[0]
-    raise SceneError(
-        f"the {what} of particle {particle} along {AXES[axis]} is {values[particle, axis]}; it must be finite"
-    )
-
-
-def _wrapped(positions: Floats, box: Floats, periodic: Bools) -> Floats:
-    """Positions with periodic coordinates in [0, L); those already there keep their bits."""
-    for axis in np.flatnonzero(periodic):
-        column = positions[:, axis]
-        outside = (column < 0) | (column >= box[axis])
-        folded = np.mod(column[outside], box[axis])
-        folded[folded >= box[axis]] = 0.0  # -1e-20 folds to L - 1e-20, which rounds to L
-        column[outside] = folded
     return positions
 
 
@@ -515,76 +457,6 @@ def _require_representable(velocities: Floats, radii: Floats, masses: Floats, bo
 def _in_range(values: Sequence[float]) -> bool:
     """Whether all are positive and represented with all digits."""
     return all(np.finfo(np.float64).tiny <= value < math.inf for value in values)
-
-
-def _require_long_axes(radii: Floats, box: Floats, periodic: Bools) -> None:
-    largest = 2 * float(radii.max())
-    for axis, edge in enumerate(box):
-        needed = 2 * largest if periodic[axis] else largest
-        if edge < needed:
-            kind, times = ("periodic", "two") if periodic[axis] else ("wall", "one")
-            plural = "s" if periodic[axis] else ""
-            raise SceneError(
-                f"the box edge along {AXES[axis]} is {edge}, but a {kind} axis must be at least {times} "
-                f"largest diameter{plural} long, {needed}"
-            )
-
-
-def _require_resolved(radii: Floats, box: Floats) -> None:
-    """Refuse a box in which coordinates are too coarse for its particles."""
-    smallest, rounding = 2.0 * float(radii.min()), contact_tolerance(box)
-    if rounding > LEFT_BY_ROUNDING * smallest:
-        axis = int(np.argmax(box))
-        raise SceneError(
-            f"the box edge along {AXES[axis]} is {box[axis]:.6g}, where rounding moves a coordinate by up to "
-            f"{rounding:.2g}: more than a millionth of the smallest diameter, {smallest:.6g}; take a smaller "
-            "box (a higher packing fraction)"
-        )
-
-
-def _require_in_box(positions: Floats, box: Floats) -> None:
-    outside = np.argwhere((positions < 0.0) | (positions > box))
-    if len(outside):
-        particle, axis = outside[0]
-        raise SceneError(
-            f"the position of particle {particle} along {AXES[axis]} is {positions[particle, axis]}; in a "
-            f"state of this scene it lies in the box, from 0 to {box[axis]}"
-        )
-
-
-def _require_inside(positions: Floats, radii: Floats, box: Floats, periodic: Bools, tolerance: float) -> None:
-    depth, particle, axis = worst_beyond_wall(positions, radii, box, periodic)
-    if depth > tolerance:
-        raise SceneError(
-            f"particle {particle} reaches {depth:.6g} beyond a wall along {AXES[axis]}: its coordinate is "
-            f"{positions[particle, axis]}, and a radius {radii[particle]:.6g} leaves room from "
-            f"{radii[particle]} to {box[axis] - radii[particle]}"
-        )
-
-
-def worst_beyond_wall(
-    positions: Floats, radii: Floats, box: Floats, periodic: Bools
-) -> tuple[float, int, int]:
-    """Largest reach of a particle beyond a wall, the particle, and the axis; (-inf, 0, 0) without walls."""
-    worst = (-math.inf, 0, 0)
-    for axis in np.flatnonzero(~periodic):
-        beyond = np.maximum(radii - positions[:, axis], positions[:, axis] - (box[axis] - radii))
-        particle = int(np.argmax(beyond))
-        if beyond[particle] > worst[0]:
-            worst = (float(beyond[particle]), particle, int(axis))
-    return worst
-
-
-def _require_no_overlap(
-    positions: Floats, radii: Floats, box: Floats, periodic: Bools, tolerance: float
-) -> None:
-    i, j, depth = worst_overlap(positions, radii, box, periodic)
-    if depth > tolerance:
-        contact = float(radii[i] + radii[j])
-        raise SceneError(
-            f"particles {i} and {j} overlap by {depth / contact:.4g} diameters (the worst overlap): they are "
-            f"{contact - depth} apart and touch at {contact}; move them apart or reduce their radii"
-        )
 
 
 def _kinds(masses: Floats, radii: Floats) -> NDArray[np.int32]:

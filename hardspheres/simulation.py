@@ -1,234 +1,56 @@
 """Simulation: a scene in motion. Runs it, shows it, tallies it; looking never changes it."""
 
 import copy
-import functools
 import math
-import threading
-import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field, replace
-from decimal import Decimal
 from functools import partial
-from numbers import Real
 from os import PathLike
-from typing import Any, TypeVar
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hardspheres import __version__, atoms, checkpoint, invariants
+from hardspheres.archive import Arrays, read_archive, write_archive
+from hardspheres.arguments import ascending, finite, whole
 from hardspheres.clock import FOREVER, carried, recounted
 from hardspheres.engine import Engine
-from hardspheres.errors import SimulationError
+from hardspheres.errors import CheckpointError, SimulationError
 from hardspheres.event_log import NpyStream, Sink, sink_of
+from hardspheres.exclusive import Exclusive, at_rest
+from hardspheres.frame import Frame, Tallies
 from hardspheres.free_paths import MOST_SPECIES, FreePaths
+from hardspheres.patience import Patience
 from hardspheres.scene import (
     Scene,
     kinetic_energy,
-    momentum_flux,
     read_only,
     returned_to_box,
     thermal_energy,
     total_momentum,
 )
-from hardspheres.tuning import SEARCHES, collision_rate, power_of_two_below
+from hardspheres.slices import Slices
+from hardspheres.tuning import SEARCHES
+
+__all__ = ["Frame", "Simulation", "Tallies"]
 
 Floats = NDArray[np.float64]
-Look = TypeVar("Look", bound=Callable[..., Any])
-
-SLICE = 0.1  # seconds after which control comes back to Python
-PATIENCE = 1000.0  # expected times to the next collision without one, until `run(collisions=...)` gives up,
-LEAST_PATIENCE = 10  # but not in fewer epochs
-ROWS_BETWEEN_LOOKS = 1 << 16  # it looks after as many epochs as take so many rows into the next one,
-MOST_BETWEEN_LOOKS = 1 << 12  # but no more than these
-RUNNING = (
-    "this simulation is at work already, in another thread or in the call that this one comes from; wait until that has "
-    "returned, or give each a copy of its own"
-)
+Log = Callable[[NDArray[np.void]], object] | str | PathLike[str]
 
 
-def _number(name: str, value: Any) -> float:
-    """Return a finite number, or raise SimulationError."""
-    try:
-        number = float(value) if type(value) in (int, float) or _is_real(value) else math.nan
-    except OverflowError:
-        number = math.inf
-    if not math.isfinite(number):
-        raise SimulationError(f"{name} needs a finite number, not {value!r}")
-    return number
-
-
-def _is_real(value: Any) -> bool:
-    """Whether this is one real number: neither masked, nor truth, text or bytes, nor complex, nor a duration."""
-    if isinstance(value, np.ma.MaskedArray) or np.ndim(value) > 0:
-        return False
-    kind = np.asarray(value).dtype.kind
-    return kind in "iuf" or (kind == "O" and isinstance(value, (Real, Decimal)))
-
-
-def _checked(name: str, values: Iterator[Any], first: float) -> Iterator[float]:
-    """Yield numbers, or raise SimulationError where they are none, do not ascend, or the first comes too early."""
-    last = None
-    for value in values:
-        number = _number(f"frames({name}=...)", value)
-        if last is None and number < first:
-            raise SimulationError(
-                f"frames({name}=...) begins at {number}, but the simulation is at {first} already"
-            )
-        if last is not None and number < last:
-            raise SimulationError(f"frames({name}=...) needs values in ascending order")
-        last = number
-        yield number
-
-
-def _whole(name: str, value: Any) -> int:
-    """Return a whole number of at least 0 that can be counted to, or raise SimulationError."""
-    number = _number(name, value)
-    if number != int(number) or not 0 <= number < FOREVER // 2:
-        raise SimulationError(f"{name} needs a whole number of at least 0 and below 2^61, not {value!r}")
-    return int(value)
-
-
-def at_rest(look: Look) -> Look:
-    """Refuse a look at a simulation that runs meanwhile: what it saw could be of two moments."""
-
-    @functools.wraps(look)
-    def guarded(self: "Simulation", *args: Any, **options: Any) -> Any:
-        runs = self._runs
-        if self._lock.locked():
-            raise SimulationError(RUNNING)
-        try:
-            return look(self, *args, **options)
-        finally:
-            if self._runs != runs:
-                raise SimulationError(RUNNING)
-
-    return guarded  # type: ignore[return-value]
-
-
-@dataclass(frozen=True)
-class Tallies:
-    """What the engine counted: in `Simulation.tallies` since `reset_tallies`, in `Frame.tallies` since the start.
-
-    Arrays are read-only.
-
-    Attributes
-    ----------
-    time : float
-        Simulated time.
-    collisions, wall_collisions : int
-        Pair collisions, and hits of walls.
-    virial : (d, d) float64 array
-        Sum of r_a dp_b over pair collisions, r the separation at contact and dp the momentum passed along it, [energy time].
-    kinetic : (d, d) float64 array
-        Integral over time of sum m v_a v_b, [energy time].
-    wall_impulses : (d, 2) float64 array
-        Momentum that the particles gave to the lower and upper wall of each axis; 0 on periodic axes.
-    wall_radius_impulses : (d, 2) float64 array
-        The same, each hit times the particle's radius.
-    """
-
-    time: float
-    collisions: int
-    wall_collisions: int
-    virial: Floats
-    kinetic: Floats
-    wall_impulses: Floats
-    wall_radius_impulses: Floats
-
-    def __repr__(self) -> str:
-        """Return how much was counted, and the traces and sums of it."""
-        return (
-            f"<Tallies of a time of {self.time:.6g}: {self.collisions} collisions, {self.wall_collisions} with walls, "
-            f"virial {np.trace(self.virial):.6g}, kinetic {np.trace(self.kinetic):.6g}>"
-        )
-
-
-@dataclass(frozen=True)
-class Frame:
-    """The gas at one moment. The arrays in a frame of a simulation are read-only.
-
-    Attributes
-    ----------
-    time : float
-        Simulated time.
-    collisions : int
-        Pair collisions since the simulation was made.
-    collisions_per_particle : float
-        s = 2 collisions / N.
-    positions : (N, d) float64 array
-        Positions, on periodic axes within [0, L).
-    velocities : (N, d) float64 array
-        Velocities.
-    scene : Scene
-        Where the simulation started: radii, masses, box, boundary.
-    unwound : pair of (N, d) arrays, optional
-        What `unwrapped_positions` is made of when it is asked for: positions not returned to the box since the last epoch,
-        and how often they were before. None in a frame that no simulation made.
-    counted : Tallies and float, optional
-        What `tallies` are made of when they are asked for: without, and of how long, what the present velocities add.
-    free_paths : FreePaths, optional
-        As `tallies`, of free flights, where the simulation tallies them. Otherwise None.
-    """
-
-    time: float
-    collisions: int
-    collisions_per_particle: float
-    positions: Floats
-    velocities: Floats
-    scene: Scene
-    unwound: tuple[Floats, NDArray[np.integer[Any]]] | None = field(default=None, repr=False)
-    counted: tuple[Tallies, float] | None = field(default=None, repr=False)
-    free_paths: FreePaths | None = field(default=None, repr=False)
-
-    def __repr__(self) -> str:
-        """Return when it is, and of what."""
-        return (
-            f"<Frame of {self.scene}: time {self.time:.6g}, {self.collisions} collisions "
-            f"({self.collisions_per_particle:.4g} per particle)>"
-        )
-
-    @property
-    def tallies(self) -> Tallies | None:
-        """What was counted since the start of the simulation, whatever `Simulation.reset_tallies` did.
-
-        The difference of two frames is what was counted between them, to a rounding of the whole. None in a frame
-        that no simulation made.
-        """
-        if self.counted is None:
-            return None
-        by_events, passed = self.counted
-        now = momentum_flux(self.velocities, self.scene.masses) * passed
-        return replace(by_events, kinetic=read_only(by_events.kinetic + now))
-
-    @property
-    def unwrapped_positions(self) -> Floats:
-        """Positions followed through the periodic boundaries from the start, shape (N, d).
-
-        Raises
-        ------
-        SimulationError
-            In a frame that no simulation made, such as one that was read from a file.
-        """
-        if self.unwound is None:
-            raise SimulationError(
-                "no simulation made this frame, so nobody knows how often its particles went round the box"
-            )
-        flown, turns = self.unwound
-        unwrapped: Floats = read_only(flown + turns * self.scene.box)
-        return unwrapped
-
-
-class Simulation:
+class Simulation(Exclusive):
     """The event-driven dynamics of a scene.
 
-    Every collision is found and executed in its order; between collisions particles fly freely, exactly. The same scene gives
-    the same bits on every IEEE-754 machine, and nothing that looks at the simulation changes it. The method is told in
-    `hardspheres.kernel`.
+    Every collision is found and executed in its order; between collisions particles fly freely, exactly. The
+    same scene gives the same bits on every IEEE-754 machine, and nothing that looks at the simulation changes
+    it. The method is told in `hardspheres.kernel`.
 
-    `pickle` and `copy` give an independent simulation that goes on with the same bits. Arrays that it shows are read-only.
+    `pickle` and `copy` give an independent simulation that goes on with the same bits. Arrays that it shows
+    are read-only.
 
-    One thread at a time has it. While it runs, another one (or its own log function) may ask for `collisions`, `wall_collisions`
-    and `collisions_per_particle`, which are counted up to then; everything else is refused at once, as it could be of two moments.
+    One thread at a time has it. While it runs, another one (or its own log function) may ask for
+    `collisions`, `wall_collisions` and `collisions_per_particle`, which are counted up to then; everything
+    else is refused at once, as it could be of two moments.
 
     Parameters
     ----------
@@ -237,21 +59,22 @@ class Simulation:
     free_paths : bool, default False
         Tally every free flight, see `free_paths`; costs some 10 % of speed.
     log : callable or path, optional
-        Where every event goes, see `hardspheres.event_log.event_dtype`: a function that takes chunks (structured arrays, in
-        the order of execution), or the path of a ``.npy`` file, replaced if it is there. Events are handed over 8192 at a
-        time, and the rest when `run` returns or a frame is due; there is nothing to close. A log tallies free flights too. A
-        simulation with a path has no copies; a function goes along (pickled, or copied, as Python does that).
+        Where every event goes, see `hardspheres.event_log.event_dtype`: a function that takes chunks
+        (structured arrays, in the order of execution), or the path of a ``.npy`` file, replaced if it is
+        there. Events are handed over 8192 at a time, and the rest when `run` returns or a frame is due; there
+        is nothing to close. A log tallies free flights too. A simulation with a path has no copies; a
+        function goes along (pickled, or copied, as Python does that).
     search : str, default "auto"
-        How collision partners are found: "lists" (neighbour lists, for dense gases), "windows" (windows of time, for dilute
-        ones), or "auto", the faster of the two. All give the same bits; `status` tells which one is used. A copy searches
-        in the same way.
+        How collision partners are found: "lists" (neighbour lists, for dense gases), "windows" (windows of
+        time, for dilute ones), or "auto", the faster of the two. All give the same bits; `status` tells which
+        one is used. A copy searches in the same way.
 
     Raises
     ------
     SimulationError
-        If free paths are asked for and there are more than 32 species, or the log cannot be written; if windows are asked for
-        and impossible: no particle moves, one is more than 50 times as fast as a typical one, or the box is too small; from
-        every method, if the simulation is at work already.
+        If free paths are asked for and there are more than 32 species, or the log cannot be written; if
+        windows are asked for and impossible: no particle moves, one is more than 50 times as fast as a
+        typical one, or the box is too small; from every method, if the simulation is at work already.
 
     Examples
     --------
@@ -262,65 +85,55 @@ class Simulation:
     1000
     """
 
-    _timed = (0, 0.0)  # collisions in this process, and seconds that they took
-
     def __init__(
         self,
         scene: Scene,
         *,
         free_paths: bool = False,
-        log: Callable[[NDArray[np.void]], object] | str | PathLike[str] | None = None,
+        log: Log | None = None,
         search: str = "auto",
     ) -> None:
         if not isinstance(scene, Scene):
             raise SimulationError(f"a simulation starts from a Scene, not from {scene!r:.60}")
         if not isinstance(free_paths, (bool, np.bool_)):
             raise SimulationError(f"free_paths is {free_paths!r}; it must be True or False")
-        if not isinstance(search, str) or search not in SEARCHES:
-            raise SimulationError(f'search is {search!r}; it must be "auto", "lists" or "windows"')
+        _require_search(search)
         kinds = int(scene.species.max()) + 1
         if free_paths and kinds > MOST_SPECIES:
             raise SimulationError(
-                f"free_paths=True tells up to {MOST_SPECIES} species apart, and this scene has {kinds}; leave it out, and use "
-                "log=... for the path of each flight"
+                f"free_paths=True tells up to {MOST_SPECIES} species apart, and this scene has {kinds}; "
+                "leave it out, and use log=... for the path of each flight"
             )
-        self._lock = threading.Lock()  # of the one that runs it
-        self._runs = 0  # how often that has begun
-        self._scene = scene
-        self._search = search
         logs = log is not None
-        self._engine = Engine(scene, flights=free_paths or logs, logs=logs, search=search)
-        if logs:  # after all that may be refused: it begins its file anew
-            self._engine.sink = sink_of(log, scene.dim)
-        self._at = self._engine.layout
-        self._budget = 2000 + scene.n
-        self._energy = scene.kinetic_energy
-        most = max(ROWS_BETWEEN_LOOKS / scene.n, 1)
-        self._stride = int(power_of_two_below(min(most, MOST_BETWEEN_LOOKS)))  # epochs between two looks
-        self._moving = False  # whether somebody is known to move relative to another
+        self._take(Engine(scene, flights=free_paths or logs, logs=logs, search=search), log, search)
+
+    def _take(self, engine: Engine, log: Log | None, search: str) -> None:
+        """Run this engine from now on."""
+        super().__init__()
+        self._engine, self._search, self._at = engine, search, engine.layout
+        self._energy = engine.scene.kinetic_energy
+        self._slices, self._patience = Slices(engine.scene.n), Patience(engine.scene)
+        if log is not None:  # after all that may be refused: it begins its file anew
+            engine.sink = sink_of(log, engine.scene.dim)
+
+    @classmethod
+    def _of(cls, engine: Engine, log: Log | None, search: str) -> Self:
+        simulation = cls.__new__(cls)
+        simulation._take(engine, log, search)
+        return simulation
 
     @property
     def scene(self) -> Scene:
         """Where it started."""
-        return self._scene
+        return self._engine.scene
 
     # Running.
-
-    def _alone(self, work: Callable[[], Any]) -> Any:
-        """Do work that changes the simulation, unless another call is at it: then refuse at once."""
-        runs = self._runs
-        if not self._lock.locked():
-            with self._lock:  # taken and given back in C: no interrupt comes in between
-                if self._runs == runs:
-                    self._runs += 1
-                    return work()
-        raise SimulationError(RUNNING)
 
     def run(self, *, time: float | None = None, collisions: int | None = None) -> None:
         """Advance by a time or by a number of pair collisions.
 
-        Control returns to Python about every 0.1 s, so that Ctrl-C works; the simulation is then at the last event that it
-        executed, and can go on.
+        Control returns to Python about every 0.1 s, so that Ctrl-C works; the simulation is then at the last
+        event that it executed, and can go on.
 
         Parameters
         ----------
@@ -332,8 +145,9 @@ class Simulation:
         Raises
         ------
         SimulationError
-            When no collision is to come; when there was none for 1000 times as long as one takes at the present speeds (which the
-            rows alone decide); when time stands still for 1000 N events; when the arguments make no sense; when it runs already.
+            When no collision is to come; when there was none for 1000 times as long as one takes at the
+            present speeds (which the rows alone decide); when time stands still for 1000 N events; when the
+            arguments make no sense; when it runs already.
         """
         self._alone(partial(self._run, time, collisions))
 
@@ -342,13 +156,13 @@ class Simulation:
             raise SimulationError("run needs either time=... or collisions=..., and not both")
         self._engine.keep_clock()  # an interrupt may have come before the last run could do that
         if time is not None:
-            duration = _number("run(time=...)", time)
+            duration = finite("run(time=...)", time)
             if duration < 0:
                 raise SimulationError(f"run(time={time}) must be a time of at least 0")
             epoch, moment = self._engine.now
             self._run_until(*self._later(epoch, moment + duration))
         elif collisions is not None:
-            self._run_collisions(self.collisions + _whole("run(collisions=...)", collisions))
+            self._run_collisions(self.collisions + whole("run(collisions=...)", collisions))
 
     def _later(self, epoch: int, moment: float) -> tuple[int, float]:
         """Bring the time within an epoch into its range."""
@@ -356,32 +170,20 @@ class Simulation:
         later = carried(epoch, moment, length)
         if later[0] >= FOREVER:
             raise SimulationError(
-                f"a time of {epoch * length + moment:.3g} is more than can be counted; {FOREVER * length:.3g} is"
+                f"a time of {epoch * length + moment:.3g} is more than can be counted; "
+                f"{FOREVER * length:.3g} is"
             )
         return later
 
-    def _slice(self, epoch: int, moment: float, pairs: int) -> bool:
-        """Run for about SLICE seconds; True when the goal is reached."""
-        ready = getattr(self._engine.kernels.run, "signatures", True)  # else it is loaded or compiled first
-        budget, before = self._budget, self.collisions
-        began = time.perf_counter()
-        reached = self._engine.run(epoch, moment, pairs, budget)
-        took = time.perf_counter() - began
-        if ready:
-            self._timed = (self._timed[0] + self.collisions - before, self._timed[1] + took)
-        if self._engine.paused:
-            self._budget = int(budget * min(max(SLICE / max(took, 1e-6), 0.5), 2.0)) + 1
-        return reached
-
     def _run_until(self, epoch: int, moment: float) -> None:
-        if self._energy == 0.0:  # nobody moves: there is no need to pass through empty epochs
+        if self._energy == 0.0:  # no particle moves: there is no need to pass through empty epochs
             self._engine.arrays.counter[self._at.EPOCH] = epoch
         try:
             while True:
                 before = self._engine.length
                 self._engine = self._engine.in_pace()
                 epoch, moment = self._later(*recounted(epoch, moment, before, self._engine.length))
-                if self._slice(epoch, moment, FOREVER):
+                if self._slices.run(self._engine, epoch, moment, FOREVER):
                     break
         except BaseException:
             self._engine.keep_clock()
@@ -393,65 +195,23 @@ class Simulation:
 
     def _run_collisions(self, goal: int) -> None:
         if goal > self.collisions:
-            self._require_something_to_come()
-        look = 0  # the epoch at whose beginning it looks next whether there are collisions at all
+            self._patience.require_motion(self._engine)
+        check = 0  # the epoch at whose beginning patience is checked next
         try:
             while True:
                 before = self._engine
                 self._engine = before.in_pace()
                 if self._engine is not before:
-                    look = 0
-                look = max(look, self._next_look())
-                if self._slice(look, 0.0, goal):
+                    check = 0
+                check = max(check, self._patience.next_check(self._engine))
+                if self._slices.run(self._engine, check, 0.0, goal):
                     if self.collisions >= goal:
                         break
-                    self._require_meetings()
-                    look += self._stride
+                    self._patience.check(self._engine)
+                    check += self._patience.stride
         finally:
             self._engine.keep_clock()
             self._engine.hand_over_log()
-
-    def _next_look(self) -> int:
-        """First multiple of the stride among the epochs to come at which too long may have passed without a collision."""
-        at, arrays = self._at, self._engine.arrays
-        begun = int(arrays.number[at.NOW] > 0.0)
-        epoch = max(
-            int(arrays.counter[at.EPOCH]) + begun, int(arrays.counter[at.LAST_PAIR_EPOCH]) + LEAST_PATIENCE
-        )
-        return -(-epoch // self._stride) * self._stride
-
-    def _require_meetings(self) -> None:
-        """Raise SimulationError at the beginning of an epoch if no pair has collided for far longer than expected.
-
-        Speeds stay until the next collision of two, so only the rows decide, wherever a run began, stopped or was loaded.
-        """
-        at, count = self._at, self._engine.arrays.counter
-        idle = int(count[at.EPOCH]) - int(count[at.LAST_PAIR_EPOCH])
-        if idle < LEAST_PATIENCE:
-            return
-        v = self._rows[:, at.V : at.V + self.scene.dim]
-        if idle * self._engine.length * collision_rate(self.scene, v) > PATIENCE:
-            raise SimulationError(
-                f"no two particles met for {idle * self._engine.length:.3g} time units, over {PATIENCE:.0f} times the expected "
-                "time to a collision; these particles may never meet: use run(time=...)"
-            )
-
-    def _require_something_to_come(self) -> None:
-        """Raise SimulationError where it is certain that no two particles will ever meet.
-
-        Collisions and walls keep the energy of relative motion, so who moves now will always do.
-        """
-        if self._moving:
-            return
-        periodic = self.scene.periodic
-        if self.scene.n == 1:
-            raise SimulationError("no collision is to come: there is one particle only; use run(time=...)")
-        v = self._rows[:, self._at.V : self._at.V + self.scene.dim]
-        if not np.any(np.where(periodic, v - v[0], v)):
-            raise SimulationError(
-                "no collision is to come: no particle moves relative to another; give them velocities, or use run(time=...)"
-            )
-        self._moving = True
 
     def frames(
         self,
@@ -463,8 +223,8 @@ class Simulation:
     ) -> Iterator[Frame]:
         """Run, and yield the gas at chosen moments.
 
-        Moments are counted as they come: any number takes no memory. A sequence is checked here; what an iterator gives, when it
-        is due.
+        Moments are counted as they come: any number takes no memory. A sequence is checked here; what an
+        iterator gives, when it is due.
 
         Parameters
         ----------
@@ -473,7 +233,8 @@ class Simulation:
         times : iterable of float, optional
             At these times, ascending, none before now.
         collisions_per_particle : iterable of float, optional
-            Right after the collision that makes s = 2 collisions / N reach each of these values, ascending; 0 is the start.
+            Right after the collision that makes s = 2 collisions / N reach each of these values, ascending; 0
+            is the start.
 
         Yields
         ------
@@ -495,15 +256,15 @@ class Simulation:
                 "frames needs one of: every=... with count=..., times=..., collisions_per_particle=..."
             )
         if times is not None:
-            return self._frames_at(self._ascending("times", times, self.time))
+            return self._frames_at(ascending("times", times, self.time))
         if collisions_per_particle is not None:
-            s = self._ascending(
+            s = ascending(
                 "collisions_per_particle", collisions_per_particle, self.collisions_per_particle, self._goal
             )
             return self._frames_after(s)
         if every is None or count is None:
             raise SimulationError("frames(every=..., count=...) needs both: how far apart, and how many")
-        step, number = _number("frames(every=...)", every), _whole("frames(count=...)", count)
+        step, number = finite("frames(every=...)", every), whole("frames(count=...)", count)
         if step <= 0:
             raise SimulationError(f"frames(every={every}) must be a time above 0")
         now = self.time
@@ -512,25 +273,7 @@ class Simulation:
     def _goal(self, collisions_per_particle: float) -> int:
         """Pair collisions after which each particle has had so many."""
         goal = math.ceil(collisions_per_particle * self.scene.n / 2 - 1e-9)
-        return _whole("the number of collisions of a frame", goal)
-
-    def _ascending(
-        self, name: str, values: Iterable[float], first: float, goal: Callable[[float], Any] = float
-    ) -> Iterable[Any]:
-        """Return goals at ascending numbers, none before the first, as they are wanted; those of a sequence are checked now."""
-        try:
-            if isinstance(values, (str, bytes, bytearray)):
-                raise TypeError
-            given = iter(values)
-        except TypeError:
-            raise SimulationError(f"frames({name}=...) needs a sequence of numbers, not {values!r}") from None
-        if given is values:  # an iterator, which gives each of them once
-            return map(goal, _checked(name, given, first))
-        if isinstance(values, range):
-            for number in _checked(name, iter([*values[:2], *values[-1:]]), first):
-                goal(number)
-            return map(goal, values)
-        return list(map(goal, _checked(name, given, first)))
+        return whole("the number of collisions of a frame", goal)
 
     def _frames_at(self, times: Iterable[float]) -> Iterator[Frame]:
         for t in times:
@@ -551,19 +294,17 @@ class Simulation:
     @at_rest
     def frame(self) -> Frame:
         """Return the gas as it is now."""
-        flown = self._flown()
+        flown, velocities, scene, engine = self._flown(), self.velocities, self.scene, self._engine
+        by_events = self._tallies(engine.tallied_by_events() + engine.earlier, self._time, 0, 0)
         return Frame(
             self._time,
             self.collisions,
             self.collisions_per_particle,
-            read_only(returned_to_box(flown, self.scene.box, self.scene.periodic)),
-            self.velocities,
-            self.scene,
-            (read_only(flown), read_only(self._turns.copy())),
-            (
-                self._tallies(self._engine.tallied_by_events() + self._engine.earlier, self._time, 0, 0),
-                self._engine.passed,
-            ),
+            read_only(returned_to_box(flown, scene.box, scene.periodic)),
+            velocities,
+            scene,
+            (read_only(flown), read_only(self._images.copy()), scene.box),
+            (by_events, engine.passed, velocities, scene.masses),
             self._flights(from_start=True) if self._tells_flights else None,
         )
 
@@ -620,12 +361,12 @@ class Simulation:
     @property
     @at_rest
     def unwrapped_positions(self) -> Floats:
-        """Positions now, followed through the periodic boundaries from the start, shape (N, d). A copy, read-only."""
-        unwrapped: Floats = read_only(self._flown() + self._turns * self.scene.box)
+        """Positions now, followed through the periodic boundaries, shape (N, d). A copy, read-only."""
+        unwrapped: Floats = read_only(self._flown() + self._images * self.scene.box)
         return unwrapped
 
     @property
-    def _turns(self) -> NDArray[np.integer[Any]]:
+    def _images(self) -> NDArray[np.integer[Any]]:
         counts: NDArray[np.integer[Any]] = self._engine.arrays.image_counts
         return counts.reshape(self.scene.n, self.scene.dim)
 
@@ -661,10 +402,8 @@ class Simulation:
 
     @at_rest
     def to_atoms(self, units: str | None = None) -> Any:
-        """Return the gas as it is now as an ASE Atoms object; see `hardspheres.files.to_atoms`."""
-        from hardspheres.files import to_atoms
-
-        return to_atoms(self.frame(), units)
+        """Return the gas as it is now as an ASE Atoms object; see `hardspheres.atoms.to_atoms`."""
+        return atoms.to_atoms(self.frame(), units)
 
     # Stopping and going on.
 
@@ -674,33 +413,39 @@ class Simulation:
         Parameters
         ----------
         path : path
-            The file. It is replaced whole once the new one is safely on disk, so a crash leaves the old one or the new one.
+            The file. It is replaced whole once the new one is safely on disk, so a crash leaves the old one
+            or the new one.
 
         Raises
         ------
         CheckpointError
             When the file cannot be written; an older one is then as it was.
         """
-        from hardspheres.checkpoint import save
+        self._alone(lambda: write_archive(path, self._arrays()))
 
-        self._alone(partial(save, self, path))
+    def _arrays(self) -> Arrays:
+        """Return the arrays of a checkpoint (views)."""
+        self._engine.keep_clock()
+        self._engine = self._engine.in_pace()
+        return checkpoint.to_arrays(self._engine)
 
     @classmethod
     def load(
         cls,
         path: str | PathLike[str],
         *,
-        log: Callable[[NDArray[np.void]], object] | str | PathLike[str] | None = None,
+        log: Log | None = None,
         search: str = "auto",
-    ) -> "Simulation":
-        """Return the simulation in a checkpoint: running on from it gives what running on would have given, bit for bit.
+    ) -> Self:
+        """Return the simulation in a checkpoint, which goes on to the same bits as the one that was saved.
 
         Parameters
         ----------
         path : path
             A file written by `save`. Nothing in it is executed.
         log : callable or path, optional
-            Takes the events from now on (a new file); only where the simulation that was saved had a log or `free_paths`.
+            Takes the events from now on (a new file); only where the simulation that was saved had a log or
+            `free_paths`.
         search : str, default "auto"
             As of `Simulation`. A checkpoint does not store it: any search goes on with the same bits.
 
@@ -712,13 +457,27 @@ class Simulation:
         Raises
         ------
         CheckpointError
-            When the file is missing, torn, altered, of another format version, or holds what no simulation leaves.
+            When the file is missing, torn, altered, of another format version, or holds what no simulation
+            leaves.
         SimulationError
             When `log` or `search` cannot be used, as of `Simulation`.
         """
-        from hardspheres.checkpoint import load
+        _require_search(search)
+        arrays = read_archive(path)
+        try:
+            return cls._from_arrays(arrays, log, search)
+        except CheckpointError as error:
+            raise CheckpointError(f"{path} cannot be used: {error}") from None
 
-        return load(cls, path, log, search)
+    @classmethod
+    def _from_arrays(cls, arrays: Arrays, log: Log | None = None, search: str = "auto") -> Self:
+        """Return the simulation that consists of these arrays; CheckpointError where there is none."""
+        return cls._of(checkpoint.from_arrays(arrays, log is not None, search), log, search)
+
+    @classmethod
+    def _restored(cls, scene: Scene, arrays: Arrays, log: Sink | None, search: str) -> Self:
+        """Return a copy: arrays are those of another simulation, and need no check."""
+        return cls._of(checkpoint.restored(scene, arrays, log is not None, search), log, search)
 
     def __copy__(self) -> "Simulation":
         return self._duplicate(lambda part: part)
@@ -732,27 +491,26 @@ class Simulation:
         return duplicate
 
     def __reduce__(self, copied: Callable[[Any], Any] = lambda part: part) -> tuple[Any, ...]:
-        from hardspheres.checkpoint import restored, to_arrays
-
         def parts() -> tuple[Any, ...]:
-            arrays = {name: array.copy() for name, array in to_arrays(self).items()}
-            return type(self), copied(self.scene), arrays, copied(self._log()), self._search
+            arrays = {name: array.copy() for name, array in self._arrays().items()}
+            return copied(self.scene), arrays, copied(self._log()), self._search
 
-        return restored, self._alone(parts)
+        return type(self)._restored, self._alone(parts)
 
     def _log(self) -> Sink | None:
         """Return the function that a copy would log to."""
         sink = self._engine.sink
         if isinstance(sink, NpyStream):
             raise SimulationError(
-                f"two simulations cannot write one log, and this one writes {sink.path}; save it, and load it with another log=..."
+                f"two simulations cannot write one log, and this one writes {sink.path}; save it, and load "
+                "it with another log=..."
             )
         return sink
 
     # Tallies.
 
     def reset_tallies(self) -> None:
-        """Begin `tallies` and what is made of them anew; time, collisions, dynamics and the frames' tallies go on."""
+        """Begin `tallies` and what is made of them anew; dynamics, counts and frames' tallies go on."""
         self._alone(lambda: self._engine.reset_tallies())  # the engine as it is once no other thread runs it
 
     @property
@@ -772,7 +530,7 @@ class Simulation:
     @property
     @at_rest
     def free_paths(self) -> FreePaths:
-        """What was tallied of the free flights since `reset_tallies`; needs ``Simulation(scene, free_paths=True)``.
+        """What was tallied of free flights since `reset_tallies`; needs ``Simulation(..., free_paths=True)``.
 
         Raises
         ------
@@ -804,9 +562,10 @@ class Simulation:
     def pressure_tensor(self) -> Floats:
         """Mean pressure tensor since `reset_tallies`, shape (d, d): (kinetic + virial) / (time V). Read-only.
 
-        The common motion along periodic axes is left out. Source: the virial of impulses, see `compressibility_factor`.
-        Between walls it is the mean over the box, layers at the walls with all else, and the volume V is that of the box,
-        part of which no centre can reach: in narrow boxes far less than what a wall feels. That is `wall_pressure`.
+        The common motion along periodic axes is left out. Source: the virial of impulses, see
+        `compressibility_factor`. Between walls it is the mean over the box, layers at the walls with all
+        else, and the volume V is that of the box, part of which no centre can reach: in narrow boxes far less
+        than what a wall feels. That is `wall_pressure`.
         """
         t = self._tallied()
         p = (
@@ -823,10 +582,10 @@ class Simulation:
     def compressibility_factor(self) -> float:
         """Compressibility factor Z = P V / (2 K_th / d) = 1 + W / (2 K_th) since `reset_tallies`.
 
-        W is the virial rate, the sum of r.dp over pair collisions per time; exact for any finite run in a periodic box
-        (Alder and Wainwright 1960, doi:10.1063/1.1731425). With two or more particles K_th leaves out the common motion.
-        Between walls it is a mean over the box, whose volume V counts the half diameter at each wall that no centre can
-        reach; what the walls feel is `wall_pressure`.
+        W is the virial rate, the sum of r.dp over pair collisions per time; exact for any finite run in a
+        periodic box (Alder and Wainwright 1960, doi:10.1063/1.1731425). With two or more particles K_th
+        leaves out the common motion. Between walls it is a mean over the box, whose volume V counts the half
+        diameter at each wall that no centre can reach; what the walls feel is `wall_pressure`.
         """
         t = self._tallied()
         return 1.0 + float(np.trace(t.virial)) / (t.time * 2.0 * self.thermal_energy)
@@ -834,12 +593,13 @@ class Simulation:
     @property
     @at_rest
     def wall_pressure(self) -> Floats:
-        """Mean pressure on the lower and upper wall of each axis since `reset_tallies`, (d, 2); NaN on periodic axes. Read-only.
+        """Mean pressure on the lower and upper wall of each axis since `reset_tallies`, (d, 2). Read-only.
 
-        Force over area: momentum given to the wall per time, over the part of it that centres can reach, the product of L
-        - 2R along the other wall axes and L along periodic ones, R the mean radius. By the contact theorem kT times the mean
-        density of centres at the wall, at any density. For one diameter sigma its mean over both walls and `pressure_tensor`
-        are tied by Clausius' virial theorem, P_kk V = (L_k - sigma) F_k, but for what the run's two ends differ by.
+        NaN on periodic axes. Force over area: momentum given to the wall per time, over the part of it that
+        centres can reach, the product of L - 2R along the other wall axes and L along periodic ones, R the
+        mean radius. By the contact theorem kT times the mean density of centres at the wall, at any density.
+        For one diameter sigma its mean over both walls and `pressure_tensor` are tied by Clausius' virial
+        theorem, P_kk V = (L_k - sigma) F_k, but for what the run's two ends differ by.
 
         Raises
         ------
@@ -873,7 +633,7 @@ class Simulation:
     @property
     @at_rest
     def momentum_drift(self) -> Floats:
-        """Change of momentum since the start less the walls' impulses, over sum m |v|, shape (d,). Read-only."""
+        """Change of momentum from the start, less the walls' impulses, over sum m |v|, (d,). Read-only."""
         given = self._engine.arrays.total[self._at.LEDGER : self._at.LEDGER + self.scene.dim]
         change = self.momentum - self.scene.momentum + given
         scale = float(np.sum(self.scene.masses * np.linalg.norm(self.velocities, axis=1)))
@@ -883,36 +643,27 @@ class Simulation:
     @property
     @at_rest
     def worst_overlap(self) -> float:
-        """Depth of the deepest overlap now, between particles or with a wall, in contact distances (diameters)."""
-        from hardspheres.cells import worst_overlap
-
-        positions, radii, scene = self.positions, self.scene.radii, self.scene
-        i, j, depth = worst_overlap(positions, radii, scene.box, scene.periodic)
-        deepest = depth / float(radii[i] + radii[j]) if depth > 0 else 0.0
-        walls = ~scene.periodic
-        if walls.any():
-            beyond = np.maximum(radii[:, None] - positions, positions + radii[:, None] - scene.box)[:, walls]
-            deepest = max(deepest, float(np.max(beyond / (2.0 * radii[:, None]))))
-        return deepest
+        """Depth of the deepest overlap now, of particles or with a wall, in contact distances (diameters)."""
+        return invariants.deepest_overlap(self.positions, self.scene)
 
     @at_rest
     def check(self) -> None:
         """Verify everything that must hold at any moment; changes nothing.
 
-        Energy and momentum, overlaps, clocks and counters; that each neighbour list names all within reach; and, up to 512
-        particles, that every pending event is what the rows say, and that none is missing, by looking at all pairs.
+        Energy and momentum, overlaps, clocks and counters; that each neighbour list names all within reach;
+        and, up to 512 particles, that every pending event is what the rows say, and that none is missing, by
+        looking at all pairs.
 
         Raises
         ------
         InvariantError
-            When energy or momentum has changed by more than rounding explains (relative; of sum m |v|): 1e-12, or 12 eps / (d N)
-            for each collision where that is more (many collisions of few particles; why: `invariants.allowed_drift`); when a pair or
-            wall overlaps by more than 1e-11 diameters (or rounding of coordinates, in a box of over 1e4 diameters); when an
-            event is wrong, or not where the engine looks for it.
+            When energy or momentum has changed by more than rounding explains (relative; of sum m |v|):
+            1e-12, or 12 eps / (d N) for each collision where that is more (many collisions of few particles;
+            why: `invariants.allowed_drift`); when a pair or wall overlaps by more than 1e-11 diameters (or
+            rounding of coordinates, in a box of over 1e4 diameters); when an event is wrong, or not where the
+            engine looks for it.
         """
-        from hardspheres.invariants import verify
-
-        verify(self, self._engine)
+        invariants.verify(self, self._engine)
 
     @at_rest
     def status(self) -> dict[str, Any]:
@@ -920,10 +671,8 @@ class Simulation:
 
         "collisions_per_second" is of the event loop alone in this process; NaN before anything was timed.
         """
-        from hardspheres import __version__
-
         at, count, number = self._at, self._engine.arrays.counter, self._engine.arrays.number
-        dim = self.scene.dim
+        dim, (collisions, seconds) = self.scene.dim, self._slices.timed
         return {
             "version": __version__,
             "particles": self.scene.n,
@@ -946,7 +695,7 @@ class Simulation:
             "list_renewals": int(count[at.REBUILDS]),
             "epoch_length": self._engine.length,
             "bytes_per_particle": self._engine.bytes / self.scene.n,
-            "collisions_per_second": self._timed[0] / self._timed[1] if self._timed[0] else math.nan,
+            "collisions_per_second": collisions / seconds if collisions else math.nan,
         }
 
     def __repr__(self) -> str:
@@ -955,3 +704,8 @@ class Simulation:
             f"<Simulation of {scene}: time {self.time:.6g}, {self.collisions} collisions "
             f"({self.collisions_per_particle:.4g} per particle), energy drift {self.energy_drift:.1e}>"
         )
+
+
+def _require_search(search: object) -> None:
+    if not isinstance(search, str) or search not in SEARCHES:
+        raise SimulationError(f'search is {search!r}; it must be "auto", "lists" or "windows"')

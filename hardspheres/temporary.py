@@ -10,9 +10,10 @@ import os
 import re
 import secrets
 import stat
+from collections.abc import Iterator
 from pathlib import Path
 
-__all__ = ["remove_leftovers", "temporary_beside"]
+__all__ = ["remove_leftovers", "replacing", "temporary_beside"]
 
 OLD = 86400.0  # seconds since a file was last written, after which no process can still be writing it
 NAME = re.compile(r"\.partial-([0-9a-f]{16})-(\d{1,10})-[0-9a-f]{8}(\.\w{1,10})?")
@@ -22,6 +23,18 @@ def temporary_beside(target: Path) -> Path:
     """Return a name that no other file has, in the same folder and with the same extension."""
     suffix = target.suffix if re.fullmatch(r"\.\w{1,10}", target.suffix) else ""
     return target.parent / f".partial-{_neighbourhood()}-{os.getpid()}-{secrets.token_hex(4)}{suffix}"
+
+
+@contextlib.contextmanager
+def replacing(target: Path) -> Iterator[Path]:
+    """Yield a temporary name; its file replaces the target when the context ends without an error."""
+    temporary = temporary_beside(target)
+    try:
+        yield temporary
+        os.replace(temporary, target)
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink()
 
 
 def remove_leftovers(folder: Path, now: float) -> None:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from studies.exits import run_program
 from studies.options import App, OptionError, options_of, rewrapped
 from studies.registry import QUESTIONS, study_named
 
@@ -84,7 +85,8 @@ def function_of(kind: type[Program]) -> Callable[..., None]:
     ) -> None:
         from studies.report import Screen
 
-        program = kind(**{name: value for name, value in given.items() if value is not None})
+        values = {name: tuple(v) if isinstance(v, list) else v for name, v in given.items() if v is not None}
+        program = kind(**values)
         screen = Screen(json)
         folder = program.folder(out, checkpoint_every, resume, force)
         program = program.prepared(screen.note)
@@ -108,6 +110,9 @@ def function_of(kind: type[Program]) -> Callable[..., None]:
         annotation = hints[each.name]
         if "parser" in its.more:  # it makes the value of a text, whatever that is
             annotation = str | None if default is None else type(default)
+        if its.several:
+            each_of: Any = str if "parser" in its.more else get_args(hints[each.name])[0]
+            annotation = list[each_of] | None
         parameters[each.name] = (Annotated[annotation, declared], default)
     parameters |= OF_EVERY_RUN
     if kind.resumable:
@@ -163,6 +168,4 @@ class Studies(TyperGroup):
 
 def main(kind: type[Program]) -> None:
     """Run a study of one's own as a program: `if __name__ == "__main__": main(MyStudy)`."""
-    from studies.cli import run_program
-
     run_program(command_of(kind))

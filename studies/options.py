@@ -58,6 +58,8 @@ class Option:
         The default in words, where it is not the value itself.
     flag : str, optional
         Its name on the command line; by default that of the field, with dashes.
+    several : bool
+        Whether it may be given several times; the field is then a tuple.
     more : mapping
         Other arguments of `typer.Option`: parser, metavar, autocompletion.
     """
@@ -67,6 +69,7 @@ class Option:
     at_most: float | None = None
     shown: str | None = None
     flag: str | None = None
+    several: bool = False
     more: Mapping[str, Any] = field(default_factory=dict)
 
     def named(self, name: str) -> str:
@@ -75,7 +78,7 @@ class Option:
 
     def check(self, name: str, value: Any) -> None:
         """Raise OptionError where a value is beyond the limits."""
-        if value is None:
+        if value is None or self.several:
             return
         low, high = self.at_least, self.at_most
         if (low is None or value >= low) and (high is None or value <= high):
@@ -94,6 +97,7 @@ def option(
     at_most: float | None = None,
     shown: str | None = None,
     flag: str | None = None,
+    several: bool = False,
     **more: Any,
 ) -> Any:
     """Return a dataclass field that is also an option of the command line, see `Option`.
@@ -102,12 +106,12 @@ def option(
     ----------
     default
         Its value where it is not given.
-    help, at_least, at_most, shown, flag
+    help, at_least, at_most, shown, flag, several
         As in `Option`.
     **more
         Other arguments of `typer.Option`; `help` may be among them.
     """
-    made = Option(help or more.pop("help"), at_least, at_most, shown, flag, more)
+    made = Option(help or more.pop("help"), at_least, at_most, shown, flag, several, more)
     return field(default=default, metadata={"option": made})
 
 
@@ -321,6 +325,17 @@ def particles(count: int) -> Any:
 def runs(count: int) -> Any:
     """Return the field for the number of replicas."""
     return option(count, "Independent runs of each gas; errors come from them.", at_least=1, at_most=MANY)
+
+
+def seed() -> Any:
+    """Return the field for the seed."""
+    same = "the same seed gives the same results."
+    return option(1, f"Source of every random choice: {same}", at_least=0)
+
+
+def workers() -> Any:
+    """Return the field for the number of processes."""
+    return option(None, "Processes; the results do not depend on it.", at_least=1, shown="all cores")
 
 
 def dimension() -> Any:

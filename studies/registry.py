@@ -1,4 +1,4 @@
-"""The studies of gases by name: light, so that the command line can list them without loading any."""
+"""All commands by name: light, so that the command line can list them without loading any."""
 
 from __future__ import annotations
 
@@ -16,16 +16,32 @@ QUESTIONS = {
         "Follow the relaxation of a gas to the Maxwell-Boltzmann distribution.",
     ),
     "diffusion": ("studies.diffusion:SelfDiffusion", "Measure self-diffusion, beside Enskog's theory."),
+    "bench": (
+        "studies.benchmarks.command:Benchmark",
+        "Measure collisions per second, beside another engine.",
+    ),
+    "accuracy": (
+        "studies.validation.accuracy:Accuracy",
+        "Compare speed and error with two time-stepping programs.",
+    ),
+    "calibration": (
+        "studies.validation.calibration:Calibrations",
+        "Test the error bars: (value - truth) / standard error of every estimator, over many short runs.",
+    ),
+    "hard-cases": (
+        "studies.validation.hard_cases:HardCases",
+        "Test the engine on hard cases with exact answers.",
+    ),
     "soak": (
         "studies.validation.soak:Soak",
         "Run two gases for very long and test what must not change.",
     ),
 }
-"""Where each study is found, and its question."""
+"""Where each is found, and its question."""
 
 
 def study_named(name: str) -> type[Program]:
-    """Return the class of a study."""
+    """Return the class of a command."""
     module, _, kind = QUESTIONS[name][0].partition(":")
     found: Any = getattr(importlib.import_module(module), kind)
     return found  # type: ignore[no-any-return]

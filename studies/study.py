@@ -21,7 +21,7 @@ import hardspheres as hs
 from analysis.estimator import Estimator
 from studies.answer import Answer, Gas, curve_files, heading, tidy, write_tables
 from studies.fluid import broken, representatives
-from studies.options import option, options_of, runs
+from studies.options import options_of, runs, seed, workers
 from studies.program import Program
 from studies.recording import Recorder
 from studies.report import (
@@ -114,10 +114,8 @@ class Study(Program):
     table: ClassVar[str]
 
     replicas: int = runs(2)
-    seed: int = option(1, "Source of every random choice: the same seed gives the same results.", at_least=0)
-    workers: int | None = option(
-        None, "Processes; the results do not depend on it.", at_least=1, shown="all cores"
-    )
+    seed: int = seed()
+    workers: int | None = workers()
 
     def conduct(self, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:
         """Run it, print its results and write its files, see `conduct`."""

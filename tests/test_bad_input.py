@@ -407,7 +407,7 @@ def test_command_line(row, tmp_path, monkeypatch, capsys):
     before = sorted(tmp_path.iterdir())
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", ["hardspheres", *options])
-    monkeypatch.setattr(cli.signal, "signal", lambda *_: None)
+    monkeypatch.setattr("signal.signal", lambda *_: None)
     with pytest.raises(SystemExit) as end:
         cli.main()
     out, errors = capsys.readouterr()

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from hardspheres.atoms import SINGLE, Reading
 from hardspheres.errors import TrajectoryError
-from hardspheres.files.atoms import SINGLE, Reading
 
 AS_THEY_STAND = ("extxyz", "traj", "json", "db")  # ASE's own: numbers are read as they were written
 LAMMPS = ("lammps-dump-text", "lammps-data")

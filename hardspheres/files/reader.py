@@ -11,9 +11,9 @@ from typing import Any, TypeVar
 
 from numpy.typing import ArrayLike
 
+from hardspheres.atoms import Reading, logger, scene_and_notes
 from hardspheres.errors import HardSpheresError, SceneError, TrajectoryError
 from hardspheres.files import foreign, xyz
-from hardspheres.files.atoms import Reading, logger, scene_and_notes
 from hardspheres.scene import Scene
 
 Item = TypeVar("Item")
@@ -29,13 +29,13 @@ def read_structure(path: str | os.PathLike[str], index: int = -1, **reading: Any
     index : int
         Which of its frames; the last by default.
     **reading
-        Fields of `hardspheres.files.atoms.Reading`; of them `units` matters here, for formats that have units
+        Fields of `hardspheres.atoms.Reading`; of them `units` matters here, for formats that have units
         of their own.
 
     Returns
     -------
     ase.Atoms
-        The structure; `from_atoms` makes it a scene.
+        The structure; `Scene.from_atoms` makes it a scene.
 
     Raises
     ------
@@ -60,13 +60,13 @@ def read_scene(path: str | os.PathLike[str], reading: Reading, index: int = -1) 
     Raises
     ------
     TrajectoryError
-        As `read_structure` and `from_atoms` do.
+        As `read_structure` and `Scene.from_atoms` do.
     SceneError
         When the frame is no valid scene.
     """
     atoms, notes = _structure(path, index, reading)
     with _named(path):
-        scene, more = scene_and_notes(atoms, reading)
+        scene, more = scene_and_notes(Scene, atoms, reading)
     return scene, notes + more
 
 
@@ -82,12 +82,12 @@ def read_trajectory(
     radius : float, (N,) array_like or mapping of labels to floats, optional
         Radii, whatever the file has.
     **reading
-        Other fields of `hardspheres.files.atoms.Reading`.
+        Other fields of `hardspheres.atoms.Reading`.
 
     Yields
     ------
     Scene
-        Each frame, by `from_atoms`. Everything changed or not used is logged once, as a warning.
+        Each frame, by `Scene.from_atoms`. Everything changed or not used is logged once, as a warning.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def read_trajectory(
     how, said = Reading(radius, **reading), set()
     for atoms, notes in _structures(path, how):
         with _named(path):
-            scene, more = scene_and_notes(atoms, how)
+            scene, more = scene_and_notes(Scene, atoms, how)
         for note in [*notes, *more]:
             if note not in said:
                 said.add(note)

@@ -5,11 +5,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Self
 
+from hardspheres.atoms import VELOCITY, FrameLike, to_atoms
 from hardspheres.errors import TrajectoryError
-from hardspheres.files.atoms import VELOCITY, FrameLike, to_atoms
 from hardspheres.files.reader import binary_frames
 from hardspheres.files.xyz import SUFFIXES, frame_text
 from hardspheres.scene import Scene
+from hardspheres.temporary import remove_leftovers, replacing
 
 
 class TrajectoryWriter:
@@ -141,14 +142,10 @@ def _binary_after(path: Path, keep: int) -> Any:
     open_writer: Any = ase_trajectory.TrajectoryWriter
     if not keep:
         return open_writer(str(path), "w")
-    copy = path.with_name(f".{path.name}.kept")
-    try:
-        with open_writer(str(copy), "w") as writer, binary_frames(path) as frames:
-            if len(frames) < keep:
-                raise _too_short(path, len(frames), keep)
-            for index in range(keep):
-                writer.write(frames[index])
-        os.replace(copy, path)
-    finally:
-        copy.unlink(missing_ok=True)
+    with replacing(path) as copy, open_writer(str(copy), "w") as writer, binary_frames(path) as frames:
+        remove_leftovers(path.parent, copy.stat().st_mtime)
+        if len(frames) < keep:
+            raise _too_short(path, len(frames), keep)
+        for index in range(keep):
+            writer.write(frames[index])
     return open_writer(str(path), "a")

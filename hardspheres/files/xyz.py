@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 import orjson
 
+from hardspheres.atoms import VELOCITY
 from hardspheres.errors import TrajectoryError
-from hardspheres.files.atoms import VELOCITY
 
 SUFFIXES = (".xyz", ".extxyz")
 COLUMNS = ("positions", "momenta", "masses", "radius", VELOCITY, "mass")  # the last two are what OVITO reads
@@ -38,7 +38,7 @@ def frame_text(atoms: Any) -> bytes:
     Parameters
     ----------
     atoms : ase.Atoms
-        As `hardspheres.files.atoms.to_atoms` makes it.
+        As `hardspheres.atoms.to_atoms` makes it.
 
     Raises
     ------

@@ -14,7 +14,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +41,7 @@ MEMORY_FROM = 30_000  # particles from which on the growth of resident memory is
 
 @dataclass(frozen=True)
 class Bench:
-    """Options of the study, as on the command line (`hardspheres bench --help`).
+    """What to time, and how.
 
     Attributes
     ----------
@@ -68,6 +68,7 @@ class Bench:
     seed: int = 1
     window_seconds: float = WINDOW_SECONDS
     peer_up_to: int = 2**40
+    files: ClassVar[tuple[str, ...]] = ("windows.csv",)
 
 
 def bench(study: Bench, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import hardspheres as hs
 from analysis.statistics import Estimate
@@ -40,6 +40,7 @@ class Suite:
     packing_fractions: tuple[float, ...]
     window_seconds: float
     peer_up_to: int
+    files: ClassVar[tuple[str, ...]] = ("bench.csv", "bench.png")
 
 
 SUITES = {

@@ -24,7 +24,6 @@ import hardspheres as hs
 from analysis.estimator import Estimator
 from analysis.series import BlockSeries
 from hardspheres.archive import Arrays, read_archive, write_archive
-from hardspheres.checkpoint import from_arrays, to_arrays
 from hardspheres.errors import CheckpointError
 
 __all__ = ["decode", "encode", "read", "write"]
@@ -76,7 +75,7 @@ class _Encoder:
         if isinstance(value, np.generic):
             return {"scalar": self._place(np.asarray(value))}
         if kind is hs.Simulation:
-            return {"simulation": {name: self._place(array) for name, array in to_arrays(value).items()}}
+            return {"simulation": {name: self._place(array) for name, array in value._arrays().items()}}
         if _known(_name(kind)) is kind:
             parts = {name: self.tree(part) for name, part in _contents(value).items()}
             return {"object": [_name(kind), parts]}
@@ -114,7 +113,7 @@ def _decoded(tree: Any, arrays: list[NDArray[Any]]) -> Any:
     if kind == "scalar":
         return arrays[content][()]
     if kind == "simulation":
-        return from_arrays(hs.Simulation, {name: arrays[index] for name, index in content.items()})
+        return hs.Simulation._from_arrays({name: arrays[index] for name, index in content.items()})
     if kind == "object":
         return _object(content[0], {name: _decoded(part, arrays) for name, part in content[1].items()})
     raise CheckpointError(f"it holds a {kind!r}, which this version does not know")

@@ -24,15 +24,10 @@ __all__ = [
 SUMMARY = "summary.json"
 _EQUATION = ("equation_of_state.csv", "equation_of_state.png")
 WRITTEN: dict[str, tuple[str, ...]] = {
-    "accuracy": ("accuracy.csv", "accuracy.png"),
-    "bench": ("windows.csv",),
-    "calibration": ("calibration.csv", "calibration.png"),
     "free_path": ("free_path.csv", "free_path_curves.csv", "free_path.png"),
-    "hard_cases": ("hard_cases.csv",),
     "mixture": ("mixture.csv", "mixture.png"),
     "pressure": _EQUATION,
     "pressure_suite": _EQUATION,
-    "suite": ("bench.csv", "bench.png"),  # of the benchmarks
 }
 """Files that programs write beside their summary, by module; those of a `Study` are in its `files`."""
 

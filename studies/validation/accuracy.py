@@ -21,6 +21,8 @@ from analysis.statistics import Estimate
 from hardspheres.memory import require_room_for
 from studies.benchmarks.clock import machine
 from studies.fluid import THEORY_UP_TO, Fluid, load_kernels
+from studies.options import densities, dimension, option, seed
+from studies.program import Program
 from studies.report import ALARM, OutputFolder, Screen, alarming, estimate_json
 from studies.running.ensemble import replica_seeds, run_replicas
 from studies.running.journal import Shelf
@@ -42,7 +44,7 @@ from studies.validation.accuracy_few import (
 from studies.validation.accuracy_long import Exact, Long, engine_test_seconds, long_runs
 from studies.validation.time_stepping import BACK_UP, BOUNCE, Stepper
 
-__all__ = ["Accuracy", "Compared", "accuracy", "compare"]
+__all__ = ["Accuracy", "Compared", "compare"]
 
 FEW = 32
 REFERENCE_SCENES = 2  # it is slow
@@ -54,22 +56,12 @@ LONG_STEPS = (0.3, 0.1, 0.03, 0.01, 0.003, 0.001)
 FAIR = 2.0
 
 
-@dataclass(frozen=True)
-class Accuracy:
-    """Options of the study, as on the command line (`hardspheres accuracy --help`).
+@dataclass(frozen=True, kw_only=True)
+class Accuracy(Program):
+    """The same gases with the engine, the all-pairs solver and two time-stepping programs.
 
     Attributes
     ----------
-    packing_fractions : tuple of float
-        Where to compare, ascending.
-    n : int
-        Particles of the long runs; those beside the oracle have 32.
-    dim : int
-        Dimension.
-    seed : int
-        Source of every random choice.
-    quick : bool
-        Whether `quicker` made it.
     scenes, followed : int
         Scenes of few particles; how many of them are followed until the trajectory is lost.
     seconds : float
@@ -78,16 +70,29 @@ class Accuracy:
         Time steps, descending, in units of diameter sqrt(m/kT).
     """
 
-    packing_fractions: tuple[float, ...] = (0.01, 0.3)
-    n: int = 4000
-    dim: int = 3
-    seed: int = 1
-    quick: bool = False
+    name = "accuracy"
+    explanation = """
+    The engine, the all-pairs solver and bouncing balls by time steps on the same gases in one run: distance
+    from the trajectory at 50 digits, missed collisions, overlaps, pressure and mean free path, and cost.
+    Writes a summary, a table and a picture. Every finished scene and state is kept; an interrupted one starts
+    again.
+    """
+    files = ("accuracy.csv", "accuracy.png")
+
+    packing_fractions: tuple[float, ...] = densities("0.01,0.3")
+    n: int = option(4000, "Particles of the long runs; those beside the oracle have 32.", at_least=2)
+    dim: int = dimension()
+    seed: int = seed()
+    quick: bool = option(False, "Fewer and shorter runs: half a minute.")
     scenes: int = 8
     followed: int = 3
     seconds: float = 1.5
     few_steps: tuple[float, ...] = FEW_STEPS
     long_steps: tuple[float, ...] = LONG_STEPS
+
+    def conduct(self, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:
+        """Run it; sound where the engine follows the true trajectory and finds the exact values."""
+        return _compare_all(self.quicker() if self.quick else self, out, screen)
 
     def quicker(self) -> Accuracy:
         """Return a study that takes a fifth of the time."""
@@ -306,30 +311,7 @@ def _settled(fluid: Fluid, seed: np.random.SeedSequence) -> hs.Scene:
     return simulation.to_scene()
 
 
-def accuracy(study: Accuracy, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:
-    """Run the study, print its results and write its files.
-
-    Parameters
-    ----------
-    study : Accuracy
-        What to do.
-    out : OutputFolder
-        Where the files go; made only after everything has been checked.
-    screen : Screen
-        Where results and progress are shown.
-
-    Returns
-    -------
-    summary : dict
-        The content of summary.json.
-    sound : bool
-        Whether the engine follows the true trajectory and finds the exact values to 5 standard errors.
-
-    Raises
-    ------
-    HardSpheresError
-        If a gas cannot be made, or the folder cannot be written.
-    """
+def _compare_all(study: Accuracy, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:
     began = time.perf_counter()
     study.check()
     out.check(study)

@@ -18,35 +18,44 @@ from numpy.typing import NDArray
 import hardspheres as hs
 from analysis.calibration import Calibration, calibrate
 from analysis.statistics import Estimate
+from studies.options import MANY, option, seed, workers
+from studies.program import Program
 from studies.report import OutputFolder, Screen, seconds_taken
 from studies.running.ensemble import available_cores, replica_seeds, run_replicas
 from studies.validation import calibration_runs
 
-__all__ = ["Calibrations", "Row", "calibration", "rows_of"]
+__all__ = ["Calibrations", "Row", "rows_of"]
 
 FloatArray = NDArray[np.float64]
 
 FEWEST_RUNS = 20
 
 
-@dataclass(frozen=True)
-class Calibrations:
-    """Options of the study, as on the command line (`hardspheres calibration --help`).
+@dataclass(frozen=True, kw_only=True)
+class Calibrations(Program):
+    """Every estimator over many short runs.
 
     Attributes
     ----------
-    runs : int
-        Independent short runs of each estimator.
-    seed, workers
-        As in `studies.running.ensemble`.
     families : tuple of str
         Which kinds of runs, of `studies.validation.calibration_runs.FAMILIES`; all by default.
     """
 
-    runs: int = 200
-    seed: int = 1
-    workers: int | None = None
+    name = "calibration"
+    explanation = """
+    It should follow Student's t with the degrees of freedom that the estimator quotes. Writes a summary, a
+    table and a picture.
+    """
+    files = ("calibration.csv", "calibration.png")
+
+    runs: int = option(200, "Independent short runs of each estimator.", at_most=MANY)
+    seed: int = seed()
+    workers: int | None = workers()
     families: tuple[str, ...] = tuple(calibration_runs.FAMILIES)
+
+    def conduct(self, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:
+        """Run it; sound where every estimator is calibrated, see `Calibration.passed`."""
+        return _calibrate(self, out, screen)
 
     def check(self) -> None:
         """Raise SceneError for options that make no sense."""
@@ -119,31 +128,7 @@ def rows_of(family: str, estimates: Sequence[Mapping[str, Estimate]]) -> list[Ro
     return rows
 
 
-def calibration(study: Calibrations, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:
-    """Run the study, print its results and write its files.
-
-    Parameters
-    ----------
-    study : Calibrations
-        What to do.
-    out : OutputFolder
-        Where the files go; made only after everything has been checked.
-    screen : Screen
-        Where results and progress are shown.
-
-    Returns
-    -------
-    summary : dict
-        The content of summary.json.
-    sound : bool
-        Whether every estimator is calibrated: Kolmogorov-Smirnov p above 0.001 and the spread within 3
-        standard errors of that of Student's t.
-
-    Raises
-    ------
-    HardSpheresError
-        If the options make no sense or the folder cannot be written.
-    """
+def _calibrate(study: Calibrations, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:
     began = time.perf_counter()
     study.check()
     out.check(study)

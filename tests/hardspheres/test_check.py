@@ -69,7 +69,7 @@ def test_an_interrupted_run_goes_on(goal, when, search, monkeypatch):
     sim = running(search)
     monkeypatch.setattr(Engine, "run", interrupted)
     for each in (sim, whole):
-        each._budget = 3000
+        each._slices.budget = 3000
         if each is whole:
             monkeypatch.undo()
         end = each.collisions + goal["collisions"] if "collisions" in goal else each.time + goal["time"]

@@ -102,7 +102,6 @@ def test_whatever_is_lost_is_missed(path, lost, monkeypatch):
     monkeypatch.setattr(
         Engine, "restore", lambda self, state: restore(self, state | {lost: self.state()[lost]})
     )
-    monkeypatch.setattr("hardspheres.checkpoint._require_as_left", lambda sim: None)
     sim = hs.Simulation.load(path)
     at = sim._at
     if lost == "numbers":
@@ -338,6 +337,20 @@ def test_flights_and_the_log_go_on(tmp_path):
     assert sim.frame().free_paths.flights[0] > sim.free_paths.flights[0]
     assert flight_bits(sim.free_paths) == flight_bits(whole.free_paths)
     assert sum(map(len, logs)) == whole.collisions - STEPS[0]["collisions"]
+
+
+def test_flights_of_many_species_are_loaded_without_their_log(tmp_path):
+    """More species than are told apart: the log has the flights, and a checkpoint without it goes on all the same."""
+    scene = gas("3d_mixture", 40, 0.05)
+    sim = hs.Simulation(scene.replace(masses=1.0 + np.arange(40)), log=lambda events: None, search="lists")
+    sim.run(collisions=100)
+    sim.save(tmp_path / "checkpoint")
+    loaded = hs.Simulation.load(tmp_path / "checkpoint", search="lists")
+    for each in (sim, loaded):
+        each.run(collisions=100)
+    assert everything(loaded) == everything(sim)
+    with pytest.raises(hs.SimulationError, match="for up to 32 species only; read them from the log"):
+        _ = loaded.free_paths
 
 
 @pytest.mark.parametrize(

@@ -15,13 +15,13 @@ from numpy.testing import assert_allclose
 
 import hardspheres as hs
 from analysis.theory import compressibility_factor, finite_size_compressibility
-from hardspheres import compression
+from hardspheres import compression, slices
 from hardspheres.cells import worst_overlap
+from hardspheres.checks import worst_beyond_wall
 from hardspheres.collision import contact_time
 from hardspheres.compression import Compression, order_of_crystal
 from hardspheres.engine import Engine
 from hardspheres.growth import growing_contact_time, growing_discriminant, rebound_from_wall
-from hardspheres.scene import worst_beyond_wall
 from hardspheres.velocities import draw_velocities
 
 EPS = np.finfo(float).eps
@@ -236,8 +236,8 @@ def test_no_overlap_at_any_stage_and_energy_and_momentum_kept(n, eta, radii, opt
 def test_interrupts_and_slices_change_nothing(monkeypatch):
     whole, parts = begin(100, 0.5, dim=3), begin(100, 0.5, dim=3)
     whole.grow()
-    monkeypatch.setattr(compression, "SLICE", 0.0)
-    parts._budget = 10
+    monkeypatch.setattr(slices, "SLICE", 0.0)
+    parts._slices.budget = 10
     calls = []
     run = Engine.run
     monkeypatch.setattr(Engine, "run", lambda *a: calls.append(1) or run(*a))

@@ -1,11 +1,12 @@
 """Copies of simulations: independent, and they go on with the same bits. What a simulation shows is read-only."""
 
 import copy
+import dataclasses
 import pickle
 
 import numpy as np
 import pytest
-from scenes import everything, flight_bits, gas
+from scenes import everything, flight_bits, gas, tallied_bits
 
 import hardspheres as hs
 from hardspheres import checkpoint
@@ -60,8 +61,8 @@ def test_whatever_is_lost_is_missed(what, monkeypatch):
     """Sibling: a copy without one of the arrays is another simulation."""
     sim, whole = half_way("3d"), checkpoint.to_arrays
 
-    def without(sim):
-        arrays = whole(sim)
+    def without(engine):
+        arrays = whole(engine)
         return arrays | {what: np.zeros_like(arrays[what])}
 
     monkeypatch.setattr(checkpoint, "to_arrays", without)
@@ -118,7 +119,7 @@ def shown(sim):
             value = getattr(owner, name)
             if isinstance(value, np.ndarray):
                 yield f"{type(owner).__name__}.{name}", value
-    yield from (("flown", frame.unwound[0]), ("turns", frame.unwound[1]))
+    yield from (("flown", frame.unwound[0]), ("images", frame.unwound[1]))
 
 
 def test_what_looks_like_state_is_read_only():
@@ -135,6 +136,22 @@ def test_what_looks_like_state_is_read_only():
     }
     with pytest.raises(AttributeError):
         sim.scene = sim.to_scene()
+
+
+def test_a_frame_keeps_what_was_counted_when_it_is_changed():
+    """Tallies and unwrapped positions are of the run, whatever scene or velocities a frame is given later."""
+    sim = half_way("3d_mixture")
+    frame, scene = sim.frame(), sim.scene
+    other = scene.replace(masses=2.0 * scene.masses, box=2.0 * scene.box)
+    changed = dataclasses.replace(frame, scene=other, velocities=0.0 * frame.velocities)
+    assert tallied_bits(changed.tallies) == tallied_bits(frame.tallies)
+    assert np.array_equal(changed.unwrapped_positions, frame.unwrapped_positions)
+    # Sibling: the kinetic tensor of the run shows the mass.
+    heavy = hs.Simulation(scene.replace(masses=2.0 * scene.masses))
+    heavy.run(time=sim.time)
+    np.testing.assert_allclose(
+        heavy.frame().tallies.kinetic, 2.0 * frame.tallies.kinetic, rtol=1e-9, atol=1e-9
+    )
 
 
 def test_copies_of_scenes():

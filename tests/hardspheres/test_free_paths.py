@@ -230,5 +230,5 @@ def test_a_frame_knows_the_way_it_came():
     assert np.array_equal(frame.unwrapped_positions, unwrapped)
     assert np.abs(unwrapped - frame.positions).max() > sim.scene.box[0] / 2
     made = hs.Frame(0.0, 0, 0.0, frame.positions, frame.velocities, sim.scene)
-    with pytest.raises(hs.SimulationError, match="nobody knows"):
+    with pytest.raises(hs.SimulationError, match="no simulation made this frame"):
         _ = made.unwrapped_positions

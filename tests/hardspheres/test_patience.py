@@ -7,7 +7,7 @@ import pytest
 from scenes import everything, gas
 
 import hardspheres as hs
-from hardspheres import simulation
+from hardspheres import patience
 from hardspheres.engine import Engine
 from hardspheres.tuning import collision_frequency, collision_rate
 
@@ -51,7 +51,7 @@ def test_unequal_masses_get_there_in_any_slices(seed, monkeypatch):
     """The scene of which the first simulation in a process got there, and the next one gave up after one collision."""
     whole, parts = hs.Simulation(unequal(seed)), hs.Simulation(unequal(seed))
     for sim in (whole, parts):
-        sim._stride = 64  # as in the sibling below
+        sim._patience.stride = 64  # as in the sibling below
     whole.run(collisions=100)
     monkeypatch.setattr(Engine, "run", in_slices(20_000))
     parts.run(collisions=100)
@@ -61,27 +61,27 @@ def test_unequal_masses_get_there_in_any_slices(seed, monkeypatch):
 def test_a_rate_that_assumes_equipartition_gives_up(monkeypatch):
     """Sibling: energy that light particles do not have yet would make them fast."""
     monkeypatch.setattr(
-        simulation, "collision_rate", lambda scene, v: 0.5 * scene.n * collision_frequency(scene)
+        patience, "collision_rate", lambda scene, v: 0.5 * scene.n * collision_frequency(scene)
     )
     for seed in range(3):
         sim = hs.Simulation(unequal(seed))
-        sim._stride = 64  # which looks more often
+        sim._patience.stride = 64  # which looks more often
         with pytest.raises(hs.SimulationError, match="may never meet"):
             sim.run(collisions=100)
 
 
 @pytest.mark.parametrize(
-    ("scene", "patience"),
-    [(never(), simulation.PATIENCE), (gas("3d", 2, 1e-6), 2.0)],
+    ("scene", "most"),
+    [(never(), patience.PATIENCE), (gas("3d", 2, 1e-6), 2.0)],
     ids=["never", "after some collisions"],
 )
-def test_the_verdict_is_the_same_in_any_steps_and_after_load(scene, patience, tmp_path, monkeypatch):
+def test_the_verdict_is_the_same_in_any_steps_and_after_load(scene, most, tmp_path, monkeypatch):
     """Also with so little patience that it gives up between two collisions."""
-    monkeypatch.setattr(simulation, "PATIENCE", patience)
+    monkeypatch.setattr(patience, "PATIENCE", most)
     sim = hs.Simulation(scene)
     expected = verdict(sim, [FOR_EVER])
     assert verdict(sim, [FOR_EVER]) == expected  # asked again, it says so again
-    assert (sim.collisions > 0) is (patience < 1000)
+    assert (sim.collisions > 0) is (most < 1000)
     end = expected[1]
     for steps in (
         [*[{"collisions": 1}] * 10, FOR_EVER],
@@ -103,7 +103,7 @@ def test_the_verdict_is_the_same_in_any_steps_and_after_load(scene, patience, tm
 
 def test_looks_are_seldom_and_cost_nothing():
     """Epochs between two looks: a power of two, and many rows in all."""
-    strides = [hs.Simulation(gas("3d", n, 0.1))._stride for n in (2, 64, 100, 4000)]
+    strides = [hs.Simulation(gas("3d", n, 0.1))._patience.stride for n in (2, 64, 100, 4000)]
     assert strides == [4096, 1024, 512, 16]
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import hardspheres as hs
 from hardspheres import Scene, SceneError, cells
 from hardspheres.cells import worst_overlap
-from hardspheres.scene import contact_tolerance
+from hardspheres.checks import contact_tolerance
 
 TWO = [[1.0, 1.0, 1.0], [4.0, 4.0, 4.0]]
 REST = np.zeros((2, 3))

@@ -2,6 +2,7 @@
 
 import logging
 import math
+import os
 from dataclasses import dataclass
 
 import ase.io
@@ -13,10 +14,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import hardspheres as hs
+from hardspheres import temporary
+from hardspheres.atoms import MIXTURE, VELOCITY, has_velocities, to_atoms
 from hardspheres.cells import worst_overlap
-from hardspheres.files.atoms import MIXTURE, VELOCITY, from_atoms, has_velocities, to_atoms
+from hardspheres.checks import contact_tolerance
 from hardspheres.files.reader import read_structure
-from hardspheres.scene import contact_tolerance
 
 FCC, TRIANGULAR = math.pi / math.sqrt(18), math.pi / math.sqrt(12)
 
@@ -259,7 +261,7 @@ def test_a_printed_crystal_of_touching_spheres_is_a_legal_scene(boundary, dim, n
     scene = scene.replace(positions=scene.positions + (0.123456789 if boundary == "periodic" else 0))
     caplog.set_level(logging.INFO, logger="hardspheres")
     atoms = printed(scene)
-    again = from_atoms(atoms)
+    again = hs.Scene.from_atoms(atoms)
     reduced = np.unique(scene.radii - again.radii)
     assert len(reduced) == 1 and 0 <= reduced[0] <= 1.5e-8
     if boundary == "periodic":
@@ -273,7 +275,7 @@ def test_a_particle_printed_beyond_a_wall_is_met():
     r = 1 / 3
     edge = 2.0
     scene = hs.Scene([[r, r], [edge - r, edge - r]], np.zeros((2, 2)), r, box=(edge, edge), boundary="wall")
-    again = from_atoms(printed(scene))
+    again = hs.Scene.from_atoms(printed(scene))
     assert np.all(np.abs(again.radii - r) < 1.5e-8)
 
 
@@ -287,20 +289,20 @@ def test_any_touching_pair_survives_printing(seed, dim, phi, theta):
     radii = 0.5 * 10 ** -rng.random(2)
     first = rng.random(dim) * 7.3
     scene = hs.Scene([first, first + radii.sum() * n], np.zeros((2, dim)), radii, box=(7.3,) * dim)
-    assert np.all(np.abs(from_atoms(printed(scene)).radii - radii) <= 2e-8 + 1e-15)
+    assert np.all(np.abs(hs.Scene.from_atoms(printed(scene)).radii - radii) <= 2e-8 + 1e-15)
 
 
 @pytest.mark.parametrize("overlap", [4e-8, 1e-3, 0.5])
 def test_a_real_overlap_is_refused(overlap):
     atoms = Atoms("X2", [[1, 1, 1], [2 - overlap, 1, 1]], cell=[9, 9, 9], pbc=True)
     with pytest.raises(hs.SceneError, match="particles 0 and 1 overlap by"):
-        from_atoms(atoms, radius=0.5)
+        hs.Scene.from_atoms(atoms, radius=0.5)
 
 
 def test_small_units_are_not_taken_for_rounding():
     atoms = Atoms("X2", [[1e-9, 1e-9, 1e-9], [1.5e-9, 1e-9, 1e-9]], cell=[9e-9] * 3, pbc=True)
     with pytest.raises(hs.SceneError, match="overlap by 0.5 diameters"):
-        from_atoms(atoms, radius=0.5e-9)
+        hs.Scene.from_atoms(atoms, radius=0.5e-9)
 
 
 # Structures that others made.
@@ -314,7 +316,7 @@ def test_a_structure_of_ones_own():
     assert not has_velocities(atoms) and not scene.velocities.any()
     atoms.set_momenta(np.ones((108, 3)))
     assert has_velocities(atoms)
-    assert np.allclose(from_atoms(atoms, 1.7).velocities, 1 / 39.95, rtol=1e-3)
+    assert np.allclose(hs.Scene.from_atoms(atoms, 1.7).velocities, 1 / 39.95, rtol=1e-3)
 
 
 def test_radii_are_found_in_either_place_and_the_argument_wins():
@@ -322,23 +324,23 @@ def test_radii_are_found_in_either_place_and_the_argument_wins():
     for place, value in ((atoms.info, 0.3), (atoms.arrays, np.array([0.2, 0.4]))):
         for name in ("radii", "radius"):
             place[name] = value
-            assert np.array_equal(from_atoms(atoms).radii, np.full(2, 1.0) * value)
-        assert from_atoms(atoms, 0.1).radii.tolist() == [0.1, 0.1]
-    assert from_atoms(atoms).boundary == ("periodic", "wall", "periodic")
+            assert np.array_equal(hs.Scene.from_atoms(atoms).radii, np.full(2, 1.0) * value)
+        assert hs.Scene.from_atoms(atoms, 0.1).radii.tolist() == [0.1, 0.1]
+    assert hs.Scene.from_atoms(atoms).boundary == ("periodic", "wall", "periodic")
 
 
 def test_an_origin_other_than_zero_is_taken_off():
     atoms = Atoms("X", [[-4.5, 0, 0]], cell=[10, 10, 10], celldisp=[-5, -5, -5], pbc=False)
-    assert from_atoms(atoms, 0.5).positions.tolist() == [[0.5, 5, 5]]
+    assert hs.Scene.from_atoms(atoms, 0.5).positions.tolist() == [[0.5, 5, 5]]
 
 
 def test_two_dimensions_by_header_or_by_cell():
     flat = Atoms("X2", [[1, 1, 3], [4, 4, 3]], cell=[9, 8, 0], pbc=(1, 1, 0))
-    assert from_atoms(flat, 0.5).box.tolist() == [9, 8]
+    assert hs.Scene.from_atoms(flat, 0.5).box.tolist() == [9, 8]
     flat.cell = [9, 8, 4]
-    assert from_atoms(flat, 0.5).dim == 3
+    assert hs.Scene.from_atoms(flat, 0.5).dim == 3
     flat.info["dimension"] = 2
-    assert from_atoms(flat, 0.5).dim == 2
+    assert hs.Scene.from_atoms(flat, 0.5).dim == 2
 
 
 def bad(change):
@@ -377,14 +379,14 @@ def array(name, value):
 )
 def test_bad_structures_get_one_clear_sentence(change, message):
     with pytest.raises((hs.TrajectoryError, hs.SceneError), match=message) as caught:
-        from_atoms(bad(change))
+        hs.Scene.from_atoms(bad(change))
     assert "\n" not in str(caught.value)
 
 
 def test_motion_out_of_the_plane_is_refused():
     atoms = Atoms("X", [[1, 1, 0]], cell=[9, 9, 0], momenta=[[0, 0, 1]])
     with pytest.raises(hs.TrajectoryError, match="particle 0 moves along z"):
-        from_atoms(atoms, 0.5)
+        hs.Scene.from_atoms(atoms, 0.5)
 
 
 @pytest.mark.parametrize(
@@ -438,7 +440,7 @@ def test_altered_bytes_never_escape_as_another_error(tmp_path_factory, noise, wh
     whole = path.read_bytes()
     path.write_bytes(whole[:where] + noise + whole[where + len(noise) :])
     try:
-        from_atoms(read_structure(path))
+        hs.Scene.from_atoms(read_structure(path))
     except (hs.TrajectoryError, hs.SceneError) as error:
         assert "\n" not in str(error)
 
@@ -465,6 +467,30 @@ def test_writing_goes_on_after_the_frames_that_are_kept(suffix, cut, tmp_path):
         assert mine.positions.tobytes() == theirs.positions.tobytes()
         assert mine.velocities.tobytes() == theirs.velocities.tobytes()
     assert {path.name for path in tmp_path.iterdir()} == {whole.name, killed.name}
+
+
+def test_the_copy_of_kept_frames_has_a_name_of_its_own(tmp_path, monkeypatch):
+    """A file that is called as the copy once was stays, and an interrupt leaves the old file and nothing else."""
+    path, mine = tmp_path / "gas.traj", tmp_path / ".gas.traj.kept"
+    mine.write_text("mine")
+    with hs.TrajectoryWriter(path) as trajectory:
+        for _ in range(2):
+            trajectory.write(hs.random_gas(n=20, packing_fraction=0.1, seed=1))
+    before, seen, replace = path.read_bytes(), [], os.replace
+
+    def interrupted(copy, target):
+        seen.append((os.path.basename(copy), target))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "replace", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        hs.TrajectoryWriter(path, keep=1)
+    assert path.read_bytes() == before and {*tmp_path.iterdir()} == {path, mine}
+    monkeypatch.setattr(os, "replace", replace)
+    hs.TrajectoryWriter(path, keep=1).close()
+    assert len(list(hs.read_trajectory(path))) == 1
+    assert mine.read_text() == "mine" and {*tmp_path.iterdir()} == {path, mine}
+    assert temporary.NAME.fullmatch(seen[0][0]) and seen[0][1] == path  # so that a killed writer's is removed
 
 
 @pytest.mark.parametrize("suffix", ["xyz", "traj"])

@@ -34,8 +34,8 @@ from studies.pressure_suite import Suite, run_suite
 from studies.report import OutputFolder, Screen
 from studies.study import conduct
 from studies.thermalisation import Thermalisation
-from studies.validation.calibration import Calibrations, calibration
-from studies.validation.hard_cases import groups_named, hard_cases
+from studies.validation.calibration import Calibrations
+from studies.validation.hard_cases import HardCases
 from studies.validation.soak import Soak
 
 MIXED = Fluid(n=200, packing_fraction=0.02, mass_ratio=4.0, diameter_ratio=0.5)
@@ -74,8 +74,8 @@ STUDIES = {
         *to,
     ),
     "mixture": lambda *to: mixture(Mixture(MIXED, relaxation_times=1.5, replicas=8, workers=1), *to),
-    "calibration": lambda *to: calibration(Calibrations(20, workers=1, families=("series",)), *to),
-    "hard-cases": lambda *to: hard_cases("small", groups_named(["cradle"]), *to),
+    "calibration": Calibrations(runs=20, workers=1, families=("series",)).conduct,
+    "hard-cases": HardCases(size="small", only=("cradle",)).conduct,
     "soak": lambda *to: conduct(Soak(n=200, dim=2, collisions=20_000, workers=1), *to),
     "bench": lambda *to: bench(Bench(Gas(n=128, packing_fraction=0.3), collisions=2000), *to),
     "bench-suite": lambda *to: run_bench_suite(

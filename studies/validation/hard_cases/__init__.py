@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
 
 import hardspheres as hs
+from studies.options import OptionError, option, word
+from studies.program import Program
 from studies.report import OutputFolder, Screen
 from studies.validation.hard_cases import (
     cradle,
@@ -23,7 +24,7 @@ from studies.validation.hard_cases import (
 )
 from studies.validation.hard_cases.case import SIZES, Case, Size, keeping
 
-__all__ = ["GROUPS", "Case", "groups_named", "hard_cases"]
+__all__ = ["GROUPS", "Case", "HardCases"]
 
 GROUPS: dict[str, ModuleType] = {
     "galperin": galperin,
@@ -41,86 +42,58 @@ GROUPS: dict[str, ModuleType] = {
 COLUMNS = ("case", "exact", "engine", "correct digits", "")
 
 
-@dataclass(frozen=True)
-class HardCases:
-    """Options of the study, as on the command line (`hardspheres hard-cases --help`).
+@dataclass(frozen=True, kw_only=True)
+class HardCases(Program):
+    """Scenes whose answer is exact, or where methods break."""
 
-    Attributes
-    ----------
-    size : str
-        "small", "full" or "long".
-    only : tuple of str
-        The groups.
+    name = "hard-cases"
+    explanation = """
+    Collisions that count digits of pi, cradles, wide ratios of mass and size, grazing collisions, close
+    packing, huge and tiny boxes, reversal, symmetries, solved gases. Writes a table of the exact answer, the
+    engine's, and the number of correct digits. Every finished long run is kept; an interrupted one starts
+    again.
     """
+    files = ("hard_cases.csv",)
 
-    size: Size
-    only: tuple[str, ...]
+    size: str = option(
+        "full",
+        "small (a minute), full (some minutes) or long (hours).",
+        **word("--size", *SIZES),
+    )
+    only: tuple[str, ...] = option(
+        (),
+        f"One group of cases: {', '.join(GROUPS)}; may be given several times.",
+        several=True,
+        shown="all nine",
+        **word("--only", *GROUPS),
+    )
 
+    @property
+    def which(self) -> str:
+        """What its folder is called after by default: its size."""
+        return self.size
 
-def groups_named(names: Sequence[str] | None) -> dict[str, ModuleType]:
-    """Return some of the groups, or all of them.
-
-    Raises
-    ------
-    HardSpheresError
-        If there is no group of a name.
-    """
-    for name in names or ():
-        if name not in GROUPS:
-            raise hs.HardSpheresError(f"--only {name} is not a group; there are {', '.join(GROUPS)}")
-    return {name: group for name, group in GROUPS.items() if not names or name in names}
-
-
-def size_named(name: str) -> Size:
-    """Return a size by its name.
-
-    Raises
-    ------
-    HardSpheresError
-        If there is none of this name.
-    """
-    for size in SIZES:
-        if size == name:
-            return size
-    raise hs.HardSpheresError(f"--size {name} is not known; there are {', '.join(SIZES)}")
-
-
-def hard_cases(
-    size: Size, groups: dict[str, ModuleType], out: OutputFolder, screen: Screen
-) -> tuple[dict[str, Any], bool]:
-    """Run the cases, print a table for each group, write hard_cases.csv and summary.json.
-
-    Parameters
-    ----------
-    size : str
-        "small", "full" or "long".
-    groups : dict
-        Some of `GROUPS`.
-    out : OutputFolder
-        Where the files go.
-    screen : Screen
-        Where the tables go.
-
-    Returns
-    -------
-    summary : dict
-        Content of summary.json.
-    sound : bool
-        Whether every case passed.
-    """
-    study = HardCases(size, tuple(groups))
-    out.check(study)
-    began = time.perf_counter()
-    with out.running(study) as shelf:
-        with keeping(shelf):
-            rows = _table(size, groups, screen)
-        summary = _written(size, rows, out, began)
-    failures = summary["checks"]["failures"]
-    screen.say(f"{len(rows) - len(failures)} of {len(rows)} cases passed in {summary['seconds']:.0f} s")
-    for failure in failures:
-        screen.say(f"CHECK FAILED, {failure}")
-    screen.say(f"written to {out.path}: {', '.join(out.files)}")
-    return summary, not failures
+    def conduct(self, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:
+        """Run the cases, print a table for each group, write hard_cases.csv and summary.json."""
+        for name in self.only:
+            if name not in GROUPS:
+                raise OptionError(f"--only {name} is not a group; there are {', '.join(GROUPS)}")
+        size = next((size for size in SIZES if size == self.size), None)
+        if size is None:
+            raise OptionError(f"--size {self.size} is not known; there are {', '.join(SIZES)}")
+        groups = {name: group for name, group in GROUPS.items() if not self.only or name in self.only}
+        out.check(self)
+        began = time.perf_counter()
+        with out.running(self) as shelf:
+            with keeping(shelf):
+                rows = _table(size, groups, screen)
+            summary = _written(size, rows, out, began)
+        failures = summary["checks"]["failures"]
+        screen.say(f"{len(rows) - len(failures)} of {len(rows)} cases passed in {summary['seconds']:.0f} s")
+        for failure in failures:
+            screen.say(f"CHECK FAILED, {failure}")
+        screen.say(f"written to {out.path}: {', '.join(out.files)}")
+        return summary, not failures
 
 
 def _table(size: Size, groups: dict[str, ModuleType], screen: Screen) -> list[tuple[str, Case]]:

@@ -14,14 +14,14 @@ from studies.report import OutputFolder, Screen
 from studies.running.ensemble import replica_seeds
 from studies.validation import accuracy as study_module
 from studies.validation import accuracy_few, accuracy_long
-from studies.validation.accuracy import Accuracy, accuracy, answers, compare
+from studies.validation.accuracy import Accuracy, answers, compare
 from studies.validation.accuracy_answer import Curve, rounding_floor
 from studies.validation.accuracy_few import ENGINE, lyapunov_exponent
 from studies.validation.time_stepping import BACK_UP, BOUNCE, Stepper
 
 SMALL = Accuracy(
-    (0.3,),
-    500,
+    packing_fractions=(0.3,),
+    n=500,
     seed=2,
     scenes=2,
     followed=1,
@@ -41,7 +41,7 @@ def finished(state, tmp_path_factory):
     out = OutputFolder(tmp_path_factory.mktemp("runs") / "accuracy-2")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(study_module, "compare", lambda *_: [state])
-        summary, sound = accuracy(SMALL, out, Screen(json_output=True))
+        summary, sound = SMALL.conduct(out, Screen(json_output=True))
     return out, summary, sound
 
 
@@ -162,13 +162,13 @@ def test_scenes_that_were_finished_are_not_run_again(state, tmp_path, monkeypatc
     monkeypatch.setattr(study_module, "long_runs", lambda *_: state.long)
     monkeypatch.setattr(study_module, "engine_test_seconds", lambda *_: state.engine_test)
     screen, out = Screen(json_output=True), tmp_path / "out"
-    accuracy(SMALL, OutputFolder(tmp_path / "whole"), screen)
+    SMALL.conduct(OutputFolder(tmp_path / "whole"), screen)
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
         patch.setattr(study_module, "followed", interrupting)
-        accuracy(SMALL, OutputFolder(out), screen)
+        SMALL.conduct(OutputFolder(out), screen)
     kept = sorted(path.name for path in (out / "checkpoint").iterdir())
     assert kept == ["done-0000.npz", "done-0001.npz", "lock", "manifest.json"]
-    accuracy(SMALL, OutputFolder(out, resume=True), screen)
+    SMALL.conduct(OutputFolder(out, resume=True), screen)
     assert len(asked) == 2 * SMALL.scenes
     files = [
         {path.name: path.read_bytes() for path in folder.iterdir()} for folder in (tmp_path / "whole", out)
@@ -207,7 +207,9 @@ def test_lyapunov_exponents_are_interpolated():
 @pytest.mark.slow
 def test_the_order_of_the_errors():
     """Z of bouncing balls to first order, missed collisions to second; with back-up Z is better, at no time step the path."""
-    study = Accuracy((0.3,), 2000, seed=3, scenes=4, seconds=1.0, long_steps=(0.1, 0.03, 0.01, 0.003))
+    study = Accuracy(
+        packing_fractions=(0.3,), n=2000, seed=3, scenes=4, seconds=1.0, long_steps=(0.1, 0.03, 0.01, 0.003)
+    )
     (state,) = compare(study)
     assert state.failures == []
     bounce, back_up = state.pressure_curve(BOUNCE), state.pressure_curve(BACK_UP)
@@ -226,7 +228,7 @@ def test_the_order_of_the_errors():
 @pytest.mark.parametrize(("dim", "eta"), [(3, 0.01), (3, 0.2), (2, 0.1)])
 def test_the_horizon_is_that_of_the_lyapunov_exponent(dim, eta):
     """Mean of three scenes of 32; the exponent is that of 100 or 125 particles, so 20 % are allowed."""
-    study = Accuracy((eta,), dim=dim)
+    study = Accuracy(packing_fractions=(eta,), dim=dim)
     seeds = np.random.SeedSequence(5).spawn(3)
     found = [accuracy_few.followed(study.fluid(eta, 32).scene(seed)) for seed in seeds]
     expected = math.log(0.01 / 1e-16) / lyapunov_exponent(eta, dim)

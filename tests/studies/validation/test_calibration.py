@@ -13,7 +13,7 @@ import studies
 from studies.cli import main
 from studies.report import OutputFolder, Screen
 from studies.running.ensemble import replica_seeds
-from studies.validation.calibration import Calibrations, calibration, rows_of
+from studies.validation.calibration import Calibrations, rows_of
 from studies.validation.calibration_runs import FAMILIES, measure
 
 RESULTS = Path(studies.__file__).parent / "results" / "calibration"
@@ -27,9 +27,9 @@ def right(entry):
 
 def test_series_and_walls_are_calibrated(tmp_path):
     """40 runs of 12 estimators; one of them is not `right` by chance in 0.2 % of seeds."""
-    study = Calibrations(40, seed=2, workers=1, families=("walls", "series"))
+    study = Calibrations(runs=40, seed=2, workers=1, families=("walls", "series"))
     out = OutputFolder(tmp_path / "out")
-    summary, sound = calibration(study, out, Screen(json_output=True))
+    summary, sound = study.conduct(out, Screen(json_output=True))
     assert sound == summary["checks"]["passed"] and all(right(entry) for entry in summary["rows"])
     names = {"summary.json", "calibration.csv", "calibration.png"}
     assert {path.name for path in out.path.iterdir()} == names == set(summary["files"])
@@ -69,9 +69,8 @@ def test_wrong_error_bars_and_wrong_values_fail():
 @pytest.mark.long
 def test_every_estimator_is_calibrated(tmp_path):
     """The whole command: one of 50 estimators is not `right` by chance in 0.5 % of seeds."""
-    summary, _ = calibration(
-        Calibrations(200, seed=1), OutputFolder(tmp_path / "out"), Screen(json_output=True)
-    )
+    study = Calibrations(runs=200, seed=1)
+    summary, _ = study.conduct(OutputFolder(tmp_path / "out"), Screen(json_output=True))
     assert all(right(entry) for entry in summary["rows"]), summary["checks"]["failures"]
     assert len(summary["rows"]) == 50 and all(row["runs"] == 200 for row in summary["rows"])
 

@@ -9,9 +9,10 @@ from typer.testing import CliRunner
 
 import hardspheres as hs
 from studies.cli import app
+from studies.report import OutputFolder, Screen
 from studies.running.journal import Shelf
 from studies.validation import hard_cases
-from studies.validation.hard_cases import GROUPS, cradle, symmetries
+from studies.validation.hard_cases import GROUPS, HardCases, cradle, symmetries
 from studies.validation.hard_cases.case import Case, keeping, kept
 from studies.validation.hard_cases.grazing import meets, passing
 
@@ -175,8 +176,8 @@ def test_a_failed_case_is_exit_code_1(tmp_path, monkeypatch):
     assert done.exit_code == 1 and "FAILED" in done.output
 
 
-def test_unknown_names_are_refused():
+def test_unknown_names_are_refused(tmp_path):
     with pytest.raises(hs.HardSpheresError, match="not a group"):
-        hard_cases.groups_named(["nonsense"])
+        HardCases(only=("nonsense",)).conduct(OutputFolder(tmp_path), Screen())
     with pytest.raises(hs.HardSpheresError, match="not known"):
-        hard_cases.size_named("huge")
+        HardCases(size="huge").conduct(OutputFolder(tmp_path), Screen())

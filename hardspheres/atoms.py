@@ -8,30 +8,27 @@ gas lies in the plane z = 0 and has a zero third cell vector.
 
 **Positions with few digits can overlap.** Two touching spheres whose coordinates were rounded to 8 decimals
 (by other programs, and by this one before it wrote all digits) may end up 2.8e-8 too close (each of the 3
-separations off by 1e-8, each radius by 5e-9). So `from_atoms` treats overlaps up to 3e-8 as rounding: it
-reduces all radii by half of the worst overlap, logs a warning, and moves nothing. Larger ones are refused as
-in any scene. Without any overlap, or with no more than the engine itself leaves at a contact (1e-11
+separations off by 1e-8, each radius by 5e-9). So `Scene.from_atoms` treats overlaps up to 3e-8 as rounding:
+it reduces all radii by half of the worst overlap, logs a warning, and moves nothing. Larger ones are refused
+as in any scene. Without any overlap, or with no more than the engine itself leaves at a contact (1e-11
 diameters), every bit is as given.
 """
 
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hardspheres.cells import worst_overlap
+from hardspheres.checks import boundary_words, contact_tolerance, one_per_particle, worst_beyond_wall
+from hardspheres.columns import AGREE, NAMES, Found, find, unused
 from hardspheres.errors import SceneError, TrajectoryError
-from hardspheres.files.columns import AGREE, NAMES, Found, find, unused
-from hardspheres.scene import (
-    Scene,
-    boundary_words,
-    contact_tolerance,
-    one_per_particle,
-    worst_beyond_wall,
-)
+
+if TYPE_CHECKING:
+    from hardspheres.scene import Scene
 
 Floats = NDArray[np.float64]
 
@@ -66,7 +63,7 @@ logger = logging.getLogger(__name__)
 
 
 class FrameLike(Protocol):
-    """What a writer needs of a frame: `hardspheres.simulation.Frame` has it."""
+    """What a writer needs of a frame: `hardspheres.Frame` has it."""
 
     @property
     def time(self) -> float:
@@ -85,7 +82,7 @@ class FrameLike(Protocol):
         """Velocities, (N, d)."""
 
     @property
-    def scene(self) -> Scene:
+    def scene(self) -> "Scene":
         """Radii, masses, species, box and boundary."""
 
 
@@ -130,7 +127,7 @@ class Reading:
             )
 
 
-def to_atoms(state: Scene | FrameLike, units: str | None = None) -> Any:
+def to_atoms(state: "Scene | FrameLike", units: str | None = None) -> Any:
     """Return a scene or a frame as an ASE Atoms object.
 
     Parameters
@@ -152,9 +149,8 @@ def to_atoms(state: Scene | FrameLike, units: str | None = None) -> Any:
     from ase import Atoms
     from ase.data import atomic_numbers
 
-    scene = state if isinstance(state, Scene) else state.scene
-    time = 0.0 if isinstance(state, Scene) else float(state.time)
-    collisions = 0 if isinstance(state, Scene) else int(state.collisions)
+    scene: Scene = getattr(state, "scene", state)  # type: ignore[arg-type]
+    time, collisions = (getattr(state, name, 0) for name in ("time", "collisions"))
     kinds = int(scene.species.max()) + 1
     colours = MIXTURE[:kinds] if 1 < kinds <= len(MIXTURE) else (SINGLE,) * kinds
     flat = np.zeros((scene.n, 3 - scene.dim))
@@ -167,7 +163,7 @@ def to_atoms(state: Scene | FrameLike, units: str | None = None) -> Any:
         pbc=[*scene.periodic.tolist(), *[False] * (3 - scene.dim)],
         masses=scene.masses,
         momenta=np.hstack([scene.masses[:, None] * state.velocities, flat]),
-        info={"time": time, "collisions": collisions, "dimension": scene.dim},
+        info={"time": float(time), "collisions": int(collisions), "dimension": scene.dim},
     )
     if units is not None:
         atoms.info["units"] = units
@@ -181,60 +177,30 @@ def has_velocities(atoms: Any) -> bool:
     return bool(find(atoms).keys() & {"momenta", "velocities"})
 
 
-def from_atoms(atoms: Any, radius: ArrayLike | Mapping[str, float] | None = None, **reading: Any) -> Scene:
-    """Return the scene in an ASE Atoms object.
-
-    Parameters
-    ----------
-    atoms : ase.Atoms
-        Positions; an orthogonal cell, whose first corner is the origin (or ``celldisp``, or `Origin` in
-        ``info``); pbc, where False means a wall; radii or diameters, masses, momenta and velocities in
-        ``arrays`` or ``info``, by the names in `hardspheres.files.columns`. Particles are at rest without
-        momenta and velocities (see `has_velocities`); masses are ASE's own for the element where none are
-        given. Two-dimensional where ``info["dimension"]`` says so, or the third cell vector is zero. An
-        ``id`` for each particle gives their order.
-    radius : float, (N,) array_like or mapping of labels to floats, optional
-        Radii, whatever `atoms` has.
-    **reading
-        Other fields of `hardspheres.files.atoms.Reading`: `mass`, `units`, `box`, `boundary`, `dim`,
-        `velocities`.
-
-    Returns
-    -------
-    Scene
-        The scene. Where spheres overlap each other or a wall by no more than 8 printed decimals explain (3e-8
-        between two spheres, in the unit of length of the file, and a ten-thousandth of the smallest
-        diameter), all radii are reduced by half of the worst overlap; positions and velocities are as given.
-        Without such an overlap every bit is as given. That, and every column of numbers that is not used, is
-        logged as a warning.
-
-    Raises
-    ------
-    TrajectoryError
-        When there is no orthogonal cell, no radius, or velocities are in a column whose unit is not known.
-    SceneError
-        When the content makes no valid scene.
-    """
-    scene, notes = scene_and_notes(atoms, Reading(radius, **reading))
+def scene_of(kind: "type[Scene]", atoms: Any, reading: Reading) -> "Scene":
+    """Return the scene in an Atoms object; everything that was changed or not used is logged as a warning."""
+    scene, notes = scene_and_notes(kind, atoms, reading)
     for note in notes:
         logger.warning(note)
     return scene
 
 
-def scene_and_notes(atoms: Any, reading: Reading) -> tuple[Scene, list[str]]:
+def scene_and_notes(kind: "type[Scene]", atoms: Any, reading: Reading) -> "tuple[Scene, list[str]]":
     """Return the scene in an Atoms object, and a sentence about everything that was changed or not used.
 
     Parameters
     ----------
+    kind : type
+        `Scene`, which this module cannot import: a scene has the methods `to_atoms` and `from_atoms`.
     atoms : ase.Atoms
-        See `from_atoms`.
+        See `Scene.from_atoms`.
     reading : Reading
         How to interpret what is ambiguous.
 
     Raises
     ------
     TrajectoryError, SceneError
-        As `from_atoms` does.
+        As `Scene.from_atoms` does.
     """
     atoms = _in_order(atoms)
     found = find(atoms)
@@ -258,7 +224,7 @@ def scene_and_notes(atoms: Any, reading: Reading) -> tuple[Scene, list[str]]:
         plane = "all particles stay in one plane along z: if they are discs, say so with --dim 2 (dim=2)"
         notes.append(plane)
     positions, velocities = np.array(positions[:, :dim]), np.array(velocities[:, :dim])
-    make, reduced = _fitting(positions, radii, box, np.array([word == "periodic" for word in boundary]))
+    make, reduced = _fitting(kind, positions, radii, box, np.array([word == "periodic" for word in boundary]))
     if reduced is not radii:
         less = float((radii - reduced).max())
         notes.append(f"all radii made smaller by {less:.3g}, so that rounded positions do not overlap")
@@ -483,14 +449,14 @@ def _require_flat(positions: Floats, velocities: Floats, share: float, radii: Fl
 
 
 def _fitting(
-    positions: Floats, radii: Floats, box: Floats, periodic: NDArray[np.bool_]
+    kind: "type[Scene]", positions: Floats, radii: Floats, box: Floats, periodic: NDArray[np.bool_]
 ) -> tuple[Any, Floats]:
     """Return the constructor that a scene needs, and the radii: smaller ones where positions were rounded.
 
     They are reduced by half of the worst overlap, where that is no more than 8 printed decimals explain.
     """
     if not np.isfinite(positions).all() or not len(positions):
-        return Scene, radii
+        return kind, radii
     folded = np.where(periodic, np.mod(positions, box), positions)
     folded = np.where(periodic & (folded >= box), 0.0, folded)
     largest = 2 * float(radii.max())
@@ -498,12 +464,12 @@ def _fitting(
     beyond = worst_beyond_wall(folded, radii, box, periodic)[0]
     most = min(PRINTED, SMALL * float(radii.min()))
     if max(too_long, beyond) > most:  # the scene's own check gives the error
-        return Scene, radii
+        return kind, radii
     overlap = worst_overlap(folded, radii, box, periodic)[2]
     left = max(contact_tolerance(box), LEFT * largest)
     if too_long <= 0 and beyond <= left and overlap <= left:
-        return Scene.as_left, radii
+        return kind.as_left, radii
     excess = max(too_long, beyond, 0.5 * overlap)
     if excess > most:
-        return Scene, radii
-    return Scene, radii - excess * (1 + 1e-6)  # a little more than enough, for rounding
+        return kind, radii
+    return kind, radii - excess * (1 + 1e-6)  # a little more than enough, for rounding

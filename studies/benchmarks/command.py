@@ -1,0 +1,122 @@
+"""The command `hardspheres bench`: one gas, or a table of many."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import hardspheres as hs
+from studies.benchmarks.bench import Bench, bench
+from studies.benchmarks.gas import STARTS, Gas
+from studies.benchmarks.rivals import PEERS
+from studies.benchmarks.suite import SUITES, Suite, run_suite, suite_named
+from studies.options import (
+    boundary,
+    diameter_ratio,
+    dimension,
+    mass_ratio,
+    option,
+    packing_fractions,
+    seed,
+    word,
+)
+from studies.program import Program
+from studies.report import OutputFolder, Screen
+from studies.running.ownership import SUMMARY
+
+__all__ = ["Benchmark", "next_folder"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Benchmark(Program):
+    """Collisions per second of the event loop alone."""
+
+    name = "bench"
+    explanation = """
+    Times the event loop alone, compiled and in equilibrium, on one core. Writes a summary and the windows;
+    with --suite a table and a figure. Keeps no checkpoints, since an interruption would invalidate the
+    timing.
+    """
+    files = (*Bench.files, *Suite.files)
+    resumable = False
+
+    n: tuple[int, ...] = option(
+        (), "Particles; with --suite may be given several times.", several=True, shown="4000"
+    )
+    dim: int = dimension()
+    packing_fraction: tuple[tuple[float, ...], ...] = option(
+        (),
+        "Volume fraction of the spheres; with --suite several: first:last:count, or numbers with commas.",
+        several=True,
+        shown="0.3",
+        metavar="NUMBER|LIST",
+        parser=packing_fractions,
+    )
+    boundary: str | tuple[str, ...] = option("periodic", **boundary)
+    diameter_ratio: float = diameter_ratio()
+    mass_ratio: float = mass_ratio()
+    fraction: float = option(0.5, "Number fraction of the second species.", at_least=0.0, at_most=1.0)
+    start: str = option(
+        "auto",
+        "lattice: a crystal with random velocities. fluid: at random, grown where it is dense. auto: a fluid "
+        "where that is the equilibrium state.",
+        **word("--start", *STARTS),
+    )
+    collisions: int | None = option(None, "Collisions to time, in 20 windows.", shown="4 s worth")
+    discard: float | None = option(
+        None,
+        "Collisions per particle to discard before timing.",
+        shown="10, more where it must melt or relax",
+    )
+    against: str | None = option(
+        None,
+        "spheropack: run it in turn with ours and compare; plain: our own engine on as many equal spheres, "
+        "periodic, in 3D.",
+        **word("--against", *PEERS),
+    )
+    suite: str | None = option(
+        None,
+        "quick (3 min) or full (10 to 20 min): a table over N and packing fraction, with a figure.",
+        **word("--suite", *SUITES),
+    )
+    seed: int = seed()
+
+    def conduct(self, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:
+        """Time one gas, or those of a suite."""
+        densities = [eta for several in self.packing_fraction for eta in several]
+        gas = Gas(
+            (self.n or (4000,))[0],
+            self.dim,
+            (densities or [0.3])[0],
+            self.boundary,
+            self.diameter_ratio,
+            self.fraction,
+            self.start,
+            self.mass_ratio,
+        )
+        study = Bench(gas, self.collisions, self.discard, self.against, self.seed)
+        if self.suite is not None:
+            return run_suite(suite_named(self.suite, self.n, densities), study, out, screen)
+        for name, given in (("--n", self.n), ("--packing-fraction", densities)):
+            if len(given) > 1:
+                raise hs.SceneError(f"{name} is given {len(given)} times, but one state has one; add --suite")
+        return bench(study, out, screen)
+
+    def folder(
+        self, out: Path | None, checkpoint_every: float = 60.0, resume: bool = False, force: bool = False
+    ) -> OutputFolder:
+        """Return the output folder: without --out the next free one, as a timing is repeated, not resumed."""
+        return OutputFolder(out or next_folder(Path("runs") / f"{self.name}-{self.seed}", force), force=force)
+
+
+def next_folder(path: Path, force: bool) -> Path:
+    """Return the first of path, path-2, path-3, ... without results."""
+    names, taken = {SUMMARY, *Benchmark.files}, path
+    for number in itertools.count(2):
+        if force or not any(os.path.lexists(taken / name) for name in names):
+            break
+        taken = path.with_name(f"{path.name}-{number}")
+    return taken
