@@ -67,10 +67,6 @@ def calibrate(estimates: Sequence[Estimate], truth: float, uncertainty: float = 
     uncertainty : float, default 0
         Standard uncertainty of the truth, the same for all; it is added to each error, so keep it well below.
 
-    Returns
-    -------
-    Calibration
-
     Raises
     ------
     ValueError

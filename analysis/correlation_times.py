@@ -11,12 +11,14 @@ In a shorter run, quantities that depend on them keep their initial values, howe
 from __future__ import annotations
 
 import warnings
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis import theory
+from analysis.reduced import Gas
 
 if TYPE_CHECKING:
     from hardspheres import Frame, Scene
@@ -91,21 +93,22 @@ def velocity_correlation_times(scene: Scene) -> NDArray[np.float64]:
     scene : Scene
         The gas; its velocities and positions are not used.
     """
-    kinds, first, sizes = np.unique(scene.species, return_index=True, return_counts=True)
-    if scene.n < 2:
-        return np.full(len(kinds), np.inf)
-    mass, share = scene.masses[first], sizes / scene.n
-    dilute = share * 1e-9 / float(scene.radii.max()) ** scene.dim
-    nu = theory.mixture_collision_rates(dilute, 2.0 * scene.radii[first], mass, scene.dim)
-    loses = 4.0 / scene.dim * (nu * (mass / np.add.outer(mass, mass))).sum(axis=1)
+    gas = Gas.of(scene)
+    if gas.n < 2:
+        return np.full(len(gas.sizes), np.inf)
+    mass, share = gas.masses, gas.sizes / gas.n
+    dilute = share * 1e-9 / float(gas.diameters.max() / 2.0) ** gas.dim
+    nu = theory.mixture_collision_rates(dilute, gas.diameters, mass, gas.dim)
+    loses = 4.0 / gas.dim * (nu * (mass / np.add.outer(mass, mass))).sum(axis=1)
     exchanged = theory.temperature_equilibration_rate(
-        np.ones(len(kinds)), dilute, 2.0 * scene.radii[first], mass, scene.dim
+        np.ones(len(share)), dilute, gas.diameters, mass, gas.dim
     )
-    minor = (share <= 0.5) & (len(kinds) > 1)
+    minor = (share <= 0.5) & (len(share) > 1)
     forgets = np.where(minor, np.minimum(loses, (exchanged + exchanged.T).sum(axis=1)), loses)
     return np.asarray(float(share @ nu.sum(axis=1)) / forgets)
 
 
+@dataclass(eq=False)
 class FrameWeights:
     """The effective number of independent frames in a series, from the collisions between frames.
 
@@ -119,18 +122,17 @@ class FrameWeights:
         correlated as exp(-ds/tau).
     """
 
-    def __init__(self) -> None:
-        self.effective: NDArray[np.float64] = np.zeros(0)
-        self._times: NDArray[np.float64] = np.zeros(0)
-        self._last = self._tested = np.inf
-        self._scene: Scene | None = None
-        self._span = 0.0  # collisions per particle between frames
+    effective: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    _times: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    _last: float = np.inf
+    _tested: float = np.inf
+    _span: float = 0.0  # collisions per particle between frames
 
     def add(self, frame: Frame) -> bool:
         """Add a frame; return whether it is `INDEPENDENT` correlation times after the last one tested."""
         s = float(frame.collisions_per_particle)
         if not len(self._times):
-            self._scene, self._times = frame.scene, velocity_correlation_times(frame.scene)
+            self._times = velocity_correlation_times(frame.scene)
             self.effective = np.zeros_like(self._times)
         if s <= self._last:
             self.effective = self.effective + 1.0
@@ -144,19 +146,27 @@ class FrameWeights:
         self._tested = s
         return True
 
+    def merge(self, other: FrameWeights) -> None:
+        """Take in the frames of another, independent run."""
+        if not len(self._times):
+            self._times = other._times
+            self.effective = np.zeros_like(self._times)
+        self.effective = self.effective + other.effective
+        self._span += other._span
+
     def warn_if_frozen(self) -> None:
         """Warn, as the function of this name, if fewer than `LONG_RUN` frames count as independent."""
-        if self._scene is not None and self._span > 0.0 and float(self.effective.min()) < LONG_RUN:
-            warn_if_frozen(self._scene, self._span)
+        if self._span > 0.0 and float(self.effective.min()) < LONG_RUN:
+            warn_if_frozen(self._times, self._span)
 
 
-def warn_if_frozen(scene: Scene, collisions_per_particle: float) -> None:
+def warn_if_frozen(scene: Scene | NDArray[np.float64], collisions_per_particle: float) -> None:
     """Warn if a run is shorter than `LONG_RUN` velocity correlation times of a species.
 
     Parameters
     ----------
-    scene : Scene
-        The gas.
+    scene : Scene or (k,) array
+        The gas, or its `velocity_correlation_times`.
     collisions_per_particle : float
         How long it was measured.
 
@@ -166,7 +176,7 @@ def warn_if_frozen(scene: Scene, collisions_per_particle: float) -> None:
         Naming the species with the longest correlation time. Not given for a single species, whose
         correlation is short enough for blocks to show it.
     """
-    times = velocity_correlation_times(scene)
+    times = scene if isinstance(scene, np.ndarray) else velocity_correlation_times(scene)
     worst = int(np.argmax(times))
     if len(times) > 1 and collisions_per_particle < LONG_RUN * times[worst]:
         warnings.warn(

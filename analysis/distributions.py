@@ -8,6 +8,7 @@ Take frames at equal times: right after a collision its two partners are faster 
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -16,9 +17,9 @@ from scipy import stats
 
 from analysis import theory
 from analysis.correlation_times import FrameWeights
-from analysis.estimator import PALETTE, Estimator, axes_or_new
-from analysis.reduced import reduced_velocities, species_labels
-from analysis.statistics import ChiSquare
+from analysis.estimator import PALETTE, Estimator, NoDataError, axes_or_new, labelled
+from analysis.reduced import Gas, reduced_velocities
+from analysis.statistics import ChiSquare, Estimate, TheoryCheck
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,66 +44,63 @@ class _Histogram(Estimator):
         self.edges: FloatArray = np.linspace(low, high, bins + 1)
         self._counts: NDArray[np.int64] | None = None
         self._sizes: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
+        # counts and sizes of independent frames
+        self._tested, self._tested_sizes = np.zeros((0, bins), dtype=np.int64), self._sizes
         self._weights = FrameWeights()
         self._frames = 0
-        self._tested: NDArray[np.int64] = np.zeros(
-            0, dtype=np.int64
-        )  # counts and sizes of independent frames
-        self._tested_sizes: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
-        self._thermal: FloatArray = np.zeros(0)
-        self._dim = 3
-        self._freedom = 0
-        self._momentum_shares: FloatArray = np.zeros(0)
-        self.labels: list[str] = []
+        self._temperature = 1.0
 
+    @abstractmethod
     def _values(self, reduced: FloatArray) -> FloatArray:
-        raise NotImplementedError
+        """Return the quantity of each particle."""
 
+    @abstractmethod
     def _law(self, edges: FloatArray) -> FloatArray:
         """Probability below each edge, infinitely many particles."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _finite_law(self, edges: FloatArray, momentum_share: float) -> FloatArray:
         """Probability below each edge at fixed energy; one particle has this share of the mass."""
-        raise NotImplementedError
 
     def add(self, frame: Frame) -> Self:
-        """Take in one frame.
-
-        Parameters
-        ----------
-        frame : Frame
-            All frames must have the species of the first.
-
-        Returns
-        -------
-        The estimator itself.
-        """
+        """Take in one frame; all must have the species of the first."""
         reduced, temperature = reduced_velocities(frame)
         species = frame.scene.species
-        kinds, first = np.unique(species, return_index=True)
         values = self._values(reduced)
-        counts = np.stack([np.histogram(values[species == kind], bins=self.edges)[0] for kind in kinds])
-        sizes = np.array([np.count_nonzero(species == kind) for kind in kinds])
-        if self._counts is None:
-            self._counts, self._sizes = np.zeros_like(counts), np.zeros_like(sizes)
-            self._tested, self._tested_sizes = self._counts, self._sizes
-            self._thermal = np.sqrt(temperature / frame.scene.masses[first])
-            self._dim = frame.scene.dim
-            self._freedom = frame.scene.degrees_of_freedom
-            conserved = np.mean(frame.scene.periodic) if frame.scene.n > 1 else 0.0
-            self._momentum_shares = conserved * frame.scene.masses[first] / frame.scene.masses.sum()
-            self.labels = species_labels(frame)
-        elif counts.shape != self._counts.shape:
+        gas = Gas.of(frame.scene)
+        sizes = gas.sizes
+        counts = np.stack(
+            [np.histogram(values[species == kind], bins=self.edges)[0] for kind in range(len(sizes))]
+        )
+        if self._counts is not None and counts.shape != self._counts.shape:
             raise ValueError(
-                f"frame has {len(kinds)} species; expected {len(self._counts)}, as in the first frame"
+                f"frame has {len(sizes)} species; expected {len(self._counts)}, as in the first frame"
             )
-        self._counts = self._counts + counts
-        self._sizes = self._sizes + sizes
-        self._frames += 1
+        self._begin(gas, temperature, counts.shape)
+        self._count(counts, sizes, 1)
         if self._weights.add(frame):
             self._tested, self._tested_sizes = self._tested + counts, self._tested_sizes + sizes
         return self
+
+    def _begin(self, gas: Gas, temperature: float, shape: tuple[int, ...]) -> None:
+        """Keep the gas and its temperature where nothing has been counted yet."""
+        if self._counts is None:
+            self._gas, self._temperature = gas, temperature
+            self._counts = self._tested = np.zeros(shape, dtype=np.int64)
+            self._sizes = self._tested_sizes = np.zeros(shape[0], dtype=np.int64)
+
+    def _count(self, counts: NDArray[np.int64], sizes: NDArray[np.int64], frames: int) -> None:
+        self._counts = self._counted() + counts
+        self._sizes = self._sizes + sizes
+        self._frames += frames
+
+    def _take_in(self, other: Self) -> None:
+        counts = other._counted()
+        self._begin(other.gas, other._temperature, counts.shape)
+        self._count(counts, other._sizes, other._frames)
+        self._tested = self._tested + other._tested
+        self._tested_sizes = self._tested_sizes + other._tested_sizes
+        self._weights.merge(other._weights)
 
     def _counted(self) -> NDArray[np.int64]:
         self._require(self._counts is not None, "histogram", "add(frame)")
@@ -120,12 +118,16 @@ class _Histogram(Estimator):
 
         Multiply `edges` of speeds by it and divide `density` by it for absolute units.
         """
-        self._counted()
-        return self._thermal.copy()
+        return np.asarray(np.sqrt(self._temperature / self.gas.masses))
+
+    @property
+    def labels(self) -> list[str]:
+        """One label per species; "all" for a single one."""
+        return self.gas.labels
 
     def _units(self) -> FloatArray:
         """Return what 1 on the axis of the histogram is for each species, (k,)."""
-        return self._thermal
+        return self.thermal_speeds
 
     @property
     def density(self) -> FloatArray:
@@ -159,9 +161,9 @@ class _Histogram(Estimator):
         return np.asarray(np.diff(self._finite_laws(), axis=1) / np.diff(self.edges))
 
     def _finite_laws(self) -> FloatArray:
-        if self._freedom <= self._dim:  # a single particle: nothing to share the energy with
+        if self.gas.degrees_of_freedom <= self.gas.dim:  # a single particle shares no energy
             return np.tile(self._law(self.edges), (len(self._sizes), 1))
-        return np.array([self._finite_law(self.edges, share) for share in self._momentum_shares])
+        return np.array([self._finite_law(self.edges, share) for share in self.gas.momentum_shares])
 
     @property
     def chi_square(self) -> ChiSquare:
@@ -191,30 +193,41 @@ class _Histogram(Estimator):
             self._require(False, "test: too few particles", "add(frame) with more particles")
         return ChiSquare(statistic, freedom, 1, float(stats.chi2.sf(statistic, freedom)))
 
+    @property
+    def checks(self) -> list[TheoryCheck]:
+        """`chi_square` per degree of freedom, its cube root, beside the exact law of N particles.
+
+        For k degrees of freedom the cube root is normal with mean 1 - 2/9k and variance 2/9k (Wilson and
+        Hilferty, Proc. Natl. Acad. Sci. 17, 684 (1931), doi 10.1073/pnas.17.12.684). Empty where there are
+        too few particles for a test.
+        """
+        try:
+            test = self.chi_square
+        except NoDataError:
+            self._counted()
+            return []
+        variance = 2.0 / (9.0 * test.degrees_of_freedom)
+        root = float(np.cbrt(test.statistic / test.degrees_of_freedom))
+        measured = Estimate(root, variance**0.5, test.degrees_of_freedom)
+        name = f"cube root of chi-square/{test.degrees_of_freedom}, {self._quantity}"
+        return [TheoryCheck(name, "N particles of fixed energy", measured, 1.0 - variance, 0.0)]
+
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the histogram of each species with its standard errors over the law of the infinite gas.
 
         The exact law of N particles is drawn dashed where N < 1000.
-
-        Parameters
-        ----------
-        ax : Axes, optional
-            Where to draw; a new figure when absent.
-
-        Returns
-        -------
-        Axes
         """
         self._counted()
         axes = axes_or_new(ax)
+        shares, freedom = self.gas.momentum_shares, self.gas.degrees_of_freedom
         centres = (self.edges[1:] + self.edges[:-1]) / 2
         fine = np.linspace(self.edges[0], self.edges[-1], 601)
         step = 1e-4
         law = (self._law(fine + step) - self._law(fine - step)) / (2 * step)
         for index, (thermal, label) in enumerate(zip(self._units(), self.labels, strict=True)):
             colour = PALETTE[index % len(PALETTE)]
-            if self._sizes[index] < 1000 and self._freedom > self._dim:
-                share = self._momentum_shares[index]
+            if self._sizes[index] < 1000 and freedom > self.gas.dim:
+                share = shares[index]
                 finite = self._finite_law(fine + step, share) - self._finite_law(fine - step, share)
                 axes.plot(fine * thermal, finite / (2 * step) / thermal, "--", color=colour, lw=1, zorder=1)
             name = "simulation" if label == "all" else label
@@ -228,10 +241,7 @@ class _Histogram(Estimator):
                 label=name,
             )
         axes.plot([], [], color="0.4", lw=1.5, label="Maxwell\u2013Boltzmann")
-        axes.set_xlabel(self._quantity)
-        axes.set_ylabel("probability density")
-        axes.legend()
-        return axes
+        return labelled(axes, self._quantity, "probability density")
 
 
 class SpeedDistribution(_Histogram):
@@ -260,10 +270,10 @@ class SpeedDistribution(_Histogram):
         return np.asarray(np.sqrt(np.einsum("ik,ik->i", reduced, reduced)))
 
     def _law(self, edges: FloatArray) -> FloatArray:
-        return theory.speed_cdf(edges, self._dim)
+        return theory.speed_cdf(edges, self.gas.dim)
 
     def _finite_law(self, edges: FloatArray, momentum_share: float) -> FloatArray:
-        law = theory.finite_energy_law(self._freedom, self._dim, momentum_share)
+        law = theory.finite_energy_law(self.gas.degrees_of_freedom, self.gas.dim, momentum_share)
         return np.asarray(law.cdf(np.maximum(edges, 0.0) ** 2 / 2))
 
 
@@ -295,8 +305,9 @@ class ComponentDistribution(_Histogram):
 
     def _finite_law(self, edges: FloatArray, momentum_share: float) -> FloatArray:
         # a component's share of the energy is (1 - q) Beta(1/2, (D - 1)/2)
-        square = edges**2 / (self._freedom * (1.0 - momentum_share))
-        half = stats.beta.cdf(np.minimum(square, 1.0), 0.5, (self._freedom - 1) / 2) / 2
+        freedom = self.gas.degrees_of_freedom
+        square = edges**2 / (freedom * (1.0 - momentum_share))
+        half = stats.beta.cdf(np.minimum(square, 1.0), 0.5, (freedom - 1) / 2) / 2
         return np.asarray(0.5 + np.sign(edges) * half)
 
 
@@ -318,13 +329,6 @@ class EnergyDistribution(_Histogram):
 
     def __init__(self, bins: int = 60, maximum: float = 12.0) -> None:
         super().__init__(bins, 0.0, maximum)
-        self._temperature = 1.0
-
-    def add(self, frame: Frame) -> Self:
-        """Add one frame; see `SpeedDistribution`."""
-        if self._counts is None:
-            self._temperature = reduced_velocities(frame)[1]
-        return super().add(frame)
 
     def _values(self, reduced: FloatArray) -> FloatArray:
         return np.asarray(np.einsum("ik,ik->i", reduced, reduced) / 2)
@@ -333,7 +337,8 @@ class EnergyDistribution(_Histogram):
         return np.full(len(self._sizes), self._temperature)
 
     def _law(self, edges: FloatArray) -> FloatArray:
-        return theory.energy_cdf(edges, self._dim)
+        return theory.energy_cdf(edges, self.gas.dim)
 
     def _finite_law(self, edges: FloatArray, momentum_share: float) -> FloatArray:
-        return np.asarray(theory.finite_energy_law(self._freedom, self._dim, momentum_share).cdf(edges))
+        law = theory.finite_energy_law(self.gas.degrees_of_freedom, self.gas.dim, momentum_share)
+        return np.asarray(law.cdf(edges))

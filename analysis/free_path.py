@@ -11,11 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from analysis import theory
-from analysis.correlation_times import LONG_RUN, velocity_correlation_times, warn_if_frozen
-from analysis.estimator import PALETTE, TalliedEstimator, axes_or_new
+from analysis.estimator import PALETTE, TalliedEstimator, axes_or_new, labelled
 from analysis.pressure import Pressure
-from analysis.reduced import species_labels
-from analysis.series import BlockSeries, estimate_from_series
 from analysis.statistics import Estimate, TheoryCheck
 from analysis.theory import FreeFlights, Prediction
 
@@ -72,14 +69,9 @@ class FreePath(TalliedEstimator):
     """
 
     def __init__(self, scene: Scene) -> None:
-        if not scene.thermal_energy > 0.0:
-            raise ValueError("nothing moves in this scene; a gas without thermal motion has no free paths")
-        self.scene = scene
-        first = np.unique(scene.species, return_index=True)[1]
-        self._particles = np.bincount(scene.species)
-        self._diameters, self._masses = 2.0 * scene.radii[first], scene.masses[first]
-        self._correlation_times = velocity_correlation_times(scene)
-        self._blocks = BlockSeries(ROWS)
+        super().__init__(scene, ROWS, "free paths")
+        gas = self._gas
+        self._particles, self._diameters, self._masses = gas.sizes, gas.diameters, gas.masses
         self._edges: dict[str, FloatArray] = {}
         self._columns: dict[str, tuple[int, tuple[int, ...]]] = {}
         self._ends, self._first = 0, 0
@@ -93,11 +85,6 @@ class FreePath(TalliedEstimator):
         ----------
         frame : Frame
             `sim.frame()`, or one of `sim.frames(...)`, of a ``Simulation(scene, free_paths=True)``.
-
-        Returns
-        -------
-        FreePath
-            The estimator itself.
 
         Warns
         -----
@@ -155,10 +142,11 @@ class FreePath(TalliedEstimator):
         start, shape = self._columns[name]
         return rows[..., start : start + math.prod(shape)]
 
-    @property
-    def n_blocks(self) -> int:
-        """How many blocks there are, one less than frames."""
-        return self._blocks.n_samples
+    def _take_in(self, other: Self) -> None:
+        super()._take_in(other)
+        self._edges, self._columns = self._edges or other._edges, self._columns or other._columns
+        self._ends += other._ends
+        self._first += other._first
 
     @property
     def flights(self) -> int:
@@ -166,24 +154,24 @@ class FreePath(TalliedEstimator):
         return self._ends - self._first
 
     def _rows(self, *names: str) -> FloatArray:
-        """Means of these columns in each row of the series, side by side: (rows, p)."""
-        self._require(len(self._blocks) >= 2, "two blocks", "add(frame) with three frames")
-        rows = self._blocks.rows
+        """Means of these columns in each row of the series of all runs, side by side: (rows, p)."""
+        self._require_blocks()
+        rows = np.concatenate([series.rows for series in self._series()])
         return np.concatenate([self._column(rows, name) for name in names], axis=1)
 
-    def _estimate(self, rows: FloatArray, statistic: Callable[[FloatArray], FloatArray]) -> Estimate:
-        """Return a function of the mean row; warn where a run is short.
+    def _of_runs(self, rows: FloatArray) -> list[FloatArray]:
+        """Return the rows of each run."""
+        return np.split(rows, np.cumsum([len(series) for series in self._series()])[:-1])
 
-        Short is where a species has not forgotten its velocities (`analysis.correlation_times`).
-        """
-        per_row = float(self._rows("ends").sum(axis=1).mean()) * self._blocks.samples_per_row / self.scene.n
-        longest = float(self._correlation_times.max())
-        if per_row * len(rows) < LONG_RUN * longest:
-            warn_if_frozen(self.scene, per_row * len(rows))
-            longest = 0.0
-        return estimate_from_series(
-            rows, statistic, max(math.ceil(longest / per_row), 1) if len(self._correlation_times) > 1 else 1
-        )
+    def _total(self, rows: FloatArray) -> FloatArray:
+        """Return the sum over all blocks of what rows are means of."""
+        together = zip(self._of_runs(rows), self._series(), strict=True)
+        return np.asarray(sum(part.mean(axis=0) * series.n_samples for part, series in together))
+
+    def _estimate(self, rows: FloatArray, statistic: Callable[[FloatArray], FloatArray]) -> Estimate:
+        """Return a function of the mean row."""
+        ends = self._rows("ends").sum(axis=1)
+        return self._from_blocks(self._of_runs(rows), statistic, self._of_runs(ends))
 
     def _ratio(self, above: FloatArray, below: FloatArray, factor: float = 1.0) -> Estimate:
         """Ratio of the sums of two columns."""
@@ -194,7 +182,7 @@ class FreePath(TalliedEstimator):
     @property
     def labels(self) -> list[str]:
         """What tells the species apart; "all" where there is one."""
-        return species_labels(self)  # type: ignore[arg-type]  # it reads the scene
+        return self._gas.labels
 
     # Means and rates ----------------------------------------------------------------------------------------
 
@@ -226,8 +214,8 @@ class FreePath(TalliedEstimator):
         def rate(i: int, j: int) -> Estimate:
             count, factor = pairs[:, i * len(kinds) + j], (1.0 + (i == j)) / float(self._particles[i])
             estimate = self._ratio(count, time, factor)
-            seen = float(count.mean()) * self.n_blocks
-            floor = factor * math.sqrt(max(seen, 1.0)) / (float(time.mean()) * self.n_blocks)
+            seen = float(self._total(count))
+            floor = factor * math.sqrt(max(seen, 1.0)) / float(self._total(time))
             if seen >= FEW or estimate.standard_error >= floor:
                 return estimate
             return Estimate(estimate.value, floor, max(seen, 1.0))
@@ -253,7 +241,7 @@ class FreePath(TalliedEstimator):
 
     # Distributions ------------------------------------------------------------------------------------------
 
-    def _species(self, species: int) -> int:
+    def _kind(self, species: int) -> int:
         if not 0 <= species < len(self._particles):
             raise ValueError(f"species = {species}; the gas has {len(self._particles)}, counted from 0")
         return species
@@ -272,7 +260,7 @@ class FreePath(TalliedEstimator):
         """
         if order not in (2, 3):
             raise ValueError(f"order = {order}; the engine adds up squares and cubes, ask for 2 or 3")
-        sums = self._rows(f"{of}_sums")[:, 3 * self._species(species) :]
+        sums = self._rows(f"{of}_sums")[:, 3 * self._kind(species) :]
         columns = np.stack([self._rows("flights")[:, species], sums[:, 0], sums[:, order - 1]], axis=1)
         return self._estimate(columns, lambda m: (m[..., 2] / m[..., 0]) / (m[..., 1] / m[..., 0]) ** order)
 
@@ -294,7 +282,7 @@ class FreePath(TalliedEstimator):
             One for each x. Between the edges of the engine's bins, 1/16 to 1/32 of x apart, the logarithm is
             taken as linear: a relative bias below 1e-4. The error bars know that the mean is measured too.
         """
-        kind = self._species(species)
+        kind = self._kind(species)
         edges = self._edges[of][kind][:-1] if self._edges else np.zeros(1)
         bins = len(edges)
         sums, flights = self._rows(f"{of}_sums"), self._rows("flights")
@@ -330,16 +318,12 @@ class FreePath(TalliedEstimator):
             One for each bin, [length]; NaN for bins between that fewer than 10 blocks have flights in.
         """
         edges, counts, sums = self._by_speed("paths", species)
-        return edges, [
-            self._ratio_at_speed(sums[:, k], counts[:, k], counts[:, k]) for k in range(len(edges) - 1)
-        ]
+        return edges, [self._ratio_at_speed(a, b, b) for a, b in zip(sums.T, counts.T, strict=True)]
 
     def rate_at_speed(self, species: int = 0) -> tuple[FloatArray, list[Estimate]]:
         """Return nu(v), the collision rate of the particles at a speed, [1/time]; as `path_at_speed`."""
         edges, counts, sums = self._by_speed("times", species)
-        return edges, [
-            self._ratio_at_speed(counts[:, k], sums[:, k], counts[:, k]) for k in range(len(edges) - 1)
-        ]
+        return edges, [self._ratio_at_speed(a, b, a) for a, b in zip(counts.T, sums.T, strict=True)]
 
     def _ratio_at_speed(self, above: FloatArray, below: FloatArray, counts: FloatArray) -> Estimate:
         """Return the ratio of two columns of a bin of speeds.
@@ -352,7 +336,7 @@ class FreePath(TalliedEstimator):
 
     def _by_speed(self, what: str, species: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Edges of wide bins, and the counts and sums in them, (rows, bins)."""
-        kind, wide = self._species(species), SPEED_BINS * FINE
+        kind, wide = self._kind(species), SPEED_BINS * FINE
 
         def joined(name: str) -> FloatArray:
             columns = self._rows(name)
@@ -360,7 +344,7 @@ class FreePath(TalliedEstimator):
             return np.asarray(per_species.reshape(len(columns), SPEED_BINS, FINE).sum(axis=2))
 
         counts, sums = joined("speed_counts"), joined(f"speed_{what}")
-        filled = np.flatnonzero(counts.mean(axis=0) * self.n_blocks >= 100.0)
+        filled = np.flatnonzero(self._total(counts) >= 100.0)
         self._require(len(filled) > 0, "speed with 100 flights", "add(frame) with more frames")
         first, last = int(filled[0]), int(filled[-1]) + 1
         edges = self._edges["speed"][kind][: wide + 1 : FINE]
@@ -375,19 +359,17 @@ class FreePath(TalliedEstimator):
             self._diameters,
             self._masses,
             self.scene.dim,
-            self._species(species),
+            self._kind(species),
             self.scene.temperature,
             self._particles if self.scene.periodic.all() else None,
         )
 
-    def _wall_doubt(self) -> float:
+    def _wall_uncertainty(self) -> float:
         """Relative uncertainty of rates for the volume that walls exclude, and their layer."""
         scene = self.scene
         if scene.periodic.all():
             return 0.0
-        eta, dim = scene.packing_fraction, scene.dim
-        reach = scene.box - np.where(scene.periodic, 0.0, 2.0 * float(scene.radii.mean()))
-        denser = min(eta * scene.volume / math.prod(reach.tolist()), 0.54 if dim == 3 else 0.66)
+        denser, eta, dim = self._density_between_walls(), scene.packing_fraction, scene.dim
         doubt = float(theory.collision_rate(denser, dim) / theory.collision_rate(eta, dim)) - 1.0
         return math.hypot(doubt, 1.0 / scene.n)
 
@@ -416,7 +398,7 @@ class FreePath(TalliedEstimator):
             float(scene.box.min() / (self._diameters @ self._particles) * scene.n),
         )
         rates = law.value
-        doubts = np.hypot(law.uncertainty, self._wall_doubt() * rates)
+        doubts = np.hypot(law.uncertainty, self._wall_uncertainty() * rates)
         totals = rates.sum(axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):  # one particle alone
             times, relatives = 1.0 / totals, doubts.sum(axis=1) / totals
@@ -445,24 +427,17 @@ class FreePath(TalliedEstimator):
         particle is uncertain.
         """
         with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore", theory.TheoryRangeWarning
-            )  # a check without theory says so itself
+            warnings.simplefilter("ignore", theory.TheoryRangeWarning)  # a check without theory says so
             return self._checks()
 
     def _checks(self) -> list[TheoryCheck]:
         partly = bool(self.scene.periodic.any()) and not self.scene.periodic.all()
         expected, name = self.predictions, "Enskog"
-        species = (
-            [""]
-            if len(self._particles) == 1
-            else [f" of species {k + 1}" for k in range(len(self._particles))]
-        )
+        kinds = range(len(self._particles))
+        species = [""] if len(kinds) == 1 else [f" of species {k + 1}" for k in kinds]
         checks = []
-        for quantity, measured in (
-            ("mean free path", self.mean_free_path),
-            ("mean free time", self.mean_free_time),
-        ):
+        means = {"mean free path": self.mean_free_path, "mean free time": self.mean_free_time}
+        for quantity, measured in means.items():
             for label, value, p in zip(species, measured, expected[quantity], strict=True):
                 checks.append(TheoryCheck(quantity + label, name, value, p.value, p.uncertainty))
         for i, row in enumerate(self.collision_rates):
@@ -483,12 +458,8 @@ class FreePath(TalliedEstimator):
                     quantity = f"<{symbol}^{order}>/<{symbol}>^{order}{label}"
                     checks.append(TheoryCheck(quantity, "Boltzmann", measured_moment, expected_moment, doubt))
         best, z = next(iter(Pressure(self.scene).predictions.items()))
-        checks.append(
-            TheoryCheck(
-                "Z from the collision rate", best, self.compressibility_factor, z.value, z.uncertainty
-            )
-        )
-        return checks
+        measured_z = self.compressibility_factor
+        return [*checks, TheoryCheck("Z from the collision rate", best, measured_z, z.value, z.uncertainty)]
 
     def plot(self, ax: Axes | None = None, x: Sequence[float] = SURVIVAL_AT) -> Axes:
         """Draw the survival function of free paths of each species, in units of its own mean, over theory.
@@ -499,30 +470,17 @@ class FreePath(TalliedEstimator):
             Where to draw; a new figure when absent.
         x : sequence of float
             Where to measure.
-
-        Returns
-        -------
-        Axes
         """
         measured = [self.survival(x, species=k) for k in range(len(self._particles))]
         axes = axes_or_new(ax)
         fine = np.linspace(0.0, 1.1 * max(x), 200)
         axes.plot(fine, np.exp(-fine), color="0.6", lw=1.0, ls="--", label="exponential")
+        alone = len(measured) == 1
         for k, (label, points) in enumerate(zip(self.labels, measured, strict=True)):
-            law = self.flights_in_theory(k).path_survival(fine).value
-            axes.plot(
-                fine, law, color=PALETTE[k % len(PALETTE)], label="Boltzmann" if len(measured) == 1 else None
-            )
-            axes.errorbar(
-                x,
-                [point.value for point in points],
-                [point.standard_error for point in points],
-                fmt="o",
-                color=PALETTE[k % len(PALETTE)],
-                label="simulation" if len(measured) == 1 else label,
-            )
+            law, colour = self.flights_in_theory(k).path_survival(fine).value, PALETTE[k % len(PALETTE)]
+            axes.plot(fine, law, color=colour, label="Boltzmann" if alone else None)
+            values, errors = [p.value for p in points], [p.standard_error for p in points]
+            name = "simulation" if alone else label
+            axes.errorbar(x, values, errors, fmt="o", color=colour, label=name)
         axes.set_yscale("log")
-        axes.set_xlabel("free path / mean free path")
-        axes.set_ylabel("part of the flights that are longer")
-        axes.legend()
-        return axes
+        return labelled(axes, "free path / mean free path", "part of the flights that are longer")

@@ -16,15 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis import theory
-from analysis.correlation_times import (
-    LONG_RUN,
-    velocity_correlation_times,
-    virial_block_length,
-    warn_if_frozen,
-)
-from analysis.estimator import PALETTE, TalliedEstimator, axes_or_new
-from analysis.order import CRYSTAL
-from analysis.series import BlockSeries, equilibration, estimate_from_series
+from analysis.correlation_times import virial_block_length
+from analysis.estimator import PALETTE, TalliedEstimator, axes_or_new, labelled, over_runs
+from analysis.series import BlockSeries, equilibration
 from analysis.statistics import Estimate, TheoryCheck
 from analysis.theory import Prediction
 from hardspheres.order import bond_order
@@ -38,6 +32,7 @@ __all__ = ["Pressure", "PressureTensor"]
 
 FloatArray = NDArray[np.float64]
 
+FCC_ORDER = 0.2  # Q6 that a full lattice exceeds by far (0.575), and a fluid of as many spheres does not
 MELTING = 0.543  # packing fraction above which spheres on a lattice stay a crystal
 FLUID_UP_TO = {2: 0.66, 3: 0.494}  # packing fractions with a theory of sound
 
@@ -108,14 +103,9 @@ class Pressure(TalliedEstimator):
     """
 
     def __init__(self, scene: Scene, discard: bool = False) -> None:
-        if not scene.thermal_energy > 0.0:
-            raise ValueError("nothing moves in this scene; a gas without thermal motion has no pressure")
-        self.scene = scene
+        super().__init__(scene, 1024, "pressure")
         self.discard = discard
-        self._blocks = BlockSeries()
         self._counts_pairs = False
-        self._species, first = np.unique(scene.species, return_index=True)
-        self._diameters, self._masses = 2.0 * scene.radii[first], scene.masses[first]
         momentum = np.where(scene.periodic, scene.momentum, 0.0) if scene.n > 1 else np.zeros(scene.dim)
         self._least_block = virial_block_length(scene.packing_fraction, scene.dim)
         self._common_motion = np.outer(momentum, momentum) / float(scene.masses.sum())
@@ -131,18 +121,13 @@ class Pressure(TalliedEstimator):
             `sim.frame()`, or one of `sim.frames(...)`. The pressure from the rate of a mixture needs frames
             of a ``Simulation(scene, free_paths=True)``.
 
-        Returns
-        -------
-        Pressure
-            The estimator itself.
-
         Raises
         ------
         ValueError
             If the frame is of another gas or simulation, is not later than the one before, or no simulation
             made it.
         """
-        tallies, kinds = self._require_next(frame), len(self._species)
+        tallies, kinds = self._require_next(frame), len(self._gas.sizes)
         pairs = np.zeros((kinds, kinds))
         if kinds == 1:
             pairs[0, 0] = tallies.collisions
@@ -163,46 +148,39 @@ class Pressure(TalliedEstimator):
             self._blocks.add(block)
         return self
 
-    def _rows(self) -> FloatArray:
-        self._require(len(self._blocks) >= 2, "two blocks", "add(frame) with three frames")
-        rows = self._blocks.rows
-        return rows[self.discarded_rows :]
+    def _take_in(self, other: Self) -> None:
+        if self._series() and other._series() and self._counts_pairs != other._counts_pairs:
+            raise ValueError("one of the runs has free paths and one has none; they cannot be merged")
+        self._counts_pairs |= other._counts_pairs
+        super()._take_in(other)
 
-    @property
-    def n_blocks(self) -> int:
-        """How many blocks there are, one less than frames."""
-        return self._blocks.n_samples if len(self._blocks) else 0
+    def _runs(self) -> list[FloatArray]:
+        """Return the rows of each run without those that are discarded."""
+        self._require_blocks()
+        return [series.rows[self._discarded(series) :] for series in self._series()]
 
     @property
     def discarded_rows(self) -> int:
         """How many rows of the block series are dropped at the start; 0 unless `discard` is set."""
-        if not self.discard or len(self._blocks) < 16:
+        return sum(map(self._discarded, self._series()))
+
+    def _discarded(self, series: BlockSeries) -> int:
+        if not self.discard or len(series) < 16:
             return 0
-        rows, dim = self._blocks.rows, self.scene.dim
+        rows, dim = series.rows, self.scene.dim
         trace = rows[:, 1 : 1 + dim * dim : dim + 1].sum(axis=1)
         return equilibration(trace / rows[:, 0]).start
 
-    def _from_blocks(self, statistic: Callable[[FloatArray], FloatArray]) -> Estimate:
-        """Return a function of the mean row, with blocks as long as `analysis.correlation_times` says."""
-        rows = self._rows()
-        per_row = (
-            2.0 * float(rows[:, -1].mean()) * self._blocks.samples_per_row / self.scene.n
-        )  # collisions per particle
-        longest = self._least_block
-        if len(self._species) > 1:
-            slowest = float(velocity_correlation_times(self.scene).max())
-            if per_row * len(rows) < LONG_RUN * slowest:
-                warn_if_frozen(self.scene, per_row * len(rows))
-            else:
-                longest = max(longest, slowest)
-        shortest = math.ceil(longest / per_row) if per_row > 0.0 else 1
-        return estimate_from_series(rows, statistic, max(shortest, 1))
+    def _estimate(self, statistic: Callable[[FloatArray], FloatArray]) -> Estimate:
+        """Return a function of the mean row, with blocks as long as the fluid is correlated."""
+        runs = self._runs()
+        return self._from_blocks(runs, statistic, [2.0 * rows[:, -1] for rows in runs], self._least_block)
 
     # Columns of a row: time, virial, kinetic, wall impulses, wall radius impulses, pairs, collisions.
 
     def _part(self, means: FloatArray, part: int) -> FloatArray:
         """Return one part of rows (..., p) over their time: 0 virial, 1 kinetic, 2, 3 walls, 4 pairs."""
-        dim, kinds = self.scene.dim, len(self._species)
+        dim, kinds = self.scene.dim, len(self._gas.sizes)
         sizes = [(dim, dim), (dim, dim), (dim, 2), (dim, 2), (kinds, kinds)]
         first = 1 + sum(a * b for a, b in sizes[:part])
         shape = sizes[part]
@@ -226,7 +204,7 @@ class Pressure(TalliedEstimator):
         walls it is the mean over the box, with layers at the walls. Relative standard error of Z - 1: about
         1.2/sqrt(collisions).
         """
-        return self._from_blocks(self._from_virial)
+        return self._estimate(self._from_virial)
 
     def _from_virial(self, means: FloatArray) -> FloatArray:
         trace = np.einsum("...aa->...", self._part(means, 0))
@@ -258,7 +236,7 @@ class Pressure(TalliedEstimator):
                     sum(self._part(means, part)[..., a, b] for part in parts) / self.scene.volume
                 )
 
-            estimate = self._from_blocks(component)
+            estimate = self._estimate(component)
             result[:, a, b] = estimate.value, estimate.standard_error, estimate.degrees_of_freedom
         return result
 
@@ -279,16 +257,17 @@ class Pressure(TalliedEstimator):
             For a mixture whose simulation does not tally free paths.
         """
         self._require_pairs()
-        return self._from_blocks(self._from_rate)
+        return self._estimate(self._from_rate)
 
     def _from_rate(self, means: FloatArray) -> FloatArray:
         freedom, temperature = self.scene.degrees_of_freedom, self.scene.temperature
         rates = self._part(means, 4)
-        return theory.compressibility_from_rate(rates, self._diameters, self._masses, temperature, freedom)
+        gas = self._gas
+        return theory.compressibility_from_rate(rates, gas.diameters, gas.masses, temperature, freedom)
 
     def _require_pairs(self) -> None:
         self._require(
-            self._counts_pairs or not len(self._blocks),
+            self._counts_pairs or not self._series(),
             "rate of each pair of species",
             "add(frame) with frames of Simulation(scene, free_paths=True)",
         )
@@ -307,7 +286,7 @@ class Pressure(TalliedEstimator):
             For a mixture whose simulation does not tally free paths.
         """
         self._require_pairs()
-        return self._from_blocks(lambda means: self._from_virial(means) - self._from_rate(means))
+        return self._estimate(lambda means: self._from_virial(means) - self._from_rate(means))
 
     @property
     def rate_pressure(self) -> Estimate:
@@ -319,7 +298,7 @@ class Pressure(TalliedEstimator):
         """Collisions per particle and time, nu = 2 collisions / (N t), all species together, [1/time]."""
         self._require_pairs()
         n = self.scene.n
-        return self._from_blocks(lambda means: 2.0 / n * self._part(means, 4).sum(axis=(-2, -1)))
+        return self._estimate(lambda means: 2.0 / n * self._part(means, 4).sum(axis=(-2, -1)))
 
     # Walls --------------------------------------------------------------------------------------------------
 
@@ -335,13 +314,20 @@ class Pressure(TalliedEstimator):
             both = self._part(means, 0) + self._part(means, 1)
             return np.asarray(both[..., axes, axes].sum(axis=-1))
 
-        return self._from_blocks(along)
+        return self._estimate(along)
 
-    def _duration(self) -> float:
-        return float(self._rows()[:, 0].sum()) * self._blocks.samples_per_row
+    def _durations(self) -> list[float]:
+        """Return how long each run was measured, [time]."""
+        together = zip(self._runs(), self._series(), strict=True)
+        return [float(rows[:, 0].sum()) * series.samples_per_row for rows, series in together]
+
+    def _mean_row(self) -> FloatArray:
+        """Return the mean of the rows that are not discarded."""
+        frames = [series.n_samples for series in self._series()]
+        return over_runs([rows.mean(axis=0) for rows in self._runs()], frames)
 
     def _end_terms(self, axis: int) -> tuple[float, float]:
-        """Return how much a run's two ends add to its time-integrated forces along a wall axis.
+        """Return how much the two ends of all runs add to their time-integrated forces along a wall axis.
 
         Standard deviations of G(t) - G(0), G = sum of m x v from the middle of the box, and of the momentum
         P(t) - P(0): each 2 (1 - C(t)) times the variance at equilibrium, sum of m kT <x^2> and of m kT, where
@@ -349,7 +335,7 @@ class Pressure(TalliedEstimator):
         few times only: `theory.virial_correlation` and `theory.momentum_correlation`, of a mixture as of one
         species with its mean mass and volume.
         """
-        scene, time = self.scene, self._duration()
+        scene, times = self.scene, self._durations()
         square = (scene.box[axis] - 2.0 * scene.radii) ** 2 / 12.0
         carried = 2.0 * scene.temperature * scene.masses
         dim, mass = scene.dim, float(scene.masses.mean())
@@ -358,8 +344,8 @@ class Pressure(TalliedEstimator):
         speed = float(theory.sound_speed(eta, dim, mass, scene.temperature).value)
         damping = float(theory.sound_damping(eta, dim, diameter, mass, scene.temperature).value)
         width = float(scene.box[axis] - 2.0 * scene.radii.mean())
-        moved = 1.0 - theory.virial_correlation(time, width, speed, damping)
-        turned = 1.0 - theory.momentum_correlation(time, width, speed, damping)
+        moved = sum(1.0 - theory.virial_correlation(t, width, speed, damping) for t in times)
+        turned = sum(1.0 - theory.momentum_correlation(t, width, speed, damping) for t in times)
         return math.sqrt(moved * float(carried @ square)), math.sqrt(turned * float(carried.sum()))
 
     @property
@@ -369,8 +355,8 @@ class Pressure(TalliedEstimator):
         F = (1/t) sum of 2 m |v_n| over hits. The two walls of an axis differ by what the momentum changed
         over the run, divided by its time; that change is part of the error, see `walls`.
         """
-        axes, mean = self._require_walls(), self._rows().mean(axis=0)
-        forces, duration = {}, self._duration()
+        axes, mean = self._require_walls(), self._mean_row()
+        forces, duration = {}, sum(self._durations())
         for axis in axes:
             inside = self._inside(np.array([axis]))
             impulses, moments = self._part(mean, 2)[axis], self._part(mean, 3)[axis]
@@ -391,8 +377,7 @@ class Pressure(TalliedEstimator):
         the bulk pressure by O(sigma/L); for the exact statement see `walls`. In a mixture the area is that
         reached by a particle of mean radius.
         """
-        scene = self.scene
-        reach = np.where(scene.periodic, scene.box, scene.box - 2.0 * float(scene.radii.mean()))
+        reach = self._reach()
         pressures = {}
         for name, force in self.wall_forces.items():
             area = math.prod(np.delete(reach, "xyz".index(name[0])).tolist())
@@ -413,11 +398,11 @@ class Pressure(TalliedEstimator):
         right to some 5 % there; without, it would be up to a fifth too small in a run of half a wave).
         """
         axes, half = self._require_walls(), self.scene.box / 2.0
-        mean = self._rows().mean(axis=0)
+        mean = self._mean_row()
         force, moment = self._part(mean, 2).sum(axis=-1), self._part(mean, 3).sum(axis=-1)
         scale = len(axes) * self._thermal
         value = float((half * force - moment)[axes].sum()) / scale
-        ends = math.hypot(*(self._end_terms(int(axis))[0] for axis in axes)) / self._duration()
+        ends = math.hypot(*(self._end_terms(int(axis))[0] for axis in axes)) / sum(self._durations())
         return _with_ends(_scaled(self._inside(axes), 1.0 / scale), value, ends / scale)
 
     @property
@@ -448,7 +433,7 @@ class Pressure(TalliedEstimator):
     def _predictions(self) -> dict[str, Prediction]:
         scene = self.scene
         eta, dim, n = scene.packing_fraction, scene.dim, scene.n
-        alike = np.ptp(self._diameters) == 0.0
+        alike = np.ptp(self._gas.diameters) == 0.0
         if dim == 3 and alike and eta > MELTING and _is_full_lattice(scene):
             solid = theory.fcc_crystal(eta)
             z = float(solid.value)  # 500 spheres: off by 0.1(2) Z/N
@@ -456,23 +441,18 @@ class Pressure(TalliedEstimator):
         bulk = theory.compressibility_factor(eta, dim)
         shift, doubt = 0.0, 0.0
         if scene.periodic.all() and n > 1:
-            finite = theory.finite_size_shift(
-                eta, dim, n, edge=float(scene.box.min() / 2.0 / scene.radii.mean())
-            )
+            edge = float(scene.box.min() / 2.0 / scene.radii.mean())
+            finite = theory.finite_size_shift(eta, dim, n, edge=edge)
             shift, doubt = float(finite.value), float(finite.uncertainty)
         else:
-            reach = scene.box - np.where(scene.periodic, 0.0, 2.0 * float(scene.radii.mean()))
-            denser = min(eta * scene.volume / math.prod(reach.tolist()), 0.54 if dim == 3 else 0.66)
+            denser = self._density_between_walls()
             doubt = abs(float(theory.compressibility_factor(denser, dim).value - bulk.value))
         if not alike:  # masses alone play no part
-            densities = np.bincount(scene.species)[self._species] / scene.volume
-            mixed = theory.mixture_compressibility(densities, self._diameters, dim)
-            counts = np.bincount(scene.species)[self._species]
-            few = (
-                theory.pairs_of_few(counts, self._diameters, scene.volume, dim)
-                if scene.periodic.all()
-                else 1.0
-            )
+            sizes, diameters = self._gas.sizes, self._gas.diameters
+            mixed = theory.mixture_compressibility(sizes / scene.volume, diameters, dim)
+            few = 1.0
+            if scene.periodic.all():
+                few = theory.pairs_of_few(sizes, diameters, scene.volume, dim)
             value = 1.0 + few * (float(mixed.value) - 1.0) + shift
             both = math.hypot(mixed.uncertainty, shift, doubt)
             return {"Santos-Yuste-Lopez de Haro": Prediction(value, both)}
@@ -505,17 +485,7 @@ class Pressure(TalliedEstimator):
         ]
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw Z from each way of measuring it, with standard errors, over the theories with their bands.
-
-        Parameters
-        ----------
-        ax : Axes, optional
-            Where to draw; a new figure when absent.
-
-        Returns
-        -------
-        Axes
-        """
+        """Draw Z from each way of measuring it, with standard errors, over the theories with their bands."""
         checks = self.checks
         axes = axes_or_new(ax)
         for index, (name, prediction) in enumerate(self.predictions.items()):
@@ -529,17 +499,14 @@ class Pressure(TalliedEstimator):
         axes.errorbar(range(len(names)), values, errors, fmt="o", color=PALETTE[0], label="simulation")
         axes.set_xticks(range(len(names)), names)
         axes.set_xlim(-0.5, len(names) - 0.5)
-        axes.set_xlabel("measured from the")
-        axes.set_ylabel("compressibility factor Z")
-        axes.legend()
-        return axes
+        return labelled(axes, "measured from the", "compressibility factor Z")
 
 
 def _is_full_lattice(scene: Scene) -> bool:
     """Whether a scene is a face-centred cubic crystal that fills a periodic cube, without vacancies."""
     cells = round((scene.n / 4) ** (1 / 3))
     cube = bool(scene.periodic.all()) and float(np.ptp(scene.box)) <= 1e-9 * float(scene.box[0])
-    return cube and 4 * cells**3 == scene.n and scene.n >= 32 and bond_order(scene).value > CRYSTAL[3]
+    return cube and 4 * cells**3 == scene.n and scene.n >= 32 and bond_order(scene).value > FCC_ORDER
 
 
 def _scaled(estimate: Estimate, factor: float) -> Estimate:

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis import theory
-from analysis.estimator import Estimator, axes_or_new
+from analysis.estimator import ReplicaEstimator, axes_or_new, labelled
+from analysis.reduced import Gas
 from analysis.statistics import (
     ChiSquare,
     Estimate,
@@ -27,7 +28,7 @@ from analysis.statistics import (
     jackknife,
     replica_mean,
 )
-from analysis.velocities import cumulants, h_excess, reduced_velocities, species_labels
+from analysis.velocities import cumulants, h_excess, reduced_velocities
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,14 +46,9 @@ class _Replica:
 
     s: list[float]
     time: list[float]
-    sizes: NDArray[np.int64]  # (k,) particles of each species
     tensors: list[FloatArray]  # S x (k, d, d) mean of c_a c_b
     powers: list[FloatArray]  # S x (k, 3) mean of c^2, c^4, c^6
     counts: list[NDArray[np.uint32]]  # S x (k, B) speed histogram
-    labels: list[str]
-    thermal: FloatArray  # (k,) sqrt(kT/m)
-    degrees_of_freedom: int
-    momentum_shares: FloatArray  # (k,) share of one particle's energy that a conserved momentum takes
 
 
 @dataclass(frozen=True)
@@ -84,7 +80,7 @@ class Comparison:
     chi_square: ChiSquare | None
 
 
-class RelaxationCurve(Estimator):
+class RelaxationCurve(ReplicaEstimator):
     """Relaxation of the velocity distribution against s = 2 n_coll/N, averaged over replicas.
 
     Add the frames of one replica in the order of s, then those of the next; a frame that does not advance in
@@ -109,24 +105,12 @@ class RelaxationCurve(Estimator):
     0.44(2)
     """
 
-    def __init__(self) -> None:
-        self._replicas: list[_Replica] = []
-        self._dim = 0
+    _temperature = 1.0  # of the first frame
 
     # Collecting ---------------------------------------------------------------------------------------------
 
     def add(self, frame: Frame) -> Self:
-        """Take in one frame.
-
-        Parameters
-        ----------
-        frame : Frame
-            The next frame of this replica, or the first of another.
-
-        Returns
-        -------
-        RelaxationCurve
-            The estimator itself.
+        """Take in the next frame of this replica, or the first of another.
 
         Raises
         ------
@@ -135,30 +119,23 @@ class RelaxationCurve(Estimator):
         """
         reduced, temperature = reduced_velocities(frame)
         scene = frame.scene
-        kinds, first, sizes = np.unique(scene.species, return_index=True, return_counts=True)
-        if self._replicas and (scene.dim != self._dim or not np.array_equal(sizes, self._replicas[0].sizes)):
+        sizes = Gas.of(scene).sizes
+        if self._gas is None:
+            self._gas, self._temperature = Gas.of(scene), temperature
+        elif scene.dim != self.dim or not np.array_equal(sizes, self._sizes):
             raise ValueError(
                 f"frame has {scene.dim} dimensions and species of {sizes.tolist()} particles; expected "
-                f"{self._dim} and {self._replicas[0].sizes.tolist()}, as in the first frame"
+                f"{self.dim} and {self._sizes.tolist()}, as in the first frame"
             )
-        self._dim = scene.dim
         s = frame.collisions_per_particle
-        if not self._replicas or s <= self._replicas[-1].s[-1]:
-            thermal = np.sqrt(temperature / scene.masses[first])
-            labels = species_labels(frame)
-            conserved = float(np.mean(scene.periodic)) if scene.n > 1 else 0.0
-            shares = conserved * scene.masses[first] / scene.masses.sum()
-            self._replicas.append(
-                _Replica([], [], sizes, [], [], [], labels, thermal, scene.degrees_of_freedom, shares)
-            )
-        replica = self._replicas[-1]
+        replica = self._continued(s, "s", lambda: _Replica([], [], [], [], []))
         square = (reduced**2).sum(axis=1)
         powers = np.stack([square, square**2, square**3], axis=1)
         bins = np.minimum(
             np.sqrt(square) * (theory.KS_BINS / theory.SPEED_LIMIT[scene.dim]), theory.KS_BINS - 1
         )
         bins = bins.astype(np.int64)
-        members = [scene.species == kind for kind in kinds]
+        members = [scene.species == kind for kind in range(len(sizes))]
         replica.s.append(s)
         replica.time.append(frame.time)
         replica.tensors.append(
@@ -170,26 +147,10 @@ class RelaxationCurve(Estimator):
         )
         return self
 
-    def merge(self, other: RelaxationCurve) -> Self:
-        """Append the replicas of another curve, in their order, and return this one.
-
-        Parameters
-        ----------
-        other : RelaxationCurve
-            Of the same kind of gas, sampled at the same s.
-
-        Raises
-        ------
-        ValueError
-            If it is not.
-        """
-        if self._replicas and other._replicas:
-            mine, theirs = self._replicas[0], other._replicas[0]
-            if self._dim != other._dim or not np.array_equal(mine.sizes, theirs.sizes):
-                raise ValueError("the curves are of different gases and cannot be merged")
-        self._dim = other._dim or self._dim
-        self._replicas.extend(other._replicas)
-        return self
+    def _take_in(self, other: Self) -> None:
+        if not self._replicas:
+            self._temperature = other._temperature
+        super()._take_in(other)
 
     def _ready(self) -> list[_Replica]:
         self._require(bool(self._replicas), "replicas", "add(frame)")
@@ -209,37 +170,31 @@ class RelaxationCurve(Estimator):
     @property
     def dim(self) -> int:
         """Dimension d."""
-        self._require(bool(self._replicas), "replicas", "add(frame)")
-        return self._dim
+        return self.gas.dim
 
     @property
-    def n_replicas(self) -> int:
-        """Number of replicas R."""
-        return len(self._replicas)
+    def _sizes(self) -> NDArray[np.int64]:
+        return self.gas.sizes
 
     @property
     def n_per_replica(self) -> int:
         """Number of particles N of one replica."""
-        self._require(bool(self._replicas), "replicas", "add(frame)")
-        return int(self._replicas[0].sizes.sum())
+        return self.gas.n
 
     @property
     def labels(self) -> list[str]:
         """One label per species; "all" for a single one."""
-        self._require(bool(self._replicas), "replicas", "add(frame)")
-        return list(self._replicas[0].labels)
+        return self.gas.labels
 
     @property
     def thermal_speeds(self) -> FloatArray:
         """sqrt(kT/m) of each species in the first replica, (k,), [speed]."""
-        self._require(bool(self._replicas), "replicas", "add(frame)")
-        return self._replicas[0].thermal.copy()
+        return np.asarray(np.sqrt(self._temperature / self.gas.masses))
 
     @property
     def degrees_of_freedom(self) -> int:
         """Number of translational degrees of freedom D of one replica."""
-        self._require(bool(self._replicas), "replicas", "add(frame)")
-        return self._replicas[0].degrees_of_freedom
+        return self.gas.degrees_of_freedom
 
     @property
     def s(self) -> FloatArray:
@@ -256,7 +211,7 @@ class RelaxationCurve(Estimator):
     def _powers(self) -> FloatArray:
         """Means of c^2, c^4, c^6 over all species, (R, S, 3)."""
         powers = np.array([replica.powers for replica in self._ready()])
-        return np.asarray(np.einsum("rskp,k->rsp", powers, self._replicas[0].sizes / self.n_per_replica))
+        return np.asarray(np.einsum("rskp,k->rsp", powers, self._sizes / self.n_per_replica))
 
     @property
     def a2_samples(self) -> FloatArray:
@@ -300,13 +255,7 @@ class RelaxationCurve(Estimator):
 
     @property
     def a2_covariance(self) -> FloatArray:
-        """Covariance of the points of `a2` (of the mean over replicas), (S, S).
-
-        Raises
-        ------
-        NoDataError
-            With a single replica.
-        """
+        """Covariance of the points of `a2` (of the mean over replicas), (S, S); none of a single replica."""
         samples = self.a2_samples
         self._require(len(samples) > 1, "covariance", "add(frame) with a second replica")
         return np.atleast_2d(np.cov(samples, rowvar=False)) / len(samples)
@@ -333,12 +282,12 @@ class RelaxationCurve(Estimator):
         powers = np.array([replica.powers for replica in self._ready()])[..., 0] / self.dim
         if len(powers) > 1:
             return replica_mean(powers)[1]
-        return np.broadcast_to(np.sqrt(2.0 / (self.dim * self._replicas[0].sizes)), powers.shape[1:])
+        return np.broadcast_to(np.sqrt(2.0 / (self.dim * self._sizes)), powers.shape[1:])
 
     def _tensors(self) -> FloatArray:
         """Return m <v_a v_b> / kT of all species together, (R, S, d, d)."""
         tensors = np.array([replica.tensors for replica in self._ready()])
-        return np.asarray(np.einsum("rskab,k->rsab", tensors, self._replicas[0].sizes / self.n_per_replica))
+        return np.asarray(np.einsum("rskab,k->rsab", tensors, self._sizes / self.n_per_replica))
 
     @property
     def temperature_by_axis(self) -> FloatArray:
@@ -482,7 +431,7 @@ class RelaxationCurve(Estimator):
     def starts_from_beams(self) -> bool:
         """Whether the gas is of one species and starts as two opposite beams of one speed."""
         replicas, direction = self._ready(), self.preferred_direction
-        if direction is None or len(replicas[0].sizes) > 1 or replicas[0].s[0] > 0.0:
+        if direction is None or len(self._sizes) > 1 or replicas[0].s[0] > 0.0:
             return False
         equal = np.abs(self.a2_samples[:, 0] + 2.0 / (self.dim + 2)).max() < 1e-6
         return bool(equal and abs(self.temperature_along(direction)[0][0] - self.dim) < 1e-6)
@@ -504,19 +453,20 @@ class RelaxationCurve(Estimator):
             measured = Estimate(float(value), float(error), self.n_replicas, freedom)
             return TheoryCheck(name, "equilibrium", measured, expected, uncertainty)
 
-        sizes, kept = self._replicas[0].sizes, 1.0 - self._replicas[0].momentum_shares
-        whole, free = self.dim * self.n_per_replica, self.degrees_of_freedom
-        # the mean of `theory.finite_energy_law`; `theory.equilibrium_a2` where masses are equal
-        a2 = float(sizes @ kept**2) / self.n_per_replica * whole**2 / (free * (free + 2.0)) - 1.0
-        checks = [check("a2", self.a2[-1], self.a2_error[-1], a2)]
-        if len(sizes) > 1:
+        checks = [check("a2", self.a2[-1], self.a2_error[-1], self.gas.mean_a2)]
+        if len(self._sizes) > 1:
             values, errors = self.temperature_by_species[-1], self.temperature_by_species_error[-1]
-            for kind, share in enumerate(kept):
+            for kind, share in enumerate(1.0 - self.gas.momentum_shares):
                 checks.append(check(f"T{kind + 1}/T", values[kind], errors[kind], float(share)))
         if self.preferred_direction is not None:
             along = self.temperature_along(self.preferred_direction)
             checks.append(check("T_par/T", along[0][-1], along[1][-1], 1.0, 1.0 / self.n_per_replica))
         return checks
+
+    @property
+    def checks(self) -> list[TheoryCheck]:
+        """The `equilibrium_checks`; for the way to equilibrium see `compare`."""
+        return self.equilibrium_checks
 
     @property
     def not_thermal(self) -> list[TheoryCheck]:
@@ -528,7 +478,7 @@ class RelaxationCurve(Estimator):
     def starts_from_equal_speeds(self) -> bool:
         """Whether the gas is of one species and starts with equal speeds in isotropic directions."""
         replicas = self._ready()
-        if len(replicas[0].sizes) > 1 or replicas[0].s[0] > 0.0:
+        if len(self._sizes) > 1 or replicas[0].s[0] > 0.0:
             return False
         equal = np.abs(self.a2_samples[:, 0] + 2.0 / (self.dim + 2)).max() < 1e-6
         spread = math.sqrt(2.0 * (self.dim - 1) / (self.dim + 2) / (self.n_per_replica * self.n_replicas))
@@ -574,10 +524,8 @@ class RelaxationCurve(Estimator):
             raise ValueError(f"window = {window}; expected s1 < s2")
         excess = self.a2_samples[:, ends] - theory.equilibrium_a2(self.degrees_of_freedom)
         noise = theory.cumulant_noise(self.n_per_replica * self.n_replicas, self.dim)
-        mean, error = (
-            excess.mean(axis=0),
-            np.maximum(self.a2_error[ends], noise),
-        )  # the error from few replicas may be too small
+        # the error from few replicas may be too small
+        mean, error = excess.mean(axis=0), np.maximum(self.a2_error[ends], noise)
         if np.any(np.abs(mean) < 3.0 * error) or mean[0] * mean[1] < 0.0:
             raise ValueError(
                 f"a2 is lost in the noise within the window {window}: {mean[0]:.2g} and {mean[1]:.2g} with "
@@ -599,10 +547,6 @@ class RelaxationCurve(Estimator):
             `theory.finite_size_relaxation`. Equilibrium: a gas that starts Maxwellian and stays so, a2 =
             `theory.equilibrium_a2`, H = H_eq, KS = `theory.ks_floor`.
 
-        Returns
-        -------
-        Comparison
-
         Notes
         -----
         The KS distance of N particles in all exceeds that of the infinite gas by about floor^2/(2 ks); twice
@@ -615,36 +559,26 @@ class RelaxationCurve(Estimator):
             table = theory.boltzmann_equal_speeds(np.where(known, s, 0.0), self.dim)
             finite = theory.finite_size_relaxation(table.a2, -2.0 / (self.dim + 2), self.degrees_of_freedom)
             a2, a2_uncertainty = finite.value, np.hypot(table.a2_error, finite.uncertainty)
-            ks, ks_uncertainty = (
-                table.ks,
-                np.hypot(table.ks_error, np.where(s > 0.0, floor**2 / table.ks, 0.0)),
-            )
+            extra = np.where(s > 0.0, floor**2 / table.ks, 0.0)
+            ks, ks_uncertainty = table.ks, np.hypot(table.ks_error, extra)
             h, h_uncertainty = table.h, table.h_error
             if self.h_bins != theory.H_BINS:  # the table holds for its bins only
                 h = np.full(len(s), np.nan)
             fluctuates = known & (s > 0.0)
         else:
             known = fluctuates = np.ones(len(s), dtype=bool)
-            a2, a2_uncertainty = (
-                np.full(len(s), theory.equilibrium_a2(self.degrees_of_freedom)),
-                np.zeros(len(s)),
-            )
-            ks, ks_uncertainty = (
-                np.full(len(s), floor),
-                np.full(len(s), 0.3 * floor),
-            )  # its spread, see `ks_floor`
-            h, h_uncertainty = np.zeros(len(s)), np.zeros(len(s))
+            zero = np.zeros(len(s))
+            a2, a2_uncertainty = zero + theory.equilibrium_a2(self.degrees_of_freedom), zero
+            ks, ks_uncertainty = zero + floor, zero + 0.3 * floor  # its spread, see `ks_floor`
+            h, h_uncertainty = zero, zero
+        freedom = self.n_replicas - 1.0 if self.n_replicas > 1 else math.inf
 
         def against(
             measured: tuple[FloatArray, FloatArray], expected: FloatArray, uncertainty: FloatArray
         ) -> tuple[FloatArray, FloatArray, FloatArray]:
             apart = np.where(fluctuates, measured[0] - expected, np.nan)
-            freedom = self.n_replicas - 1.0 if self.n_replicas > 1 else math.inf
-            return (
-                np.where(known, expected, np.nan),
-                uncertainty,
-                deviates(apart, measured[1], uncertainty, freedom),
-            )
+            z = deviates(apart, measured[1], uncertainty, freedom)
+            return np.where(known, expected, np.nan), uncertainty, z
 
         points = np.flatnonzero(fluctuates)
         chi_square = None
@@ -658,17 +592,7 @@ class RelaxationCurve(Estimator):
         )
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw a2 with its standard errors against s, after equal speeds over the Boltzmann equation's.
-
-        Parameters
-        ----------
-        ax : Axes, optional
-            Where to draw; a new figure when absent.
-
-        Returns
-        -------
-        Axes
-        """
+        """Draw a2 with its standard errors against s, after equal speeds over the Boltzmann equation's."""
         s = self.s
         axes = axes_or_new(ax)
         if self.starts_from_equal_speeds:
@@ -678,7 +602,4 @@ class RelaxationCurve(Estimator):
         else:
             axes.axhline(0.0, color="0.25", lw=1.5, label="equilibrium")
         axes.errorbar(s, self.a2, self.a2_error, fmt="o", ms=4, label="simulation")
-        axes.set_xlabel("collisions per particle s")
-        axes.set_ylabel("fourth cumulant $a_2$")
-        axes.legend()
-        return axes
+        return labelled(axes, "collisions per particle s", "fourth cumulant $a_2$")

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import fft, stats
 
-from analysis.statistics import Estimate
+from analysis.statistics import Estimate, combine_replicas, pool_replicas
 
 __all__ = [
     "BlockSeries",
@@ -27,6 +27,7 @@ __all__ = [
     "autocorrelation_time",
     "drift_p_value",
     "equilibration",
+    "estimate_from_runs",
     "estimate_from_series",
 ]
 
@@ -36,6 +37,7 @@ SOKAL_WINDOW = 5.0  # the sum of the autocorrelation ends after this many correl
 BLOCK_LENGTH = 20.0  # in correlation times: the variance of the mean is then at most 5 % too small
 MOST_BLOCKS, FEWEST_BLOCKS = 24, 8
 DRIFT_ALARM = 1e-4
+SHORT_RUN = 16  # samples below which a run is not taken as a series of its own
 
 
 class SeriesWarning(UserWarning):
@@ -141,9 +143,7 @@ def block_length(series: ArrayLike) -> int:
 
 
 def estimate_from_series(
-    series: ArrayLike,
-    statistic: Callable[[FloatArray], FloatArray] | None = None,
-    shortest: int = 1,
+    series: ArrayLike, statistic: Callable[[FloatArray], FloatArray] | None = None, shortest: int = 1
 ) -> Estimate:
     """Return the mean of a correlated series, or a function of its means, with an error from blocks.
 
@@ -233,6 +233,67 @@ def estimate_from_series(
         message = f"the series drifts ({estimate} is no average of a steady state); equilibrate longer"
         warnings.warn(DriftWarning(message, estimate), stacklevel=2)
     return estimate
+
+
+def estimate_from_runs(
+    runs: Sequence[FloatArray],
+    statistic: Callable[[FloatArray], FloatArray] | None = None,
+    shortest: Sequence[int] | None = None,
+    weights: Sequence[float] | None = None,
+) -> Estimate:
+    """Return the mean over independent runs, or a function of their means, with the errors of all.
+
+    Each run gives an estimate of its own (`estimate_from_series`); their mean has the error of
+    `statistics.pool_replicas`. Runs of fewer than `SHORT_RUN` samples are joined to the first long one, or to
+    each other: what is short says little about its own error.
+
+    Parameters
+    ----------
+    runs : sequence of (n,) or (n, p) arrays
+        Samples of each run in the order of time.
+    statistic : callable, optional
+        As in `estimate_from_series`.
+    shortest : sequence of int, optional
+        Least number of samples in a block of each run.
+    weights : sequence of float, optional
+        Lengths of the runs; by default their numbers of samples.
+
+    Returns
+    -------
+    Estimate
+        Of a single run, that of `estimate_from_series`.
+
+    Warns
+    -----
+    SeriesWarning
+        As `estimate_from_series`, for each run.
+    ReplicaWarning
+        If the runs spread further than their own errors say; the error is then that of the spread.
+    """
+    lengths = [len(run) for run in runs] if weights is None else weights
+    blocks = [1] * len(runs) if shortest is None else shortest
+    estimates, totals = [], []
+    for group in run_groups(runs):
+        joined = runs[group[0]] if len(group) == 1 else np.concatenate([runs[k] for k in group])
+        estimates.append(estimate_from_series(joined, statistic, max(blocks[k] for k in group)))
+        totals.append(sum(lengths[k] for k in group))
+    return pool_runs(estimates, totals)
+
+
+def run_groups(runs: Sequence[FloatArray]) -> list[list[int]]:
+    """Return which runs are taken as one series: see `estimate_from_runs`."""
+    short = [k for k, run in enumerate(runs) if len(run) < SHORT_RUN]
+    groups = [[k] for k, run in enumerate(runs) if len(run) >= SHORT_RUN] or [[]]
+    return [groups[0] + short, *groups[1:]]
+
+
+def pool_runs(estimates: Sequence[Estimate], lengths: Sequence[float]) -> Estimate:
+    """Return the mean of runs with these lengths; warn as `combine_replicas` where they disagree."""
+    if len(estimates) == 1:
+        return estimates[0]
+    weights = None if min(lengths) == max(lengths) else lengths
+    combine_replicas(estimates, weights)
+    return pool_replicas(estimates, weights)
 
 
 def _first(means: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -115,32 +115,13 @@ class Estimate:
     def z(self, theory: float, uncertainty: float = 0.0) -> float:
         """Return the deviation from a theory as a normal deviate: what all tables show.
 
-        Parameters
-        ----------
-        theory, uncertainty : float
-            As in `deviation`.
-
-        Returns
-        -------
-        float
-            The standard normal deviate of the same tail probability as `deviation` with these degrees of
-            freedom, see `deviates`: with two replicas, 10 standard errors give z = 1.8.
+        It has the tail probability of `deviation`, whose parameters these are, with these degrees of freedom,
+        see `deviates`: with two replicas, 10 standard errors give z = 1.8.
         """
         return float(deviates(self.value - theory, self.standard_error, uncertainty, self.degrees_of_freedom))
 
     def p_value(self, theory: float, uncertainty: float = 0.0) -> float:
-        """Return the probability of a larger deviation, either way, when the theory is right.
-
-        Parameters
-        ----------
-        theory, uncertainty : float
-            As in `deviation`.
-
-        Returns
-        -------
-        float
-            Two-sided probability of |z| at least as large; NaN where the errors are unknown.
-        """
+        """Return the probability of |z| at least as large if the theory is right; NaN for unknown errors."""
         return float(2.0 * special.ndtr(-abs(self.z(theory, uncertainty))))
 
     def interval(self, confidence: float = 0.95) -> tuple[float, float]:
@@ -288,8 +269,8 @@ class ReplicaWarning(UserWarning):
         self.estimate = estimate
 
 
-def combine_replicas(estimates: Sequence[Estimate]) -> Estimate:
-    """Return the mean of independent replicas of equal length, each with an error of its own.
+def combine_replicas(estimates: Sequence[Estimate], weights: Sequence[float] | None = None) -> Estimate:
+    """Return the mean of independent replicas, each with an error of its own.
 
     The error is that of their spread, s / sqrt(R) with R - 1 degrees of freedom. It includes the effect of
     different initial states that have not relaxed, which blocks within one replica do not show. The replicas'
@@ -299,10 +280,9 @@ def combine_replicas(estimates: Sequence[Estimate]) -> Estimate:
     ----------
     estimates : sequence of Estimate
         One per replica.
-
-    Returns
-    -------
-    Estimate
+    weights : sequence of float, optional
+        Lengths of the replicas, to which their variances are inverse; equal by default. The squared error is
+        then sum of w (x - mean)^2 / ((R - 1) sum of w).
 
     Warns
     -----
@@ -314,11 +294,16 @@ def combine_replicas(estimates: Sequence[Estimate]) -> Estimate:
     ValueError
         If there are none.
     """
-    combined = estimate_from_replicas([e.value for e in estimates])
+    values = np.array([e.value for e in estimates])
+    combined = estimate_from_replicas(values)
+    if weights is not None and len(values) > 1:
+        mean = float(np.average(values, weights=weights))
+        variance = float(np.average((values - mean) ** 2, weights=weights)) / (len(values) - 1)
+        combined = replace(combined, value=mean, standard_error=math.sqrt(variance))
     freedom = np.array([e.degrees_of_freedom for e in estimates])
     own = np.array([e.standard_error for e in estimates])
     if len(own) > 1 and np.all(own > 0.0) and np.all(freedom > 0.0):
-        ratio = float(np.var([e.value for e in estimates], ddof=1) / np.mean(own**2))
+        ratio = (combined.standard_error / _own_error(own, weights)) ** 2
         behind = float(np.minimum(freedom, 1e6).sum())
         if stats.f.sf(ratio, len(own) - 1, behind) < 1e-4:
             warnings.warn(
@@ -332,8 +317,14 @@ def combine_replicas(estimates: Sequence[Estimate]) -> Estimate:
     return combined
 
 
-def pool_replicas(estimates: Sequence[Estimate]) -> Estimate:
-    """Return the mean of independent replicas of equal length with the error that their own errors give.
+def _own_error(own: FloatArray, weights: Sequence[float] | None) -> float:
+    """Return the error of a mean whose parts have errors of their own."""
+    w = np.ones(len(own)) if weights is None else np.asarray(weights, dtype=np.float64)
+    return math.sqrt(float(((w * own) ** 2).sum())) / float(w.sum())
+
+
+def pool_replicas(estimates: Sequence[Estimate], weights: Sequence[float] | None = None) -> Estimate:
+    """Return the mean of independent replicas with the error that their own errors give.
 
     For few replicas with good errors of their own, such as blocks of a time series: sqrt(sum of s_r^2) / R
     has the degrees of freedom of all their blocks, where the spread of R values has only R - 1. Blocks within
@@ -343,8 +334,8 @@ def pool_replicas(estimates: Sequence[Estimate]) -> Estimate:
 
     Parameters
     ----------
-    estimates : sequence of Estimate
-        One per replica.
+    estimates, weights
+        As in `combine_replicas`; with weights the error is sqrt(sum of (w s)^2) / sum of w.
 
     Returns
     -------
@@ -361,16 +352,17 @@ def pool_replicas(estimates: Sequence[Estimate]) -> Estimate:
     with warnings.catch_warnings():
         warnings.simplefilter("error", ReplicaWarning)
         try:
-            combine_replicas(estimates)
+            combine_replicas(estimates, weights)
         except ReplicaWarning as warning:
             return warning.estimate
     own = np.array([e.standard_error for e in estimates])
+    parts = own if weights is None else own * np.asarray(weights)
     freedom = np.array([e.degrees_of_freedom for e in estimates])
-    total = float((own**2).sum())
-    behind = float((own**4 / freedom).sum()) if total > 0.0 else 0.0
+    total = float((parts**2).sum())
+    behind = float((parts**4 / freedom).sum()) if total > 0.0 else 0.0
     return Estimate(
-        float(np.mean([e.value for e in estimates])),
-        math.sqrt(total) / len(own),
+        float(np.average([e.value for e in estimates], weights=weights)),
+        _own_error(own, weights),
         float(sum(e.n_effective for e in estimates)),
         total**2 / behind if behind > 0.0 else math.inf,
     )
@@ -577,10 +569,6 @@ def compare_with_theory(
         The curve expected for the mean.
     theory_uncertainty : (p,) array_like, optional
         The theory's own standard uncertainty at each point, taken as independent between points.
-
-    Returns
-    -------
-    ChiSquare
 
     Raises
     ------

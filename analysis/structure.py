@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from analysis import theory
-from analysis.estimator import PALETTE, Estimator, axes_or_new
-from analysis.series import BlockSeries, block_length, estimate_from_series
+from analysis.estimator import PALETTE, BlockEstimator, axes_or_new, labelled, over_runs
+from analysis.reduced import Gas
+from analysis.series import BlockSeries, block_length, run_groups
 from analysis.statistics import Estimate, TheoryCheck
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ class ContactSamplingWarning(UserWarning):
     """Frames were taken at collisions: a pair is in contact in each, which makes g at contact too large."""
 
 
-class PairDistribution(Estimator):
+class PairDistribution(BlockEstimator):
     """Pair distributions g_ij(r) between species, from frames of a periodic box.
 
     g_ij = V / (N_i N_j) <number of j in a shell around an i> / volume of the shell; i itself is not counted
@@ -72,12 +73,9 @@ class PairDistribution(Estimator):
         self.degree = degree
         self.window = window
         self.edges: FloatArray = np.linspace(0.0, depth, bins + 1)
-        self._frames = BlockSeries(256)
+        self._blocks = BlockSeries(256)
         self._at_collision = 0
         self._scene: Scene | None = None
-        self._pairs: list[tuple[int, int]] = []
-        self._sizes: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
-        self._diameters: FloatArray = np.zeros(0)
 
     def add(self, frame: Frame) -> Self:
         """Take in one frame.
@@ -87,25 +85,20 @@ class PairDistribution(Estimator):
         frame : Frame
             Of a gas that is periodic along every axis; all frames of the same gas.
 
-        Returns
-        -------
-        PairDistribution
-            The estimator itself.
-
         Raises
         ------
         ValueError
             If an axis has walls, or the box is not twice as long as the largest r.
         """
         scene = frame.scene
-        if self._scene is None:
+        if self._gas is None:
             self._begin(scene)
-        elif len(frame.positions) != self._scene.n:
+        elif len(frame.positions) != self._gas.n:
             raise ValueError(
-                f"frame has {len(frame.positions)} particles; expected {self._scene.n}, as in the first"
+                f"frame has {len(frame.positions)} particles; expected {self._gas.n}, as in the first"
             )
-        depth = float(self.edges[-1])
-        reach = float(self._diameters.max()) * (1.0 + depth)
+        species, depth = self.gas, float(self.edges[-1])
+        reach = float(species.diameters.max()) * (1.0 + depth)
         tree = cKDTree(frame.positions, boxsize=scene.box)
         i, j = tree.query_pairs(reach, output_type="ndarray").T
         apart = frame.positions[i] - frame.positions[j]
@@ -113,48 +106,48 @@ class PairDistribution(Estimator):
         contact = scene.radii[i] + scene.radii[j]
         x = np.sqrt(np.einsum("nk,nk->n", apart, apart)) / contact - 1.0
         self._at_collision += bool(len(x) and x.min() < 1e-10)
-        kinds = len(self._sizes)
+        pairs, kinds = self._pairs(), len(species.sizes)
         first = np.minimum(scene.species[i], scene.species[j])
         second = np.maximum(scene.species[i], scene.species[j])
         place = np.zeros((kinds, kinds), dtype=np.intp)
-        for index, pair in enumerate(self._pairs):
+        for index, pair in enumerate(pairs):
             place[pair] = index
         bins = len(self.edges) - 1
         slot = np.maximum(np.floor(x / depth * bins), 0.0).astype(np.intp)  # contacts may overlap by rounding
         inside = slot < bins
         counts = np.bincount(
-            (place[first, second] * bins + slot)[inside], minlength=len(self._pairs) * bins
+            (place[first, second] * bins + slot)[inside], minlength=len(pairs) * bins
         ).reshape(-1, bins)
-        self._frames.add(counts / self._ideal(scene))
+        self._blocks.add(counts / self._ideal())
         return self
 
     def _begin(self, scene: Scene) -> None:
         if not scene.periodic.all():
             raise ValueError("g(r) needs a box that is periodic along every axis; this one has walls")
-        kinds, first = np.unique(scene.species, return_index=True)
-        self._diameters = 2.0 * scene.radii[first]
-        reach = float(self._diameters.max()) * (1.0 + float(self.edges[-1]))
+        reach = 2.0 * float(scene.radii.max()) * (1.0 + float(self.edges[-1]))
         if reach > scene.box.min() / 2:
             raise ValueError(
                 f"depth = {self.edges[-1]:g} reaches to r = {reach:.4g}, beyond half of the shortest edge, "
                 f"{scene.box.min() / 2:.4g}; choose a smaller depth or a larger gas"
             )
-        self._scene = scene
-        self._sizes = np.bincount(scene.species)
-        self._pairs = list(itertools.combinations_with_replacement(range(len(kinds)), 2))
+        self._scene, self._gas = scene, Gas.of(scene)
 
-    def _gas(self) -> Scene:
-        self._require(self._scene is not None, "frames", "add(frame)")
-        assert self._scene is not None
-        return self._scene
+    def _take_in(self, other: Self) -> None:
+        self._scene = self._scene or other._scene
+        super()._take_in(other)
+        self._at_collision += other._at_collision
 
-    def _ideal(self, scene: Scene) -> FloatArray:
+    def _pairs(self) -> list[tuple[int, int]]:
+        return list(itertools.combinations_with_replacement(range(len(self.gas.sizes)), 2))
+
+    def _ideal(self) -> FloatArray:
         """Pairs that each bin would hold without any correlation, (pairs, bins)."""
-        shells = self._shells(scene.dim)
+        gas, sizes = self.gas, self.gas.sizes
+        shells = self._shells(gas.dim)
         rows = []
-        for i, j in self._pairs:
-            pairs = self._sizes[i] * self._sizes[j] / (2.0 if i == j else 1.0)
-            rows.append(pairs / scene.volume * self._contact(i, j) ** scene.dim * shells)
+        for i, j in self._pairs():
+            pairs = sizes[i] * sizes[j] / (2.0 if i == j else 1.0)
+            rows.append(pairs / gas.volume * self._contact(i, j) ** gas.dim * shells)
         return np.array(rows)
 
     def _shells(self, dim: int) -> FloatArray:
@@ -163,32 +156,42 @@ class PairDistribution(Estimator):
         return np.asarray(ball * np.diff((1.0 + self.edges) ** dim))
 
     def _contact(self, i: int, j: int) -> float:
-        return float(self._diameters[i] + self._diameters[j]) / 2.0
+        diameters = self.gas.diameters
+        return float(diameters[i] + diameters[j]) / 2.0
 
     # Results ------------------------------------------------------------------------------------------------
 
-    def _rows(self) -> FloatArray:
-        self._require(len(self._frames) >= 2, "two frames", "add(frame) twice or more")
-        return self._frames.rows
+    def _rows(self) -> list[FloatArray]:
+        """Return the rows of each run."""
+        self._require_frames()
+        return [series.rows for series in self._series()]
+
+    def _require_frames(self) -> None:
+        ready = sum(map(len, self._series())) >= 2
+        self._require(ready, "two frames", "add(frame) twice or more")
+
+    @property
+    def _frames(self) -> int:
+        return sum(series.n_samples for series in self._series())
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
         """Which two species each row of `g` is of."""
-        self._rows()
-        return list(self._pairs)
+        self._require_frames()
+        return self._pairs()
 
     @property
     def r(self) -> FloatArray:
         """Middle of each bin, (pairs, bins), [length]."""
-        self._rows()
+        self._require_frames()
         middle = 1.0 + (self.edges[1:] + self.edges[:-1]) / 2
-        return np.array([self._contact(i, j) * middle for i, j in self._pairs])
+        return np.array([self._contact(i, j) * middle for i, j in self._pairs()])
 
     @property
     def g(self) -> FloatArray:
         """Pair distributions averaged over each bin's shell, (pairs, bins)."""
-        self._rows()
-        return self._frames.mean
+        self._require_frames()
+        return self._mean
 
     @property
     def g_error(self) -> FloatArray:
@@ -196,18 +199,23 @@ class PairDistribution(Estimator):
 
         In bins of fewer than 10 pairs no less than Poisson's, see `_sparse_variance`.
         """
-        rows = self._rows()
-        length = min(block_length(rows @ self._extrapolation(self.degree) @ self._shares()), len(rows) // 2)
-        blocks = len(rows) // length
-        means = rows[len(rows) - blocks * length :].reshape(blocks, length, *rows.shape[1:]).mean(axis=1)
-        return np.asarray(
-            np.maximum(means.std(axis=0, ddof=1) / math.sqrt(blocks), self._sparse_variance() ** 0.5)
-        )
+        functional, shares = self._extrapolation(self.degree), self._shares()
+        variances, frames = [], []
+        for group in run_groups(runs := self._rows()):
+            rows = np.concatenate([runs[k] for k in group])
+            length = min(block_length(rows @ functional @ shares), len(rows) // 2)
+            blocks = len(rows) // length
+            means = rows[len(rows) - blocks * length :].reshape(blocks, length, *rows.shape[1:]).mean(axis=1)
+            variances.append((means.std(axis=0, ddof=1) / math.sqrt(blocks)) ** 2)
+            frames.append(sum(self._series()[k].n_samples for k in group))
+        weights = np.array(frames) / sum(frames)
+        error = np.sqrt(np.einsum("r,r...->...", weights**2, np.array(variances)))
+        return np.asarray(np.maximum(error, self._sparse_variance() ** 0.5))
 
     def _sparse(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return pairs observed, pairs expected without correlation, and which bins are sparse (0 or 1)."""
-        expected = self._ideal(self._gas()) * self._frames.n_samples
-        seen = self._frames.mean * expected
+        expected = self._ideal() * self._frames
+        seen = self._mean * expected
         return seen, expected, np.where(seen < SPARSE, 1.0, 0.0)
 
     def _sparse_variance(self) -> FloatArray:
@@ -240,7 +248,7 @@ class PairDistribution(Estimator):
         Least squares with the shells' volumes as weights, which are those of counts where g is flat, and with
         the polynomial averaged over each bin: fixed numbers, so that the result is linear in the data.
         """
-        dim = self._gas().dim
+        dim = self.gas.dim
         last = int(np.searchsorted(self.edges, self.window * (1.0 + 1e-9), side="right")) - 1
         low, high = self.edges[:last], self.edges[1 : last + 1]
         nodes, weights = np.polynomial.legendre.leggauss(degree + 3)
@@ -255,26 +263,27 @@ class PairDistribution(Estimator):
         functional[:last] = np.linalg.pinv(basis * root[:, None])[0] * root
         return functional
 
-    def _contact_rows(self) -> FloatArray:
-        """Contact values of each row, (rows, pairs)."""
-        rows = self._rows()
-        if self._at_collision > self._frames.n_samples / 2:
+    def _contact_rows(self) -> list[FloatArray]:
+        """Return the contact values of each row of each run, (rows, pairs)."""
+        runs = self._rows()
+        if self._at_collision > self._frames / 2:
             warnings.warn(
-                f"a pair was in contact in {self._at_collision} of {self._frames.n_samples} frames, which "
+                f"a pair was in contact in {self._at_collision} of {self._frames} frames, which "
                 "were taken at collisions: g at contact is too large; take frames at equal times",
                 ContactSamplingWarning,
                 stacklevel=3,
             )
-        return np.asarray(rows @ self._extrapolation(self.degree))
+        functional = self._extrapolation(self.degree)
+        return [np.asarray(rows @ functional) for rows in runs]
 
     def _shares(self) -> FloatArray:
         """Return what each pair's contact value adds to canonical Z - 1, (pairs,)."""
-        scene = self._gas()
-        ball = 2 * math.pi / 3 if scene.dim == 3 else math.pi / 2
+        gas, sizes = self.gas, self.gas.sizes
+        ball = 2 * math.pi / 3 if gas.dim == 3 else math.pi / 2
         shares = []
-        for i, j in self._pairs:
-            both = self._sizes[i] * self._sizes[j] * (1.0 if i == j else 2.0) / scene.n**2
-            shares.append(ball * scene.n / scene.volume * both * self._contact(i, j) ** scene.dim)
+        for i, j in self._pairs():
+            both = sizes[i] * sizes[j] * (1.0 if i == j else 2.0) / gas.n**2
+            shares.append(ball * gas.n / gas.volume * both * self._contact(i, j) ** gas.dim)
         return np.array(shares)
 
     @property
@@ -286,10 +295,10 @@ class PairDistribution(Estimator):
         """
         values, functional = self._contact_rows(), self._extrapolation(self.degree)
         contacts = {}
-        for index, pair in enumerate(self._pairs):
-            weights = np.zeros((len(self._pairs), len(functional)))
+        for index, pair in enumerate(self._pairs()):
+            weights = np.zeros((values[0].shape[1], len(functional)))
             weights[index] = functional
-            contacts[pair] = self._with_floor(estimate_from_series(values[:, index]), weights)
+            contacts[pair] = self._with_floor(self._pooled([run[:, index] for run in values]), weights)
         return contacts
 
     @property
@@ -300,8 +309,8 @@ class PairDistribution(Estimator):
         in 2D: the virial theorem, exact at any N but for the extrapolation. Comparable with `Pressure.virial`
         and with `theory.finite_size_compressibility`.
         """
-        shares = self._shares() * self._gas().n / (self._gas().n - 1)
-        estimate = estimate_from_series(1.0 + self._contact_rows() @ shares)
+        shares = self._shares() * self.gas.n / (self.gas.n - 1)
+        estimate = self._pooled([1.0 + run @ shares for run in self._contact_rows()])
         return self._with_floor(estimate, np.outer(shares, self._extrapolation(self.degree)))
 
     @property
@@ -310,10 +319,11 @@ class PairDistribution(Estimator):
 
         It contains noise of about the standard error of Z, and is an upper bound while that dominates.
         """
-        mean = self._rows().mean(axis=0) @ np.stack(
+        frames = [series.n_samples for series in self._series()]
+        mean = over_runs([rows.mean(axis=0) for rows in self._rows()], frames) @ np.stack(
             [self._extrapolation(self.degree), self._extrapolation(self.degree + 1)], axis=1
         )
-        both = self._shares() @ mean * (self._gas().n / (self._gas().n - 1))
+        both = self._shares() @ mean * (self.gas.n / (self.gas.n - 1))
         return float(abs(both[1] - both[0]))
 
     @property
@@ -322,48 +332,30 @@ class PairDistribution(Estimator):
         from analysis.pressure import Pressure
 
         measured = self.compressibility_factor
-        name, expected = next(iter(Pressure(self._gas()).predictions.items()))
+        assert self._scene is not None
+        name, expected = next(iter(Pressure(self._scene).predictions.items()))
         uncertainty = math.hypot(expected.uncertainty, self.extrapolation_bias)
         return TheoryCheck("Z from g at contact", name, measured, expected.value, uncertainty)
 
+    @property
+    def checks(self) -> list[TheoryCheck]:
+        """The one `check`."""
+        return [self.check]
+
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw g(r) of each pair of species with its standard errors, and theory's contact value.
-
-        Parameters
-        ----------
-        ax : Axes, optional
-            Where to draw; a new figure when absent.
-
-        Returns
-        -------
-        Axes
-        """
+        """Draw g(r) of each pair of species with its standard errors, and theory's contact value."""
         r, g, error = self.r, self.g, self.g_error
         axes = axes_or_new(ax)
-        densities = self._sizes / self._gas().volume
-        if len(self._sizes) > 1:
-            expected = theory.mixture_contact_values(densities, self._diameters, self._gas().dim)
+        gas = self.gas
+        if len(gas.sizes) > 1:
+            expected = theory.mixture_contact_values(gas.sizes / gas.volume, gas.diameters, gas.dim)
         else:
-            expected = np.array(
-                [[float(theory.contact_value(self._gas().packing_fraction, self._gas().dim))]]
-            )
-        for index, (i, j) in enumerate(self._pairs):
-            label = "simulation" if len(self._pairs) == 1 else f"species {i}, {j}"
-            axes.errorbar(
-                r[index],
-                g[index],
-                error[index],
-                fmt=".",
-                ms=3,
-                color=PALETTE[index % len(PALETTE)],
-                label=label,
-            )
-            axes.plot(
-                self._contact(i, j), expected[i, j], "D", color=PALETTE[index % len(PALETTE)], mfc="none"
-            )
+            expected = np.array([[float(theory.contact_value(gas.packing_fraction, gas.dim))]])
+        for index, (i, j) in enumerate(self.pairs):
+            colour = PALETTE[index % len(PALETTE)]
+            label = "simulation" if len(r) == 1 else f"species {i}, {j}"
+            axes.errorbar(r[index], g[index], error[index], fmt=".", ms=3, color=colour, label=label)
+            axes.plot(self._contact(i, j), expected[i, j], "D", color=colour, mfc="none")
         axes.plot([], [], "D", color="0.4", mfc="none", label="theory at contact")
         axes.axhline(1.0, color="0.7", lw=1, zorder=0)
-        axes.set_xlabel("distance r")
-        axes.set_ylabel("pair distribution g(r)")
-        axes.legend()
-        return axes
+        return labelled(axes, "distance r", "pair distribution g(r)")

@@ -1,21 +1,20 @@
-"""Temperature equilibration between two species, and between directions.
-
-Both estimators average over replicas, independent gases that differ in their random start only; errors come
-from the spread of the replicas. Add the frames of one replica in the order of time, then those of the next; a
-frame that does not advance in time begins a new replica. All replicas must be sampled alike.
-"""
+"""Temperature equilibration between two species, and between directions."""
 
 from __future__ import annotations
 
+import itertools
 import math
+from abc import abstractmethod
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis import theory
-from analysis.estimator import PALETTE, Estimator, axes_or_new
+from analysis.estimator import PALETTE, ReplicaEstimator, axes_or_new, labelled
+from analysis.reduced import Gas
 from analysis.statistics import Estimate, TheoryCheck, estimate_from_jackknife, replica_mean
 from analysis.theory import Prediction
 from hardspheres.scene import drift
@@ -23,36 +22,31 @@ from hardspheres.scene import drift
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from hardspheres import Frame, Scene
+    from hardspheres import Frame
 
 __all__ = ["AnisotropyDecay", "TemperatureEquilibration"]
 
 FloatArray = NDArray[np.float64]
 
 
-class _Replicas(Estimator):
-    """A few numbers per frame, replica by replica."""
+@dataclass
+class _Replica:
+    """What is kept of one replica: S sampled moments."""
 
-    def __init__(self) -> None:
-        self._time: list[list[float]] = []
-        self._s: list[list[float]] = []
-        self._values: list[list[FloatArray]] = []
-        self._scene: Scene | None = None
+    time: list[float]
+    s: list[float]
+    values: list[FloatArray]
 
+
+class _Replicas(ReplicaEstimator):
+    """A few numbers per frame, replica by replica; a frame that does not advance in time begins a new one."""
+
+    @abstractmethod
     def _measure(self, frame: Frame) -> FloatArray:
-        raise NotImplementedError
+        """Return what is kept of a frame."""
 
     def add(self, frame: Frame) -> Self:
-        """Take in one frame.
-
-        Parameters
-        ----------
-        frame : Frame
-            The next frame of this replica, or the first of another.
-
-        Returns
-        -------
-        The estimator itself.
+        """Take in the next frame of this replica, or the first of another.
 
         Raises
         ------
@@ -60,62 +54,40 @@ class _Replicas(Estimator):
             If the gas is not one this estimator is for, or not the one of the first frame.
         """
         scene = frame.scene
-        if self._scene is not None and (scene.n, scene.dim) != (self._scene.n, self._scene.dim):
+        gas = self._gas or Gas.of(scene)
+        if (scene.n, scene.dim) != (gas.n, gas.dim):
             raise ValueError(
-                f"frame has {scene.n} particles in {scene.dim} dimensions; expected {self._scene.n} in "
-                f"{self._scene.dim}, as in the first frame"
+                f"frame has {scene.n} particles in {scene.dim} dimensions; expected {gas.n} in "
+                f"{gas.dim}, as in the first frame"
             )
         values = self._measure(frame)
-        if self._scene is None:
-            self._scene = scene
-        if not self._time or frame.time <= self._time[-1][-1]:
-            self._time.append([])
-            self._s.append([])
-            self._values.append([])
-        self._time[-1].append(frame.time)
-        self._s[-1].append(frame.collisions_per_particle)
-        self._values[-1].append(values)
+        self._gas = gas
+        replica = self._continued(frame.time, "time", lambda: _Replica([], [], []))
+        replica.time.append(frame.time)
+        replica.s.append(frame.collisions_per_particle)
+        replica.values.append(values)
         return self
-
-    def merge(self, other: Self) -> Self:
-        """Append the replicas of another estimator of the same gas, in their order, and return this one."""
-        if self._scene is not None and other._scene is not None and self._scene.n != other._scene.n:
-            raise ValueError("the estimators are of different gases and cannot be merged")
-        self._scene = self._scene or other._scene
-        self._time += other._time
-        self._s += other._s
-        self._values += other._values
-        return self
-
-    @property
-    def n_replicas(self) -> int:
-        """Number of replicas R."""
-        return len(self._time)
 
     @property
     def time(self) -> FloatArray:
         """Mean time of each sample since the first, (S,), [time]."""
-        times = np.array(self._ready(self._time))
+        times = np.array(self._ready("time"))
         return np.asarray((times - times[:, :1]).mean(axis=0))
 
     @property
     def s(self) -> FloatArray:
         """Mean collisions per particle of each sample since the first, (S,)."""
-        s = np.array(self._ready(self._s))
+        s = np.array(self._ready("s"))
         return np.asarray((s - s[:, :1]).mean(axis=0))
 
     @property
     def samples(self) -> FloatArray:
         """The values of each replica, (R, S, ...)."""
-        return np.array(self._ready(self._values))
+        return np.array(self._ready("values"))
 
-    def _gas(self) -> Scene:
-        self._require(self._scene is not None, "replicas", "add(frame)")
-        assert self._scene is not None
-        return self._scene
-
-    def _ready(self, series: list[list[Any]]) -> list[list[Any]]:
-        self._require(bool(series), "replicas", "add(frame)")
+    def _ready(self, name: str) -> list[list[Any]]:
+        self._require(bool(self._replicas), "replicas", "add(frame)")
+        series = [getattr(replica, name) for replica in self._replicas]
         for index, replica in enumerate(series):
             if len(replica) != len(series[0]):
                 raise ValueError(
@@ -135,16 +107,31 @@ class _Replicas(Estimator):
             )
         return first, last
 
-    def _rate(self, ends: FloatArray, length: float, what: str) -> Estimate:
-        """Mean rate of exponential decay between two ends, (R, 2); jackknife over replicas."""
+    def _decayed(self, axis: FloatArray, expected: FloatArray, measured: FloatArray) -> tuple[float, float]:
+        """Return the window from the first sample to where 1/e of a quantity is left, or to before the noise.
+
+        `expected`, (S,), is what theory says of the quantity, `measured`, (R, S), what the replicas gave.
+        """
+        mean, error = replica_mean(measured)
+        clear = np.abs(mean) > 3.0 * np.nan_to_num(error)
+        clear &= mean * mean[0] > 0.0
+        last = int(np.argmin(np.append(clear, False))) - 1  # of those that are clear from the first on
+        self._require(last > 0, "decay above the noise", "add(frame) with more particles or replicas")
+        wanted = int(np.argmin(np.abs(np.log(np.abs(expected[: last + 1] / expected[0])) + 1.0)))
+        return float(axis[0]), float(axis[max(wanted, 1)])
+
+    def _rate(
+        self, axis: FloatArray, decaying: FloatArray, window: tuple[float, float], what: str
+    ) -> Estimate:
+        """Mean rate of exponential decay of a quantity, (R, S), over a window; jackknife over replicas."""
+        places = list(self._ends(axis, window))
+        ends, length = decaying[:, places], float(axis[places[1]] - axis[places[0]])
         mean, error = replica_mean(ends)
-        unknown = np.where(np.isnan(error), 0.0, error)
-        if np.any(np.abs(mean) < 3.0 * unknown) or mean[0] * mean[1] <= 0.0:
+        if np.any(np.abs(mean) < 3.0 * np.nan_to_num(error)) or mean[0] * mean[1] <= 0.0:
             raise ValueError(
                 f"the {what} is lost in the noise within the window: {mean[0]:.2g} and {mean[1]:.2g} with "
-                "standard "
-                f"errors {error[0]:.2g} and {error[1]:.2g}; use more particles or replicas, or an earlier "
-                "window"
+                f"standard errors {error[0]:.2g} and {error[1]:.2g}; use more particles or replicas, or an "
+                "earlier window"
             )
         return estimate_from_jackknife(ends, lambda pair: math.log(float(pair[0] / pair[1])) / length)
 
@@ -170,15 +157,13 @@ class TemperatureEquilibration(_Replicas):
 
     def _measure(self, frame: Frame) -> FloatArray:
         scene = frame.scene
-        sizes = np.bincount(scene.species)
-        if len(sizes) < 2:
+        species = Gas.of(scene)
+        if len(species.sizes) < 2:
             raise ValueError("the gas has one species; temperatures of species need at least two")
-        first = np.unique(scene.species, return_index=True)[1]
-        conserved = float(np.mean(scene.periodic)) * scene.masses[first] / scene.masses.sum()
         peculiar = frame.velocities - drift(frame.velocities, scene.masses, scene.periodic)
         twice = scene.masses * np.einsum("ik,ik->i", peculiar, peculiar)
         total = np.bincount(scene.species, weights=twice)
-        return np.asarray(total / (scene.dim * sizes * (1.0 - conserved)))
+        return np.asarray(total / (scene.dim * species.sizes * (1.0 - species.momentum_shares)))
 
     @property
     def temperatures(self) -> FloatArray:
@@ -196,12 +181,9 @@ class TemperatureEquilibration(_Replicas):
         return self._theory(self.time)
 
     def _theory(self, time: FloatArray) -> Prediction:
-        scene = self._gas()
-        first = np.unique(scene.species, return_index=True)[1]
-        densities = np.bincount(scene.species) / scene.volume
-        diameters, masses = 2.0 * scene.radii[first], scene.masses[first]
-        start = self.temperatures[0]
-        return theory.temperature_equilibration(time, start, densities, diameters, masses, scene.dim)
+        gas, start = self.gas, self.temperatures[0]
+        densities = gas.sizes / gas.volume
+        return theory.temperature_equilibration(time, start, densities, gas.diameters, gas.masses, gas.dim)
 
     def fit_rate(self, window: tuple[float, float], species: tuple[int, int] = (0, 1)) -> Estimate:
         """Return the mean rate at which the difference of two temperatures decays over a window of time.
@@ -226,10 +208,9 @@ class TemperatureEquilibration(_Replicas):
         ValueError
             If the window does not hold two samples, or the difference is lost in the noise at one end.
         """
-        time, samples = self.time, self.samples
-        ends = list(self._ends(time, window))
-        difference = samples[:, ends, species[0]] - samples[:, ends, species[1]]
-        return self._rate(difference, float(time[ends[1]] - time[ends[0]]), "temperature difference")
+        samples = self.samples
+        difference = samples[..., species[0]] - samples[..., species[1]]
+        return self._rate(self.time, difference, window, "temperature difference")
 
     def expected_rate(self, window: tuple[float, float], species: tuple[int, int] = (0, 1)) -> Prediction:
         """Return what the two-Maxwellian theory says of `fit_rate`, with its uncertainty."""
@@ -239,56 +220,40 @@ class TemperatureEquilibration(_Replicas):
         difference = expected.value[ends, species[0]] - expected.value[ends, species[1]]
         length = float(time[ends[1]] - time[ends[0]])
         rate = math.log(float(difference[0] / difference[1])) / length
-        relative = {3: 0.04, 2: 0.08}[self._gas().dim]
+        relative = {3: 0.04, 2: 0.08}[self.gas.dim]
         return Prediction(rate, relative * rate)
+
+    @property
+    def checks(self) -> list[TheoryCheck]:
+        """The rate of each species beside the next one's, over about one relaxation time; see `check`."""
+        found, expected = [], self.theory.value
+        for i, j in itertools.pairwise(range(expected.shape[1])):
+            apart, samples = (values[..., i] - values[..., j] for values in (expected, self.samples))
+            check = self.check(self._decayed(self.time, apart, samples), (i, j))
+            pair = f", species {i + 1}-{j + 1}" if expected.shape[1] > 2 else ""
+            found.append(replace(check, quantity=check.quantity + pair))
+        return found
 
     def check(self, window: tuple[float, float], species: tuple[int, int] = (0, 1)) -> TheoryCheck:
         """Return the fitted rate beside the theory's."""
-        expected = self.expected_rate(window, species)
-        return TheoryCheck(
-            "rate of temperature equilibration",
-            "two Maxwellians",
-            self.fit_rate(window, species),
-            expected.value,
-            expected.uncertainty,
-        )
+        p, measured = self.expected_rate(window, species), self.fit_rate(window, species)
+        name = "rate of temperature equilibration"
+        return TheoryCheck(name, "two Maxwellians", measured, p.value, p.uncertainty)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the temperatures of the species against time over the theory with its band.
-
-        Parameters
-        ----------
-        ax : Axes, optional
-            Where to draw; a new figure when absent.
-
-        Returns
-        -------
-        Axes
-        """
+        """Draw the temperatures of the species against time over the theory with its band."""
         time, values, errors = self.time, self.temperatures, self.temperatures_error
         axes = axes_or_new(ax)
         fine = np.linspace(0.0, float(time[-1]), 200)
         expected = self._theory(fine)
         for kind in range(values.shape[1]):
             low, high = (expected.value + sign * expected.uncertainty for sign in (-1, 1))
-            axes.fill_between(
-                fine, low[:, kind], high[:, kind], color=PALETTE[kind % len(PALETTE)], alpha=0.2, lw=0
-            )
-            axes.plot(fine, expected.value[:, kind], color=PALETTE[kind % len(PALETTE)], lw=1.5)
-            axes.errorbar(
-                time,
-                values[:, kind],
-                errors[:, kind],
-                fmt="o",
-                ms=4,
-                color=PALETTE[kind % len(PALETTE)],
-                label=f"species {kind}",
-            )
+            colour, label = PALETTE[kind % len(PALETTE)], f"species {kind}"
+            axes.fill_between(fine, low[:, kind], high[:, kind], color=colour, alpha=0.2, lw=0)
+            axes.plot(fine, expected.value[:, kind], color=colour, lw=1.5)
+            axes.errorbar(time, values[:, kind], errors[:, kind], fmt="o", ms=4, color=colour, label=label)
         axes.plot([], [], color="0.4", lw=1.5, label="two Maxwellians")
-        axes.set_xlabel("time")
-        axes.set_ylabel("temperature $k_BT$")
-        axes.legend()
-        return axes
+        return labelled(axes, "time", "temperature $k_BT$")
 
 
 class AnisotropyDecay(_Replicas):
@@ -342,7 +307,7 @@ class AnisotropyDecay(_Replicas):
 
     def _theory(self, s: FloatArray) -> Prediction:
         start = float(self.anisotropy[0])
-        decay = theory.anisotropy_decay(s, self._gas().dim)
+        decay = theory.anisotropy_decay(s, self.gas.dim)
         return Prediction(start * decay.value, abs(start) * decay.uncertainty)
 
     def fit_rate(self, window: tuple[float, float] = (0.0, 2.0)) -> Estimate:
@@ -355,9 +320,7 @@ class AnisotropyDecay(_Replicas):
         window : (float, float), default (0, 2)
             s1 < s2, collisions per particle since the first sample; the nearest samples are used.
         """
-        s = self.s
-        ends = list(self._ends(s, window))
-        return self._rate(self.samples[:, ends], float(s[ends[1]] - s[ends[0]]), "anisotropy")
+        return self._rate(self.s, self.samples, window, "anisotropy")
 
     def expected_rate(self, window: tuple[float, float] = (0.0, 2.0)) -> Prediction:
         """Return what the Boltzmann equation says of `fit_rate`, with its uncertainty."""
@@ -368,36 +331,25 @@ class AnisotropyDecay(_Replicas):
         rate = math.log(float(expected.value[0] / expected.value[1])) / length
         return Prediction(rate, float(np.hypot(*(expected.uncertainty / expected.value))) / length)
 
+    @property
+    def checks(self) -> list[TheoryCheck]:
+        """The rate beside theory over about one relaxation time, as far as theory reaches; see `check`."""
+        known = int(np.searchsorted(self.s, 4.0, side="right"))
+        s, samples = self.s[:known], self.samples[:, :known]
+        return [self.check(self._decayed(s, self._theory(s).value, samples))]
+
     def check(self, window: tuple[float, float] = (0.0, 2.0)) -> TheoryCheck:
         """Return the fitted rate beside the theory's."""
-        expected = self.expected_rate(window)
-        return TheoryCheck(
-            "decay rate of the anisotropy",
-            "Boltzmann equation",
-            self.fit_rate(window),
-            expected.value,
-            expected.uncertainty,
-        )
+        p, measured = self.expected_rate(window), self.fit_rate(window)
+        name = "decay rate of the anisotropy"
+        return TheoryCheck(name, "Boltzmann equation", measured, p.value, p.uncertainty)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the anisotropy with its standard errors against s over the Boltzmann equation's.
-
-        Parameters
-        ----------
-        ax : Axes, optional
-            Where to draw; a new figure when absent.
-
-        Returns
-        -------
-        Axes
-        """
+        """Draw the anisotropy with its standard errors against s over the Boltzmann equation's."""
         s, values, errors = self.s, self.anisotropy, self.anisotropy_error
         axes = axes_or_new(ax)
         fine = np.linspace(0.0, min(float(s[-1]), 4.0), 200)
         axes.plot(fine, self._theory(fine).value, color="0.25", lw=1.5, label="Boltzmann equation")
         axes.errorbar(s, values, errors, fmt="o", ms=4, label="simulation")
-        axes.set_xlabel("collisions per particle s")
         name = "xyz"[self.axis] if isinstance(self.axis, int) else r"\parallel"
-        axes.set_ylabel(f"anisotropy $T_{name}/T - 1$")
-        axes.legend()
-        return axes
+        return labelled(axes, "collisions per particle s", f"anisotropy $T_{name}/T - 1$")

@@ -5,14 +5,16 @@ from __future__ import annotations
 import math
 import warnings
 from collections import deque
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis import theory
-from analysis.estimator import Estimator, axes_or_new
-from analysis.series import BlockSeries, SeriesWarning, estimate_from_series
+from analysis.estimator import Estimator, axes_or_new, labelled, over_runs
+from analysis.reduced import Gas
+from analysis.series import BlockSeries, SeriesWarning, estimate_from_runs, estimate_from_series
 from analysis.statistics import Estimate, TheoryCheck
 
 if TYPE_CHECKING:
@@ -90,10 +92,11 @@ class Diffusion(Estimator):
             raise ValueError(f"points = {points}; expected an even number of at least 4")
         self.points = points
         self.species = species
-        self._scene: Scene | None = None
         self._times: list[float] = []
         self._count = 0
         self._particles = 0
+        self._scene: Scene | None = None
+        self._merged: list[Diffusion] = []  # other runs
         self._levels: list[deque[tuple[FloatArray, FloatArray]]] = []
         self._rows_by_level: list[BlockSeries] = []
         self._groups_by_level: list[
@@ -110,11 +113,6 @@ class Diffusion(Estimator):
         ----------
         frame : Simulation or frame
             Anything with `time`, `unwrapped_positions`, `velocities` and `scene`; equally spaced in time.
-
-        Returns
-        -------
-        Diffusion
-            The estimator itself.
 
         Raises
         ------
@@ -134,6 +132,7 @@ class Diffusion(Estimator):
             raise ValueError(f"species = {self.species}; the gas has {int(scene.species.max()) + 1}")
         self._particles = len(members)
         self._scene = self._scene or scene
+        self._gas = self._gas or Gas.of(scene)
         share = scene.masses / scene.masses.sum()
         common = np.where(scene.periodic, 1.0, 0.0)
         x = (positions - common * (share @ positions))[members]
@@ -152,10 +151,23 @@ class Diffusion(Estimator):
         self._count += 1
         return self
 
-    def _gas(self) -> Scene:
+    @property
+    def scene(self) -> Scene:
+        """Where the simulation started whose gas is followed: its box, sizes and masses."""
         self._require(self._scene is not None, "moments", "add(sim)")
         assert self._scene is not None
         return self._scene
+
+    def _take_in(self, other: Self) -> None:
+        spacings = [run.spacing for run in (self, other) if len(run._times) > 1]
+        if np.ptp(spacings or [0.0]) > 1e-6 * max(spacings, default=1.0):
+            raise ValueError(
+                f"samples {spacings[0]:g} and {spacings[1]:g} apart in time cannot be merged: the lags differ"
+            )
+        self._scene = self._scene or other._scene
+        self._merged += [other, *other._merged]
+        other._merged = []
+        other._levels, other._first = [], None  # of snapshots, which only an own run needs
 
     def _check_time(self, time: float) -> None:
         self._times = [*self._times[:2], time]  # the first two, and the last
@@ -191,19 +203,27 @@ class Diffusion(Estimator):
 
     # Lags ---------------------------------------------------------------------------------------------------
 
+    def _runs(self) -> list[Diffusion]:
+        """Return all runs that have lags."""
+        return [run for run in (self, *self._merged) if run._reaches(0)]
+
+    def _reaches(self, level: int) -> bool:
+        return level < len(self._rows_by_level) and len(self._rows_by_level[level]) >= 2
+
     @property
     def spacing(self) -> float:
         """Time between two moments, [time]."""
-        self._require(len(self._times) > 1, "spacing", "add(sim) at least twice")
-        return self._times[1] - self._times[0]
+        times = next((run._times for run in (self, *self._merged) if len(run._times) > 1), [])
+        self._require(bool(times), "spacing", "add(sim) at least twice")
+        return times[1] - times[0]
 
     def _lags(self) -> list[tuple[int, int]]:
-        """Level and place within it of every lag that has at least two origins."""
-        lags = []
-        for level, rows in enumerate(self._rows_by_level):
-            if len(rows) >= 2:
-                first = 1 if level == 0 else self.points // 2 + 1
-                lags += [(level, k) for k in range(first, self.points + 1)]
+        """Level and place within it of every lag that has at least two origins in each run."""
+        runs, lags, level = self._runs(), [], 0
+        while runs and all(run._reaches(level) for run in runs):
+            first = 1 if level == 0 else self.points // 2 + 1
+            lags += [(level, k) for k in range(first, self.points + 1)]
+            level += 1
         self._require(bool(lags), "lags", f"add(sim) at least {self.points + 2} times")
         return lags
 
@@ -212,10 +232,22 @@ class Diffusion(Estimator):
         """Times between two moments that are compared, ascending, (lags,), [time]."""
         return np.array([k * 2.0**level for level, k in self._lags()]) * self.spacing
 
+    def _origins(self, level: int) -> list[int]:
+        return [run._rows_by_level[level].n_samples for run in self._runs()]
+
+    def _mean(self, level: int) -> FloatArray:
+        """Mean over all origins of all runs."""
+        return over_runs([run._rows_by_level[level].mean for run in self._runs()], self._origins(level))
+
+    def _pooled(self, level: int, statistic: Callable[[FloatArray], FloatArray]) -> Estimate:
+        """Return the mean over origins of a number, given as a function of the rows of a level."""
+        rows = [statistic(run._rows_by_level[level].rows) for run in self._runs()]
+        return estimate_from_runs(rows, weights=self._origins(level))
+
     @property
     def mean_square_displacement(self) -> FloatArray:
         """<|x(t) - x(0)|^2> at each of `lags`, relative to the common motion, (lags,), [length^2]."""
-        return np.array([self._rows_by_level[level].mean[k - 1] for level, k in self._lags()])
+        return np.array([self._mean(level)[k - 1] for level, k in self._lags()])
 
     @property
     def mean_square_displacement_error(self) -> FloatArray:
@@ -241,7 +273,7 @@ class Diffusion(Estimator):
     @property
     def velocity_autocorrelation(self) -> FloatArray:
         """<v(0).v(t)>/<v^2> at each of `lags`, (lags,)."""
-        rows = [(self._rows_by_level[level].mean, self.points + k) for level, k in self._lags()]
+        rows = [(self._mean(level), self.points + k) for level, k in self._lags()]
         return np.array([mean[place] / mean[self.points] for mean, place in rows])
 
     @property
@@ -250,8 +282,15 @@ class Diffusion(Estimator):
         return self._errors(self.points, self.points)
 
     def _errors(self, shift: int, over: int | None = None) -> FloatArray:
-        """Errors of the columns shift + k of all lags, or of their ratios to column `over`."""
-        lags = self._lags()
+        """Errors of the columns shift + k of all lags, or of their ratios to column `over`; of all runs."""
+        lags, runs = self._lags(), self._runs()
+        errors = np.array([run._own_errors(lags, shift, over) for run in runs])
+        weights = np.array([self._origins(level) for level, _ in lags]).T
+        weights = weights / weights.sum(axis=0)
+        return np.asarray(np.sqrt(((weights * errors) ** 2).sum(axis=0)))
+
+    def _own_errors(self, lags: list[tuple[int, int]], shift: int, over: int | None) -> FloatArray:
+        """Errors as `_errors`, of this run only."""
         time = np.array([k * 2**level for level, k in lags])
         groups = np.array([self._group_variance(level, shift + k, over) for level, k in lags])
         blocks = np.array([self._block_variance(level, k, shift + k, over) for level, k in lags])
@@ -324,11 +363,8 @@ class Diffusion(Estimator):
             If the window does not fit the lags.
         """
         level, first, last = self._level_of(window)
-        rows = self._rows_by_level[level].rows
-        duration = (last - first) * 2.0**level * self.spacing
-        return estimate_from_series(
-            (rows[:, last - 1] - rows[:, first - 1]) / (2 * self._gas().dim * duration)
-        )
+        scale = 2 * self.scene.dim * ((last - first) * 2.0**level * self.spacing)
+        return self._pooled(level, lambda rows: (rows[:, last - 1] - rows[:, first - 1]) / scale)
 
     def diffusion_from_velocities(self, until: float) -> Estimate:
         """Return D_L from the integral of the velocity autocorrelation, by Green and Kubo's relation.
@@ -357,15 +393,15 @@ class Diffusion(Estimator):
         level = max(math.ceil(math.log2(until / self.spacing / self.points) - 1e-9), 0) if until > 0.0 else 0
         step = self.spacing * 2.0**level
         last = 2 * round(until / step / 2.0)
-        if not (0.0 < until <= longest * (1 + 1e-9) and last >= 2 and len(self._rows_by_level[level]) >= 2):
+        if not (0.0 < until <= longest * (1 + 1e-9) and last >= 2 and level <= self._lags()[-1][0]):
             raise ValueError(
                 f"until = {until:g}; expected at least {2 * self.spacing:g}, two spacings, and at most "
                 f"{longest:g}"
             )
         weights = np.ones(last + 1)
         weights[1:-1:2], weights[2:-1:2] = 4.0, 2.0
-        rows = self._rows_by_level[level].rows[:, self.points : self.points + last + 1]
-        return estimate_from_series(rows @ weights * (step / (3.0 * self._gas().dim)))
+        scale, first = step / (3.0 * self.scene.dim), self.points
+        return self._pooled(level, lambda rows: rows[:, first : first + last + 1] @ weights * scale)
 
     def _level_of(self, window: tuple[float, float]) -> tuple[int, int, int]:
         """Level of a window, and the places of its ends there."""
@@ -375,7 +411,7 @@ class Diffusion(Estimator):
             level = max(math.ceil(math.log2(end / self.spacing / self.points) - 1e-9), 0)
             step = self.spacing * 2.0**level
             first, last = round(begin / step), round(end / step)
-            if 1 <= first < last and len(self._rows_by_level[level]) >= 2:
+            if 1 <= first < last and level <= self._lags()[-1][0]:
                 return level, first, last
         raise ValueError(
             f"window = {window}; expected 0 < t1 < t2 <= {longest:g}, t2 at most {self.points} t1, in "
@@ -385,21 +421,21 @@ class Diffusion(Estimator):
 
     def _cube(self) -> tuple[float, float, float, float, float]:
         """Arguments of the theory of a periodic cube."""
-        scene = self._gas()
+        scene = self.scene
         if scene.dim != 3:
             raise ValueError("in 2D diffusion has no infinite limit: D grows as the logarithm of the box")
         if not self._is_cube():
             raise ValueError("the correction is for one species in a cubic box, periodic along every axis")
-        return (
-            scene.packing_fraction,
-            float(scene.box[0]),
-            2.0 * float(scene.radii[0]),
-            float(scene.masses[0]),
-            scene.temperature,
-        )
+        return self._sphere()
+
+    def _sphere(self) -> tuple[float, float, float, float, float]:
+        """Packing fraction, edge, diameter, mass and temperature."""
+        scene = self.scene
+        sphere = 2.0 * float(scene.radii[0]), float(scene.masses[0]), scene.temperature
+        return scene.packing_fraction, float(scene.box[0]), *sphere
 
     def _is_cube(self) -> bool:
-        scene = self._gas()
+        scene = self.scene
         cubic = np.ptp(scene.box) <= 1e-9 * scene.box[0]
         return bool(scene.dim == 3 and scene.periodic.all() and cubic and scene.species.max() == 0)
 
@@ -453,6 +489,25 @@ class Diffusion(Estimator):
             warnings.warn(ShortWindowWarning(message), stacklevel=2)
         return with_correction(here, theory.periodic_diffusion_correction(*cube, window=(begin, end)))
 
+    def _enskog(self) -> theory.Prediction:
+        """Enskog's D of a gas of one species."""
+        eta, _, *units = self._sphere()
+        return theory.enskog_diffusion(eta, self.scene.dim, *units)
+
+    @property
+    def checks(self) -> list[TheoryCheck]:
+        """D beside Enskog's: `check` with its own window, that of the box.
+
+        Empty where there is no such window or theory: in a mixture, in 2D and where the box is no periodic
+        cube. There give `check` a window.
+        """
+        self._lags()
+        if not self._is_cube():
+            return []
+        end = self.box_window[1]
+        self._require(end <= float(self.lags[-1]), f"lag of {end:.4g}", "add(sim) in a longer run")
+        return self.check()
+
     def check(self, window: tuple[float, float] | None = None) -> list[TheoryCheck]:
         """Return D_L, and in a 3D cube D of the infinite fluid, beside Enskog's D_E with its uncertainty.
 
@@ -461,16 +516,10 @@ class Diffusion(Estimator):
         window : (float, float), optional
             As in `infinite_diffusion`; needed where there is no cube.
         """
-        scene = self._gas()
+        scene = self.scene
         if scene.species.max() > 0:
             raise ValueError("Enskog's D here is for one species; this gas is a mixture")
-        enskog = theory.enskog_diffusion(
-            scene.packing_fraction,
-            scene.dim,
-            2.0 * float(scene.radii[0]),
-            float(scene.masses[0]),
-            scene.temperature,
-        )
+        enskog = self._enskog()
         value, uncertainty = float(enskog.value), float(enskog.uncertainty)
         infinite = []
         if self._is_cube():
@@ -480,39 +529,20 @@ class Diffusion(Estimator):
         return [TheoryCheck("D in this box", "Enskog", here, value, uncertainty), *infinite]
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the mean square displacement with its errors, over free flight and Enskog's diffusion.
-
-        Parameters
-        ----------
-        ax : Axes, optional
-            Where to draw; a new figure when absent.
-
-        Returns
-        -------
-        Axes
-        """
+        """Draw the mean square displacement with its errors, over free flight and Enskog's diffusion."""
         lags, value, error = self.lags, self.mean_square_displacement, self.mean_square_displacement_error
-        scene = self._gas()
+        scene = self.scene
         axes = axes_or_new(ax)
         axes.errorbar(lags, value, np.nan_to_num(error), fmt="o", ms=3, color="C0", label="simulation")
-        mean_square = float(np.mean([rows.mean[self.points] for rows in self._rows_by_level[:1]]))
+        mean_square = float(self._mean(0)[self.points])
         early = lags[mean_square * lags**2 < 3 * value]
         axes.plot(early, mean_square * early**2, color="0.6", lw=1.5, label="free flight")
         if scene.species.max() == 0:
-            enskog = theory.enskog_diffusion(
-                scene.packing_fraction,
-                scene.dim,
-                2.0 * float(scene.radii[0]),
-                float(scene.masses[0]),
-                scene.temperature,
-            )
-            axes.plot(lags, 2 * scene.dim * float(enskog.value) * lags, color="0.25", lw=1.5, label="Enskog")
+            enskog = float(self._enskog().value)
+            axes.plot(lags, 2 * scene.dim * enskog * lags, color="0.25", lw=1.5, label="Enskog")
         axes.set_xscale("log")
         axes.set_yscale("log")
-        axes.set_xlabel("time")
-        axes.set_ylabel("mean square displacement")
-        axes.legend()
-        return axes
+        return labelled(axes, "time", "mean square displacement")
 
 
 def with_correction(here: Estimate, correction: theory.Prediction) -> Estimate:

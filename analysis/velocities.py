@@ -14,22 +14,19 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from analysis import theory
-from analysis.correlation_times import FrameWeights
 from analysis.distributions import ComponentDistribution, EnergyDistribution, SpeedDistribution
-from analysis.estimator import Estimator, axes_or_new
+from analysis.per_frame import PerFrame
 from analysis.reduced import reduced_velocities, species_labels
-from analysis.series import BlockSeries, estimate_from_series
-from analysis.statistics import Estimate, estimate_from_replicas
+from analysis.statistics import Estimate, TheoryCheck
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from hardspheres import Frame
 
 __all__ = [
@@ -171,78 +168,33 @@ def h_excess(histogram: NDArray[np.generic], probabilities: FloatArray) -> Float
     return np.asarray(plug_in - (occupied - 1) / (2.0 * total[..., 0]))
 
 
-def _mean_of_frames(values: FloatArray, effective: float) -> Estimate:
-    """Return the mean over frames in the order of time: error from blocks, below 16 frames from the spread.
+def h_bias(probabilities: FloatArray, n: int) -> float:
+    """Return the mean of `h_excess` over gases of N particles at equilibrium: what its correction leaves.
 
-    For few frames the variance is s^2 (n - 1)/n over `effective` - 1, with the effective number of
-    independent frames from `FrameWeights`; it is s^2/n if all are independent.
+    The mean of the sum over bins of n_b ln(n_b / N q_b) / N - (occupied - 1) / 2N, n_b of Poisson's law. From
+    each bin this leaves half of a count where many are expected, which one count fewer for the fixed number
+    of particles takes off again for all bins together; and one half less for the fixed energy, as in
+    `SpeedDistribution.chi_square`.
+
+    Parameters
+    ----------
+    probabilities : (B,) array
+        q_b > 0, summing to 1.
+    n : int
+        Number of particles N.
     """
-    if len(values) >= 16:
-        return estimate_from_series(values)
-    estimate, more = estimate_from_replicas(values), effective - 1.0
-    error = estimate.standard_error * math.sqrt((len(values) - 1) / more) if more > 0.0 else math.nan
-    return Estimate(estimate.value, error, effective, more)
+    total = 0.0
+    for expected in n * probabilities:
+        if expected > 1e3:
+            total += 1.0 / (12.0 * expected)
+            continue
+        counts = np.arange(1, math.ceil(expected + 12.0 * math.sqrt(expected)) + 20)
+        own = stats.poisson.pmf(counts, expected)
+        total += float(own @ (counts * np.log(counts / expected) - 0.5))
+    return (total - 0.5) / n
 
 
-class _PerFrame(Estimator):
-    """A few numbers per frame, the first of which is the result; memory does not grow with the frames."""
-
-    _ylabel = ""
-
-    def __init__(self) -> None:
-        self._rows = BlockSeries()  # s, then what `_measure` returns
-        self._weights = FrameWeights()
-        self._last = math.nan
-        self._n = 0
-        self._dim = 3
-
-    def _measure(self, frame: Frame) -> list[float]:
-        raise NotImplementedError
-
-    def add(self, frame: Frame) -> Self:
-        """Take in one frame and return the estimator itself."""
-        measured = self._measure(frame)
-        self._rows.add([frame.collisions_per_particle, *measured])
-        self._weights.add(frame)
-        self._last = measured[0]
-        self._n, self._dim = frame.scene.n, frame.scene.dim
-        return self
-
-    def _mean(self, values: FloatArray) -> Estimate:
-        self._require(len(self._rows) > 0, "values", "add(frame)")
-        self._weights.warn_if_frozen()
-        return _mean_of_frames(values, float(self._weights.effective.min()))
-
-    def _column(self, index: int) -> FloatArray:
-        self._require(len(self._rows) > 0, "values", "add(frame)")
-        return np.asarray(self._rows.rows[:, index])
-
-    @property
-    def values(self) -> FloatArray:
-        """The value in each frame, (frames,); beyond 1023 frames means over as many neighbours as needed."""
-        return self._column(1)
-
-    @property
-    def collisions_per_particle(self) -> FloatArray:
-        """Collisions per particle s of each of `values`."""
-        return self._column(0)
-
-    def _line(self) -> float:
-        return 0.0
-
-    def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the value of every frame against collisions per particle, over its value at equilibrium."""
-        values = self.values
-        axes = axes_or_new(ax)
-        axes.axhline(self._line(), color="0.4", lw=1.5, label="equilibrium")
-        axes.plot(self.collisions_per_particle, values, ".", label="simulation")
-        axes.set_xlabel("collisions per particle s")
-        axes.set_ylabel(self._ylabel)
-        axes.legend()
-        return axes
-
-
-class FourthCumulant(_PerFrame):
+class FourthCumulant(PerFrame):
     """Fourth cumulant a2 (and sixth, a3) of the reduced velocities of all particles; see `cumulants`.
 
     In a mixture the particles of all species are taken together in units of their own kT/m, with one kT for
@@ -256,10 +208,6 @@ class FourthCumulant(_PerFrame):
 
     _ylabel = "fourth cumulant $a_2$"
 
-    def __init__(self) -> None:
-        super().__init__()
-        self._freedom = 1
-
     def _measure(self, frame: Frame) -> list[float]:
         reduced, _ = reduced_velocities(frame)
         square = np.einsum("ik,ik->i", reduced, reduced)
@@ -268,10 +216,9 @@ class FourthCumulant(_PerFrame):
         a2, a3 = cumulants(powers.mean(axis=0), dim)
         species = frame.scene.species
         own = [cumulants(powers[species == kind].mean(axis=0), dim)[0] for kind in np.unique(species)]
-        self._freedom = frame.scene.degrees_of_freedom
         return [float(a2), float(a3), *map(float, own)]
 
-    def _line(self) -> float:
+    def _level(self) -> float:
         return self.expected
 
     @property
@@ -283,33 +230,38 @@ class FourthCumulant(_PerFrame):
         frames span too few velocity correlation times of a species, a `correlation_times.FrozenWarning` is
         given.
         """
-        return self._estimate(self.values, 2)
+        return self._cumulant(2)
 
     @property
     def a3(self) -> Estimate:
         """Mean of a3 over frames, with its error as for `a2`."""
-        return self._estimate(self._column(2), 3)
+        return self._cumulant(3)
 
-    def _estimate(self, values: FloatArray, order: int) -> Estimate:
-        if len(values) > 1:
-            return self._mean(values)
-        noise = theory.cumulant_noise(self._n, self._dim, 2 if order == 2 else 3)
-        return Estimate(float(values[0]), noise, float(self._n))
+    def _cumulant(self, order: Literal[2, 3]) -> Estimate:
+        if len(self.values) > 1:
+            return self._estimate(order - 1)
+        n = self.gas.n
+        value = float(self._columns(order - 1)[0][0])
+        return Estimate(value, theory.cumulant_noise(n, self.gas.dim, order), float(n))
 
     @property
     def by_species(self) -> FloatArray:
         """a2 of each species about its own mean square velocity, averaged over frames, (k,)."""
-        self._require(len(self._rows) > 0, "values", "add(frame)")
-        return np.asarray(self._rows.mean[3:])
+        self._require_values()
+        return np.asarray(self._mean[3:])
 
     @property
     def expected(self) -> float:
         """What an equilibrium gas of this size gives on average: -2/(D + 2)."""
-        self._require(len(self._rows) > 0, "values", "add(frame)")
-        return float(theory.equilibrium_a2(self._freedom))
+        return float(theory.equilibrium_a2(self.gas.degrees_of_freedom))
+
+    @property
+    def checks(self) -> list[TheoryCheck]:
+        """The mean of `a2` beside that of N particles of fixed energy, `reduced.mean_a2`."""
+        return [TheoryCheck("a2", "equilibrium", self.a2, self.gas.mean_a2, 0.0)]
 
 
-class KolmogorovSmirnov(_PerFrame):
+class KolmogorovSmirnov(PerFrame):
     """Largest distance of the reduced speeds' distribution from Maxwell and Boltzmann's, frame by frame.
 
     Notes
@@ -320,26 +272,32 @@ class KolmogorovSmirnov(_PerFrame):
     _ylabel = "Kolmogorov\u2013Smirnov distance"
 
     def _measure(self, frame: Frame) -> list[float]:
-        self._momentum_conserved = bool(frame.scene.periodic.all())
         reduced, _ = reduced_velocities(frame)
         return [ks_distance(np.sqrt(np.einsum("ik,ik->i", reduced, reduced)), frame.scene.dim)]
 
-    def _line(self) -> float:
-        return theory.ks_floor(self._n, self._dim)
+    def _level(self) -> float:
+        return theory.ks_floor(self.gas.n, self.gas.dim)
 
     @property
     def distance(self) -> Estimate:
         """Mean distance over frames, with an error as that of `FourthCumulant.a2`; NaN for one frame."""
-        return self._mean(self.values)
+        return self._estimate(1)
 
     @property
     def p_value(self) -> float:
         """Probability of a larger distance at equilibrium, for the last frame; see `ks_p_value`."""
-        self._require(len(self._rows) > 0, "values", "add(frame)")
-        return ks_p_value(self._last, self._n, self._dim, self._momentum_conserved)
+        self._require_values()
+        return ks_p_value(self._last, self.gas.n, self.gas.dim, bool(self.gas.periodic.all()))
+
+    @property
+    def checks(self) -> list[TheoryCheck]:
+        """The mean `distance` beside `theory.ks_floor`, uncertain by its 1 % and by 1/N."""
+        floor = self._level()
+        uncertainty = floor * math.hypot(0.01, 1.0 / self.gas.n)
+        return [TheoryCheck("KS distance", "equilibrium", self.distance, floor, uncertainty)]
 
 
-class HFunction(_PerFrame):
+class HFunction(PerFrame):
     """Boltzmann's H less its equilibrium value, from a histogram of each frame; see `h_excess`.
 
     All particles of a mixture are taken together, in units of their own sqrt(kT/m). f is taken as isotropic:
@@ -363,9 +321,24 @@ class HFunction(_PerFrame):
     def _measure(self, frame: Frame) -> list[float]:
         reduced, _ = reduced_velocities(frame)
         counts = np.histogram(np.sqrt(np.einsum("ik,ik->i", reduced, reduced)), bins=self.edges)[0]
-        return [float(h_excess(counts, np.diff(theory.speed_cdf(self.edges, frame.scene.dim))))]
+        return [float(h_excess(counts, self._probabilities(frame.scene.dim)))]
+
+    def _probabilities(self, dim: int) -> FloatArray:
+        return np.diff(theory.speed_cdf(self.edges, dim))
 
     @property
     def excess(self) -> Estimate:
         """Mean of H - H_eq over frames, with an error as that of `FourthCumulant.a2`; NaN for one frame."""
-        return self._mean(self.values)
+        return self._estimate(1)
+
+    @property
+    def expected(self) -> float:
+        """What an equilibrium gas of this size gives on average with these bins: `h_bias`."""
+        return h_bias(self._probabilities(self.gas.dim), self.gas.n)
+
+    @property
+    def checks(self) -> list[TheoryCheck]:
+        """The mean `excess` beside that of N particles at equilibrium, uncertain by a tenth and 1/N^2."""
+        expected, n = self.expected, self.gas.n
+        uncertainty = math.hypot(0.1 * expected, 1.0 / n**2)
+        return [TheoryCheck("H - H_eq", "equilibrium", self.excess, expected, uncertainty)]

@@ -59,10 +59,6 @@ def virial_identity(start: Frame, end: Frame) -> VirialIdentity:
     start, end : Frame
         Two frames of a simulation: the gas before and after the run.
 
-    Returns
-    -------
-    VirialIdentity
-
     Raises
     ------
     ValueError

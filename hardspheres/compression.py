@@ -143,13 +143,20 @@ def order_of_crystal(scene: Scene) -> BondOrder | None:
     Judged are equal particles, discs below a packing fraction of 0.70 only; see `compressed_gas` for the
     limits.
     """
-    if scene.n < 2 or scene.radii.min() < scene.radii.max():
-        return None
-    if scene.dim == 2 and scene.packing_fraction >= HEXATIC:
+    limit = crystal_threshold(scene)
+    if math.isinf(limit):
         return None
     order = bond_order(scene)
-    limit = max(ORDERED[scene.dim], FLUCTUATION[scene.dim] / math.sqrt(scene.n))
     return order if order.value > limit else None
+
+
+def crystal_threshold(scene: Scene) -> float:
+    """Return the bond order above which a scene has ordered; infinite where it cannot be judged."""
+    if scene.n < 2 or scene.radii.min() < scene.radii.max():
+        return math.inf
+    if scene.dim == 2 and scene.packing_fraction >= HEXATIC:
+        return math.inf
+    return max(ORDERED[scene.dim], FLUCTUATION[scene.dim] / math.sqrt(scene.n))
 
 
 def _start(

@@ -183,7 +183,7 @@ class SelfDiffusion(Study):
             here = estimate_from_replicas([one.diffusion(window).value for one in far])
         enskog = theory.enskog_diffusion(gas.packing_fraction, gas.dim)
         if gas.dim == 3:
-            edge = float(far[0]._gas().box[0])
+            edge = float(far[0].scene.box[0])
             correction = theory.periodic_diffusion_correction(gas.packing_fraction, edge, window=window)
             infinite = with_correction(here, correction)
             numbers = [

@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 import hardspheres as hs
-from analysis.estimator import Estimator
 from studies.answer import Answer, Gas, curve_files, heading, tidy, write_tables
 from studies.fluid import broken, representatives
 from studies.options import options_of, runs, seed, workers
@@ -55,7 +54,7 @@ class Replica:
     ----------
     root, index : int
         Seed of the study, and which of its runs this is.
-    estimators : dict of Estimator
+    estimators : dict
         What was measured.
     done : int
         How far it has come, in steps of the study's own.
@@ -130,8 +129,8 @@ class Study(Program):
         return hs.Simulation(gas.scene(seed))
 
     @abstractmethod
-    def estimators(self, gas: Gas, simulation: hs.Simulation) -> Mapping[str, Estimator]:
-        """Return what measures it, with nothing added yet."""
+    def estimators(self, gas: Gas, simulation: hs.Simulation) -> Mapping[str, Any]:
+        """Return what measures it, with nothing added yet: estimators, or dataclasses of plain values."""
 
     @abstractmethod
     def advance(self, gas: Gas, replica: Replica) -> Iterator[None]:

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 import hardspheres as hs
-from analysis.estimator import Estimator, axes_or_new
 from analysis.theory import Prediction
 from studies.answer import Answer, Column, Curves, number
 from studies.fluid import Fluid, broken
@@ -22,7 +21,6 @@ from studies.running.resuming import until
 from studies.study import Replica, Study
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 __all__ = ["Invariants", "Soak", "growth_exponent"]
@@ -76,7 +74,7 @@ def resident() -> float:
 
 
 @dataclass
-class Invariants(Estimator):
+class Invariants:
     """What must not change, sampled during a run.
 
     Attributes
@@ -107,15 +105,6 @@ class Invariants(Estimator):
         """Return the largest absolute value of a column, NaN where it is not known."""
         column = np.abs(self.column(name))
         return float(np.nanmax(column)) if np.isfinite(column).any() else math.nan
-
-    def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the change of energy and momentum against the number of collisions."""
-        axes = axes_or_new(ax)
-        for name in ("energy_drift", "momentum_drift"):
-            axes.plot(self.column("collisions"), np.abs(self.column(name)), label=name.replace("_", " "))
-        axes.set(xlabel="collisions", ylabel="relative change")
-        axes.legend()
-        return axes
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -250,7 +250,7 @@ def test_misuse_is_named(curve, gas):
         _ = uneven.a2
     with pytest.raises(ValueError, match="frame has 2 dimensions"):
         uneven.add(gas.frame(gas.maxwell(rng, 100, 2), s=1.0))
-    with pytest.raises(ValueError, match="different gases"):
+    with pytest.raises(ValueError, match="of another gas cannot be merged: dimension 2; expected 3"):
         uneven.merge(RelaxationCurve().add(gas.frame(gas.maxwell(rng, 100, 2))))
 
 

@@ -17,6 +17,7 @@ from analysis.order import BondOrder
 from analysis.pressure import Pressure
 from analysis.series import SeriesWarning, estimate_from_series
 from analysis.structure import ContactSamplingWarning, PairDistribution
+from hardspheres.compression import order_of_crystal
 
 
 def frames(scene, count, equilibration=40.0, apart=3.0):
@@ -96,7 +97,7 @@ def test_no_pair_near_contact_is_no_certainty():
     assert abs(pairs.check.z) < 1 and abs(pairs.contact[(0, 0)].z(1.0)) < 1
     assert np.all(np.abs(pairs.g - 1) / pairs.g_error < 1)
     # sibling: blocks of what was seen leave nothing over
-    assert pairs._frames.rows.std() == 0.0
+    assert pairs._blocks.rows.std() == 0.0
 
 
 @pytest.mark.filterwarnings("ignore::analysis.series.SeriesWarning")
@@ -109,7 +110,7 @@ def test_errors_of_sparse_pairs_cover():
         contact = pairs.contact[(0, 0)]
         missed.append(abs(contact.value - truth))
         errors.append(contact.standard_error)
-        blocks.append(estimate_from_series(pairs._contact_rows()[:, 0]).standard_error)
+        blocks.append(estimate_from_series(pairs._contact_rows()[0][:, 0]).standard_error)
     beyond = [np.mean(np.array(missed) > 2 * np.array(error)) for error in (errors, blocks)]
     assert beyond[0] < 0.1 < beyond[1]  # chance: 5 +- 1.5 %
     assert np.square(errors).mean() < 2.5 * np.square(missed).mean()  # and they are not far too large
@@ -163,7 +164,7 @@ def test_a_mixture_has_three_pair_distributions():
 
 def test_a_crystal_is_told_from_a_fluid_and_seen_to_melt():
     for dim, perfect in ((3, 0.575), (2, 1.0)):
-        n = 108 if dim == 3 else 120
+        n = 108 if dim == 3 else 480
         scene = hs.lattice_gas(n=n, packing_fraction=0.45, dim=dim, seed=1)
         order = BondOrder()
         for frame in hs.Simulation(scene).frames(collisions_per_particle=[0, 400]):
@@ -177,8 +178,21 @@ def test_a_crystal_is_told_from_a_fluid_and_seen_to_melt():
         assert list(order.collisions_per_particle) == pytest.approx([0, 400])
     with pytest.raises(NoDataError, match=r"call add\(frame\) first"):
         _ = BondOrder().crystalline
-    with pytest.raises(ValueError, match="5 particles"):
-        BondOrder().add(hs.Simulation(random_gas("3d", 5, 0.01)).frame())
+    with pytest.raises(ValueError, match="bonds need at least two"):
+        BondOrder().add(hs.Simulation(random_gas("3d", 1, 0.01)).frame())
+
+
+@pytest.mark.parametrize("n", [30, 108])
+@pytest.mark.parametrize("lattice", [True, False])
+def test_crystalline_says_what_growth_says_of_the_last_frame(n, lattice):
+    """Too few particles to judge and a mixture are no crystals; the order of the last frame is kept."""
+    fluid, crystal = random_gas("3d", n, 0.1), hs.lattice_gas(n=n, packing_fraction=0.5, seed=1)
+    first, last = (fluid, crystal) if lattice else (crystal, fluid)
+    order = BondOrder().add(hs.Simulation(first).frame()).add(hs.Simulation(last).frame())
+    assert order.crystalline is (order_of_crystal(last) is not None) is (lattice and n == 108)
+    assert order.last == hs.bond_order(last).value == order.values[-1]
+    mixed = crystal.replace(radii=crystal.radii * np.linspace(0.9, 1.0, n))
+    assert BondOrder().add(hs.Simulation(mixed).frame()).crystalline is False
 
 
 def test_a_crystal_fails_the_check_of_a_fluid():

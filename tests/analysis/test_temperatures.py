@@ -92,10 +92,10 @@ def test_two_species_become_equally_warm(equilibration):
     assert check.measured.standard_error / check.measured.value < 0.1
     assert decay.temperatures[0, 0] / decay.temperatures[0, 1] == pytest.approx(3, rel=0.01)
     # sibling: theory for masses that are all alike
-    scene = decay._scene
-    rho = np.bincount(scene.species) / scene.volume
+    mixture = decay.gas
+    rho = mixture.sizes / mixture.volume
     wrong = theory.temperature_equilibration(
-        decay.time, decay.temperatures[0], rho, 2 * scene.radii[:2], [1.0, 1.0], 3
+        decay.time, decay.temperatures[0], rho, mixture.diameters, [1.0, 1.0], 3
     )
     ratio = np.log(np.diff(wrong.value[[0, 3]], axis=1)[:, 0] / np.diff(wrong.value[[0, 3]], axis=1)[0, 0])
     assert abs(check.measured.deviation(-ratio[1] / decay.time[3])) > 4
