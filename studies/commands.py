@@ -89,6 +89,7 @@ def function_of(kind: type[Program]) -> Callable[..., None]:
         program = kind(**values)
         screen = Screen(json)
         folder = program.folder(out, checkpoint_every, resume, force)
+        program = program.prepared(screen.note)
         if until_error is None:
             summary, sound = program.conduct(folder, screen)
         else:

@@ -25,6 +25,8 @@ __all__ = [
     "at_most",
     "boundary",
     "check_options",
+    "edges",
+    "of_labels",
     "one_number",
     "option",
     "options_of",
@@ -81,8 +83,9 @@ class Option:
         low, high = self.at_least, self.at_most
         if (low is None or value >= low) and (high is None or value <= high):
             return
-        asked = f"at least {low:g}" if high is None else f"at most {high:g}"
-        asked = asked if low is None or high is None else f"{low:g} to {high:g}"
+        asked = f"at least {low:.15g}" if low is not None else f"at most {high:.15g}"
+        if low is not None and high is not None:
+            asked = f"{low:.15g} to {high:.15g}"
         raise OptionError(f"{self.named(name)} {value} is out of range; ask for {asked}")
 
 
@@ -143,7 +146,7 @@ def word(option: str, *words: str) -> dict[str, Any]:
             raise OptionError(f"{option} {text} is not known; it can be {_either(words)}")
         return text
 
-    metavar = "|".join(words) if len(words) < 5 else "WORD"
+    metavar = "|".join(words) if len(words) < 4 else "WORD"
     return {"parser": parsed, "metavar": metavar, "autocompletion": lambda: list(words)}
 
 
@@ -193,6 +196,53 @@ def positive(option: str, what: str) -> dict[str, Any]:
         return number
 
     return {"parser": parsed, "metavar": "NUMBER"}
+
+
+def _number(text: str, option: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise OptionError(f"{option}: {text!r} is no number") from None
+
+
+def of_labels(option: str) -> dict[str, Any]:
+    """Return what `typer.Option` needs for a number of all particles of a file, or of each label.
+
+    Parameters
+    ----------
+    option : str
+        Its name, with dashes.
+    """
+
+    def parsed(text: str) -> float | dict[str, float]:
+        if "=" not in text:
+            return _number(text, option)
+        pairs = [part.rpartition("=") for part in text.split(",")]
+        if not all(label and value for label, _, value in pairs):
+            raise OptionError(f"{option} {text} is not as in A=0.5,B=0.3")
+        return {label.strip(): _number(value, option) for label, _, value in pairs}
+
+    return {
+        "parser": parsed,
+        "metavar": "NUMBER|LABEL=NUMBER,...",
+        "help": "Of all particles of --from, or of each label, as in A=0.5,B=0.3.",
+        "shown": "that of the file",
+    }
+
+
+def edges(option: str) -> dict[str, Any]:
+    """Return what `typer.Option` needs for the edges of a box.
+
+    Parameters
+    ----------
+    option : str
+        Its name, with dashes.
+    """
+
+    def parsed(text: str) -> tuple[float, ...]:
+        return tuple(_number(edge, option) for edge in text.split(","))
+
+    return {"parser": parsed, "metavar": "LX,LY[,LZ]"}
 
 
 def _one_number(text: str | float) -> float:

@@ -231,11 +231,11 @@ class EquationOfState(Study):
             )
         return sentences
 
-    def subject(self, gases: Sequence[Fluid]) -> str:
+    def subject(self, answers: Sequence[Answer]) -> str:
         """Return the gas, or what those of the suite have in common."""
         if not self.suite:
-            return super().subject(gases)
-        sizes = " or ".join(str(n) for n in sorted({gas.n for gas in gases}))
+            return super().subject(answers)
+        sizes = " or ".join(str(n) for n in sorted({answer.gas.n for answer in answers}))
         return f"{self.replicas} x {sizes} particles each, periodic box"
 
     def figure(self, answers: Sequence[Answer]) -> Figure:

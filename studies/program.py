@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 from studies.options import OptionError, check_options
 from studies.report import OutputFolder, Screen
@@ -40,6 +41,10 @@ class Program(ABC):
     def __post_init__(self) -> None:
         """Refuse options beyond their limits."""
         check_options(self)
+
+    def prepared(self, say: Callable[[str], object]) -> Self:
+        """Return the program with every file read that it starts from, once; `say` takes remarks on them."""
+        return self
 
     @property
     def which(self) -> str:

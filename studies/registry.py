@@ -11,6 +11,10 @@ if TYPE_CHECKING:
 __all__ = ["QUESTIONS", "study_named"]
 
 QUESTIONS = {
+    "thermalise": (
+        "studies.thermalisation:Thermalisation",
+        "Follow the relaxation of a gas to the Maxwell-Boltzmann distribution.",
+    ),
     "pressure": (
         "studies.pressure:EquationOfState",
         "Measure the equation of state of the fluid, beside theory.",

@@ -250,6 +250,11 @@ class OutputFolder:
         finally:
             temporary.unlink(missing_ok=True)
 
+    @property
+    def checkpoints(self) -> Path:
+        """The checkpoint folder, which is there while a study runs."""
+        return self._place / FOLDER
+
     def adopt(self, path: Path) -> None:
         """Move a finished file from the checkpoint folder to its place, where it may be already."""
         if path.exists() or not (self._place / path.name).exists():

@@ -11,17 +11,19 @@ import datetime
 import time
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from contextlib import ExitStack
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 import hardspheres as hs
-from studies.answer import Answer, Gas, curve_files, names_of, tidy, write_tables
+from studies.answer import Answer, Gas, curve_files, heading, names_of, tidy, write_tables
 from studies.fluid import broken, representatives
-from studies.options import runs, seed, workers
+from studies.options import options_of, runs, seed, workers
 from studies.program import Program
+from studies.recording import Recorder
 from studies.report import (
     ALARM,
     Z_MEANS,
@@ -144,9 +146,9 @@ class Study(Program):
         """Return the sentences under the table: what its columns mean, which theory it is."""
         return ()
 
-    def subject(self, gases: Sequence[Gas]) -> str:
+    def subject(self, answers: Sequence[Answer]) -> str:
         """Return what was measured, for the head of a figure."""
-        return f"{self.replicas} x {gases[0]}"
+        return heading(answers, self.replicas)
 
     def figures(self, answers: Sequence[Answer]) -> Mapping[str, Figure]:
         """Return figures by the names of their files, without ending."""
@@ -156,15 +158,16 @@ class Study(Program):
         """Return the one figure, where there is one."""
         raise NotImplementedError
 
-    def recorders(self, gas: Gas, folder: Path) -> Mapping[str, Any]:
+    def recorders(self, gas: Gas) -> Mapping[str, Recorder]:
         """Return what looks at a second run of the first replica, for `show`; nothing by default.
 
-        Looking changes no bit, so it is the same run again; what it records is in nobody's way.
+        Looking changes no bit, so it is the same run again, and no checkpoint carries what is recorded but
+        its own.
         """
         return {}
 
     def show(self, recorders: Mapping[str, Any], answers: Sequence[Answer], out: OutputFolder) -> None:
-        """Write what the recorders saw."""
+        """Write what the recorders saw; their own files are in `out.checkpoints`."""
 
     def to_precision(self, target: float) -> Study | None:
         """Return the study that reaches a relative standard error by itself; None: by more replicas."""
@@ -191,13 +194,17 @@ class _Running(Resumable[_Run, Replica, Replica]):
         """Make the gas and what measures it."""
         replica = Replica(self.study.seed, item.index, None, {})
         replica.running = simulation = self.study.start(item.gas, replica.seed)
-        recorders = self.study.recorders(item.gas, self.folder) if item.recording else None
-        replica.estimators = dict(recorders or self.study.estimators(item.gas, simulation))
+        watching = self.study.recorders(item.gas) if item.recording else None
+        replica.estimators = dict(watching or self.study.estimators(item.gas, simulation))
         return replica
 
     def steps(self, item: _Run, state: Replica) -> Iterator[None]:
         """Go on with it."""
-        return self.study.advance(item.gas, state)
+        with ExitStack() as open_files:
+            for each in state.estimators.values():
+                if isinstance(each, Recorder):
+                    open_files.enter_context(each.recording(self.folder))
+            yield from self.study.advance(item.gas, state)
 
     def result(self, item: _Run, state: Replica, seconds: float) -> Replica:
         """Return the replica, without its gas."""
@@ -232,7 +239,7 @@ def run_study(
     """
     gases, count = study.gases(), study.replicas
     runs = [_Run(gas, k * count + r) for k, gas in enumerate(gases) for r in range(count)]
-    if record and study.recorders(gases[0], folder):
+    if record and study.recorders(gases[0]):
         runs.insert(0, _Run(gases[0], 0, recording=True))
     # dense gases take longest: they are last here and run first, so that all workers finish together
     with screen.progress("runs", len(runs)) as advance:
@@ -272,6 +279,7 @@ def conduct(
         If options make no sense, a gas cannot be made or never collides, or the folder cannot be written.
     """
     began = time.perf_counter()
+    study = study.prepared(screen.note)
     gases = study.gases()
     out.check(study)
     with screen.compiling("; ".join(dict.fromkeys(gas.kind for gas in gases))):
@@ -287,7 +295,7 @@ def conduct(
             out.write_csv(f"{name}.csv", columns)
         with screen.working("drawing"), figure_style():
             for name, figure in study.figures(answers).items():
-                out.save_figure(f"{name}.png", figure, study.subject(gases))
+                out.save_figure(f"{name}.png", figure, study.subject(answers))
             if recorded is not None:
                 study.show(recorded.estimators, answers, out)
         summary = summary_of(study, answers, replicas, out)
@@ -314,7 +322,9 @@ def summary_of(
         "seed": study.seed,
         "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
         "machine": machine(),
-        "options": {each.name: getattr(study, each.name) for each in fields(study) if each.name != "workers"},
+        "options": {
+            each.name: getattr(study, each.name) for each, _ in options_of(study) if each.name != "workers"
+        },
         "workers": available_cores() if study.workers is None else study.workers,
         "n": answers[0].gas.n,
         "dim": answers[0].gas.dim,
@@ -336,7 +346,7 @@ def _print(
     for sentence in study.legend(answers):
         screen.say(sentence)
     screen.say(Z_MEANS)
-    if any(found.better_than_theory for answer in answers for found in answer.numbers):
+    if any(answer.better_than_theory for answer in answers):
         screen.say(BETTER)
     for answer, where in zip(answers, names_of(answers), strict=True):
         for note in answer.notes:

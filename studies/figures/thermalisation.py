@@ -26,22 +26,21 @@ from studies.figures.style import COLOURS, deviations, falling, figure_style, sp
 
 if TYPE_CHECKING:
     from hardspheres import Scene
-    from studies.thermalisation import Movie
+    from studies.answer import Answer
+    from studies.recording import Film
 
 __all__ = ["animation", "distributions", "relaxation"]
 
 FloatArray = NDArray[np.float64]
 
 
-def distributions(
-    curve: RelaxationCurve, moments: Sequence[float] = (0.0, 0.5, 1.0, 2.0, 4.0, 10.0)
-) -> Figure:
+def distributions(answer: Answer, moments: Sequence[float] = (0.0, 0.5, 1.0, 2.0, 4.0, 10.0)) -> Figure:
     """Draw histograms of speeds at several s over the equilibrium curve, one row per species.
 
     Parameters
     ----------
-    curve : RelaxationCurve
-        What was measured.
+    answer : Answer
+        Of `studies.thermalisation`.
     moments : sequence of float
         Where; the nearest sampled s are taken, each once, and the last one always.
 
@@ -49,6 +48,7 @@ def distributions(
     -------
     Figure
     """
+    curve: RelaxationCurve = answer.hidden["curve"]
     s = curve.s
     chosen = sorted({int(np.argmin(np.abs(s - moment))) for moment in moments} | {len(s) - 1})
     colours = colormaps["viridis"](np.linspace(0.12, 0.82, len(chosen)))
@@ -105,20 +105,20 @@ def _mark_spike(axes: Axes, edges: FloatArray, density: FloatArray) -> None:
     )
 
 
-def relaxation(curve: RelaxationCurve, reference: Comparison | None) -> Figure:
+def relaxation(answer: Answer) -> Figure:
     """Draw a2(s) and H(s) with their standard errors over the theory, and the deviations below.
 
     Parameters
     ----------
-    curve : RelaxationCurve
-        What was measured.
-    reference : Comparison, optional
-        The theory of this start; without it the approach to equilibrium is drawn alone.
+    answer : Answer
+        Of `studies.thermalisation`; without a theory of its start, the approach is drawn alone.
 
     Returns
     -------
     Figure
     """
+    curve: RelaxationCurve = answer.hidden["curve"]
+    reference: Comparison | None = answer.hidden["reference"]
     s = curve.s
     with figure_style():
         directed = curve.preferred_direction
@@ -270,17 +270,17 @@ class View:
         return cls(window, scale, f"{part}; {'spheres' if scene.dim == 3 else 'discs'} {size}")
 
 
-def animation(movie: Movie, scene: Scene, curve: RelaxationCurve, path: Path, gas: str) -> None:
+def animation(film: Film, scene: Scene, answer: Answer, path: Path, gas: str) -> None:
     """Write the first replica as an animated GIF, coloured by speed, beside the histogram of its speeds.
 
     Parameters
     ----------
-    movie : Movie
+    film : Film
         Recorded positions and speeds.
     scene : Scene
         Its start: radii and box.
-    curve : RelaxationCurve
-        For labels.
+    answer : Answer
+        For names of species.
     path : Path
         Where to write.
     gas : str
@@ -332,21 +332,22 @@ def animation(movie: Movie, scene: Scene, curve: RelaxationCurve, path: Path, ga
         graph.tick_params(colors=_PALE)
         for side in ("left", "bottom"):
             graph.spines[side].set_color("#55626f")
-        if len(curve.labels) > 1:
-            _name_species(figure, curve.labels)
+        labels = answer.details["species"]
+        if len(labels) > 1:
+            _name_species(figure, labels)
         clock = graph.text(0.0, 1.08, "", transform=graph.transAxes, color="white", fontsize=12)
         clock.set_path_effects([patheffects.withStroke(linewidth=2, foreground=_DARK)])
         writer = PillowWriter(fps=16)
         writer.setup(figure, str(path), dpi=80)
         spheres: Any = None
-        for s, positions, speeds in zip(movie.s, movie.positions, movie.speeds, strict=True):
+        for s, positions, speeds in zip(film.s, film.positions, film.speeds, strict=True):
             if spheres is not None:
                 spheres.remove()
             spheres = _spheres(view, positions, speeds, scene, view_of)
             heights = np.histogram(speeds, bins=bins)[0] / n / np.diff(bins)
             for bar, height in zip(bars, heights, strict=True):
                 bar.set_height(height)
-            clock.set_text(f"{s:.1f} of {movie.s[-1]:.4g} collisions per particle")
+            clock.set_text(f"{s:.1f} of {film.s[-1]:.4g} collisions per particle")
             writer.grab_frame(facecolor=_DARK)
         for _ in range(16):  # rest a second on the last frame
             writer.grab_frame(facecolor=_DARK)

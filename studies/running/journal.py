@@ -116,7 +116,7 @@ def options_of(study: Any, skip: set[str] = NOT_COMPARED) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for field in fields(study):
         value = getattr(study, field.name)
-        if field.name in skip:
+        if field.name in skip or value is None:
             continue
         if isinstance(value, hs.Scene):
             arrays = (value.positions, value.velocities, value.radii, value.masses, value.box)
@@ -127,8 +127,9 @@ def options_of(study: Any, skip: set[str] = NOT_COMPARED) -> dict[str, Any]:
         elif isinstance(value, dict):
             found[f"--{field.name}"] = repr(value)
         else:
-            name = "from" if field.name == "source" else field.name.replace("_", "-")
-            found[f"--{name}"] = list(value) if isinstance(value, tuple) else value
+            option = field.metadata.get("option")
+            name = option.named(field.name) if option else f"--{field.name.replace('_', '-')}"
+            found[name] = list(value) if isinstance(value, tuple) else value
     return found
 
 

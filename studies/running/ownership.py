@@ -25,13 +25,6 @@ SUMMARY = "summary.json"
 WRITTEN: dict[str, tuple[str, ...]] = {
     "free_path": ("free_path.csv", "free_path_curves.csv", "free_path.png"),
     "mixture": ("mixture.csv", "mixture.png"),
-    "thermalisation": (
-        "trajectory.xyz",
-        "relaxation.csv",
-        "distributions.png",
-        "relaxation.png",
-        "gas.gif",
-    ),
 }
 """Files that programs write beside their summary, by module; those of a `Study` are in its `files`."""
 

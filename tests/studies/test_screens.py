@@ -32,7 +32,7 @@ from studies.mixture import Mixture, mixture
 from studies.pressure import EquationOfState
 from studies.report import OutputFolder, Screen
 from studies.study import conduct
-from studies.thermalisation import Recipe, Thermalisation, thermalise
+from studies.thermalisation import Thermalisation
 from studies.validation.calibration import Calibrations
 from studies.validation.hard_cases import HardCases
 from studies.validation.soak import Soak
@@ -48,20 +48,15 @@ def suite(*to):
         return conduct(EquationOfState(suite=True, until_error=0.02, workers=1), *to)
 
 
-def relaxing(recipe, **more):
-    return lambda out, screen: thermalise(
-        Thermalisation(recipe, replicas=4, workers=1, frames=0, collisions_per_particle=2.0, **more),
-        out,
-        screen,
-    )
+def relaxing(**options):
+    study = Thermalisation(n=200, replicas=4, workers=1, frames=0, collisions_per_particle=2.0, **options)
+    return lambda *to: conduct(study, *to)
 
 
 STUDIES = {
-    "thermalise": relaxing(Recipe(n=200)),
+    "thermalise": relaxing(),
     "thermalise-mixture": relaxing(
-        Recipe(
-            n=200, packing_fraction=0.02, mass_ratio=10.0, diameter_ratio=0.5, velocities="two-temperatures"
-        )
+        packing_fraction=0.02, mass_ratio=10.0, diameter_ratio=0.5, velocities="two-temperatures"
     ),
     "pressure": lambda *to: conduct(
         EquationOfState(packing_fractions=(0.01, 0.25), n=200, collisions_per_particle=40.0, workers=1), *to
@@ -361,14 +356,12 @@ def test_a_film_says_what_it_leaves_out_and_how_large_spheres_are():
 
 def test_a_film_shows_the_whole_run(tmp_path):
     """Sibling: a film of six collisions per particle, as it was."""
-    study = Thermalisation(
-        Recipe(n=100), replicas=1, workers=1, frames=0, collisions_per_particle=9.0, animate=True
-    )
+    study = Thermalisation(n=100, replicas=1, workers=1, frames=0, collisions_per_particle=9.0, animate=True)
     films = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
             "studies.figures.thermalisation.animation",
-            lambda movie, scene, curve, path, gas: (films.append(movie), path.write_bytes(b""))[0],
+            lambda film, scene, answer, path, gas: (films.append(film), path.write_bytes(b""))[0],
         )
-        thermalise(study, OutputFolder(tmp_path), Recording())
+        conduct(study, OutputFolder(tmp_path), Recording())
     assert films[0].s[0] == 0.0 and films[0].s[-1] == pytest.approx(9.0, abs=0.03)

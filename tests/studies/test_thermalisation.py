@@ -1,8 +1,7 @@
-"""The study end to end: the physics against the Boltzmann equation, with siblings that must fail, and its files."""
+"""The study of thermalisation: physics against the Boltzmann equation, with siblings that must fail, and its files."""
 
-import csv
-import json
 import math
+from dataclasses import replace
 
 import ase.io
 import numpy as np
@@ -13,21 +12,24 @@ from analysis import theory
 from analysis.relaxation import RelaxationCurve
 from analysis.statistics import compare_with_theory
 from hardspheres.collision import elastic_collision
-from hardspheres.files import Reading
+from hardspheres.errors import CheckpointError
+from hardspheres.files import read_scene
 from hardspheres.reference import ReferenceSimulation
 from studies.report import OutputFolder, Screen
-from studies.running.ensemble import replica_seeds, run_replicas
-from studies.thermalisation import Recipe, Replicas, Thermalisation, sampling_points, thermalise
+from studies.running.ensemble import replica_seeds
+from studies.study import conduct, run_study
+from studies.thermalisation import Thermalisation, sampling_points
 
 
-def relaxation(recipe, s, replicas, seed, workers=1):
-    results = run_replicas(
-        Replicas(recipe, s), list(enumerate(replica_seeds(seed, replicas))), workers=workers
-    )
-    assert not any(result.failure for result in results)
+def relaxation(monkeypatch, s, **options):
+    """The curve of all replicas of a study that is sampled at these s."""
+    monkeypatch.setattr("studies.thermalisation.sampling_points", lambda end, n: s)
+    study = Thermalisation(collisions_per_particle=s[-1], **({"workers": 1} | options))
+    (replicas,), _ = run_study(study, Screen(True))
+    assert not any(replica.failure for replica in replicas)
     curve = RelaxationCurve()
-    for result in results:
-        curve.merge(result.curve)
+    for replica in replicas:
+        curve.merge(replica.estimators["curve"])
     return curve
 
 
@@ -38,10 +40,10 @@ def sonine_p_value(curve):
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_equal_speeds_relax_as_the_boltzmann_equation_says(dim):
+def test_equal_speeds_relax_as_the_boltzmann_equation_says(dim, monkeypatch):
     """40 000 particles in 40 replicas; p < 0.001 once in 1000 seeds."""
     s = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0)
-    curve = relaxation(Recipe(n=1000, dim=dim), s, replicas=40, seed=dim)
+    curve = relaxation(monkeypatch, s, n=1000, dim=dim, replicas=40, seed=dim)
     comparison = curve.compare()
     assert comparison.chi_square.p_value > 1e-3
     assert np.nanmax(np.abs(comparison.a2_z)) < 4
@@ -54,11 +56,10 @@ def test_equal_speeds_relax_as_the_boltzmann_equation_says(dim):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("dim", [2, 3])
-def test_relaxation_at_full_size(dim):
+def test_relaxation_at_full_size(dim, monkeypatch):
     """400 000 particles in 100 replicas at packing fraction 0.005: the same statements, three times as sharp."""
-    curve = relaxation(
-        Recipe(n=4000, dim=dim), sampling_points(10.0, 4000), replicas=100, seed=10 + dim, workers=None
-    )
+    s = sampling_points(10.0, 4000)
+    curve = relaxation(monkeypatch, s, n=4000, dim=dim, replicas=100, seed=10 + dim, workers=None)
     comparison = curve.compare()
     print(f"{dim}D: {comparison.chi_square}, rate {curve.fit_rate()}")
     assert comparison.chi_square.p_value > 1e-3
@@ -68,46 +69,40 @@ def test_relaxation_at_full_size(dim):
     assert sonine_p_value(curve) < 1e-9
 
 
-def told(recipe, folder, capsys, end=3.0, replicas=8):
-    study = Thermalisation(recipe, collisions_per_particle=end, replicas=replicas, frames=0, workers=1)
-    summary, _ = thermalise(study, OutputFolder(folder), Screen())
-    return summary, capsys.readouterr().out
+def told(folder, capsys, **options):
+    its = {"collisions_per_particle": 3.0, "replicas": 8, "frames": 0, "workers": 1} | options
+    summary, _ = conduct(Thermalisation(**its), OutputFolder(folder), Screen())
+    return summary["states"][0], capsys.readouterr().out
 
 
 def test_beams_are_shown_along_their_direction(tmp_path, capsys):
     """The table, the file and the figure have T_par/T beside the Boltzmann equation; along x (sibling) it is another."""
-    summary, text = told(
-        Recipe(n=500, packing_fraction=0.001, velocities="beams"), tmp_path / "beams", capsys
-    )
-    assert "T_par/T  theory     z" in text and "not in equilibrium yet at s = 3: " in text
-    table = summary["relaxation"]
+    state, text = told(tmp_path / "beams", capsys, n=500, packing_fraction=0.001, velocities="beams")
+    assert "T_par/T  theory     z" in text and "not in equilibrium yet at s = 3: a2" in text
+    table = state["relaxation"]
     assert table["temperature_parallel"][0] == pytest.approx(3.0)
     assert np.nanmax(np.abs(table["temperature_parallel_z"])) < 4
     assert table["temperature_x"][0] == pytest.approx(3 * hs.velocities.BEAM_DIRECTION[3][0] ** 2, rel=0.02)
-    late = {check["quantity"]: check for check in summary["thermal"]["checks"]}
-    assert not summary["thermal"]["passed"] and not late["a2"]["thermal"]
+    assert not state["thermal"]["passed"] and "a2" in state["thermal"]["not_yet"]
 
 
 def test_a_mixture_of_two_temperatures_is_not_thermal_yet(tmp_path, capsys):
     """a2, KS and H of all together are noise when T1 still differs from T2; at equilibrium (sibling) nothing is said of it."""
-    mixed = Recipe(n=200, velocities="two-temperatures", mass_ratio=7.0, diameter_ratio=0.6)
-    summary, text = told(mixed, tmp_path / "mixture", capsys)
-    assert (
-        "not in equilibrium yet at s = 3: " in text and "T1/T = " in text.split("not in equilibrium yet")[1]
-    )
-    assert [check["thermal"] for check in summary["thermal"]["checks"]] == [True, False, False]
-    calm = Recipe(n=200, velocities="maxwell", mass_ratio=7.0, diameter_ratio=0.6)
-    summary, text = told(calm, tmp_path / "calm", capsys)
-    assert summary["thermal"]["passed"] and "is indistinguishable from one in equilibrium" in text
+    mixed = {"n": 200, "mass_ratio": 7.0, "diameter_ratio": 0.6}
+    state, text = told(tmp_path / "mixture", capsys, velocities="two-temperatures", **mixed)
+    assert "not in equilibrium yet at s = 3: T1/T, T2/T" in text
+    assert state["thermal"]["not_yet"] == ["T1/T", "T2/T"]
+    state, text = told(tmp_path / "calm", capsys, velocities="maxwell", **mixed)
+    assert state["thermal"]["passed"] and "is indistinguishable from one in equilibrium" in text
 
 
 def test_two_replicas_make_no_discovery(tmp_path, capsys):
     """All z of a table of two replicas are within 4; in standard errors (sibling) some are far beyond."""
-    summary, _ = told(Recipe(n=500), tmp_path / "two", capsys, end=5.0, replicas=2)
-    table = {name: np.array(column, float) for name, column in summary["relaxation"].items()}
+    state, _ = told(tmp_path / "two", capsys, n=500, collisions_per_particle=5.0, replicas=2)
+    table = {name: np.array(column, float) for name, column in state["relaxation"].items()}
     assert np.nanmax(np.abs([table["a2_z"], table["ks_z"]])) < 4
     error = np.where(table["a2_error"] > 0, table["a2_error"], np.nan)
-    assert np.nanmax(np.abs(table["a2"] - table["a2_boltzmann"])[1:] / error[1:]) > 4
+    assert np.nanmax(np.abs(table["a2"] - table["a2_theory"])[1:] / error[1:]) > 4
 
 
 def always_head_on(m1, v1, m2, v2, r):
@@ -135,11 +130,10 @@ def test_the_comparison_sees_a_broken_collision_rule(collide, accepted):
         assert chi_square.p_value < 1e-9
 
 
-def test_two_temperatures_become_one():
-    recipe = Recipe(
-        n=1000, packing_fraction=0.02, velocities="two-temperatures", mass_ratio=4.0, diameter_ratio=0.5
-    )
-    curve = relaxation(recipe, (0.0, 10.0, 20.0), replicas=4, seed=3)
+def test_two_temperatures_become_one(monkeypatch):
+    hot = {"velocities": "two-temperatures", "mass_ratio": 4.0, "diameter_ratio": 0.5}
+    s = (0.0, 10.0, 20.0)
+    curve = relaxation(monkeypatch, s, n=1000, packing_fraction=0.02, replicas=4, seed=3, **hot)
     start, middle, end = curve.temperature_by_species
     assert start[0] / start[1] == pytest.approx(3.0, rel=1e-2)
     assert abs(middle[0] - middle[1]) < 0.5 * abs(start[0] - start[1])
@@ -147,8 +141,8 @@ def test_two_temperatures_become_one():
     assert np.abs(end - 1).max() < 5 * noise
 
 
-def test_maxwell_stays_maxwell():
-    curve = relaxation(Recipe(n=1000, velocities="maxwell"), (0.0, 1.0, 2.0), replicas=20, seed=4)
+def test_maxwell_stays_maxwell(monkeypatch):
+    curve = relaxation(monkeypatch, (0.0, 1.0, 2.0), n=1000, velocities="maxwell", replicas=20, seed=4)
     comparison = curve.compare("equilibrium")
     assert comparison.chi_square.p_value > 1e-3
     assert np.abs(comparison.h_z).max() < 4.5
@@ -168,81 +162,126 @@ def test_sampling_points():
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
     out = OutputFolder(tmp_path_factory.mktemp("runs") / "thermalise-5")
-    recipe = Recipe(n=200, dim=3)
     study = Thermalisation(
-        recipe, replicas=8, seed=5, workers=1, frames=5, animate=True, collisions_per_particle=2.0
+        n=200, replicas=4, seed=5, workers=1, frames=5, animate=True, collisions_per_particle=2.0
     )
-    summary, sound = thermalise(study, out, Screen(json_output=True))
-    return study, out, summary, sound
-
-
-def test_all_files_are_there_and_agree(finished):
-    _, out, summary, sound = finished
-    assert sound and summary["checks"]["passed"]
-    names = {
-        "summary.json",
-        "relaxation.csv",
-        "distributions.png",
-        "relaxation.png",
-        "trajectory.xyz",
-        "gas.gif",
-    }
-    assert {path.name for path in out.path.iterdir()} == names == set(summary["files"])
-    stored = json.loads((out.path / "summary.json").read_text())
-    assert stored["seed"] == 5 and stored["version"] == hs.__version__ and stored["options"]["n"] == 200
-    assert stored["seconds"]["total"] > 0
-    with (out.path / "relaxation.csv").open() as handle:
-        rows = list(csv.DictReader(handle))
-    assert {"s", "a2", "a2_error", "a2_boltzmann", "ks", "h", "h_boltzmann"} <= set(rows[0])
-    np.testing.assert_array_equal([float(row["a2"]) for row in rows], stored["relaxation"]["a2"])
-    assert (out.path / "gas.gif").read_bytes()[:6] == b"GIF89a"
+    summary, sound = conduct(study, out, Screen(json_output=True))
+    assert sound
+    return study, out, summary
 
 
 def test_the_trajectory_is_that_of_the_first_replica(finished):
-    study, out, *_ = finished
+    study, out, _ = finished
     images = ase.io.read(out.path / "trajectory.xyz", index=":")
     assert len(images) == 5
-    scene = study.recipe.scene(replica_seeds(5, 8)[0])
+    scene = study.gases()[0].scene(replica_seeds(5, 8)[0])
     np.testing.assert_allclose(images[0].get_positions(), scene.positions, atol=1e-8)
     np.testing.assert_allclose(images[0].get_velocities(), scene.velocities, atol=1e-8)
     assert images[-1].info["collisions"] == 200
+    assert (out.path / "gas.gif").read_bytes()[:6] == b"GIF89a"
 
 
-def test_looking_and_workers_change_nothing(finished, tmp_path):
-    """Without trajectory and animation, in two processes: the same numbers to the last bit."""
-    study, _, summary, _ = finished
-    other = Thermalisation(study.recipe, replicas=8, seed=5, workers=2, frames=0, collisions_per_particle=2.0)
-    again, _ = thermalise(other, OutputFolder(tmp_path / "again"), Screen(json_output=True))
-    for name, column in summary["relaxation"].items():
-        np.testing.assert_array_equal(again["relaxation"][name], column, err_msg=name)
-    assert again["checks"] == summary["checks"]
+def test_looking_changes_nothing(finished, tmp_path):
+    """Without trajectory and animation: the same numbers to the last bit, and no file of either."""
+    study, out, summary = finished
+    blind, folder = replace(study, frames=0, animate=False), OutputFolder(tmp_path / "again")
+    again, _ = conduct(blind, folder, Screen(json_output=True))
+    np.testing.assert_equal(again["states"], summary["states"])
+    assert set(summary["files"]) - set(again["files"]) == {"gas.gif", "trajectory.xyz"}
+    assert (folder.path / "relaxation.csv").read_bytes() == (out.path / "relaxation.csv").read_bytes()
 
 
-def test_a_failed_check_is_told(finished, tmp_path, monkeypatch, capsys):
+def test_a_failed_check_is_told(tmp_path, monkeypatch, capsys):
     def broken(self):
         raise hs.InvariantError("kinetic energy changed by 1e-3")
 
     monkeypatch.setattr(hs.Simulation, "check", broken)
-    study = Thermalisation(Recipe(n=200), replicas=2, workers=1, frames=0, collisions_per_particle=0.5)
-    summary, sound = thermalise(study, OutputFolder(tmp_path / "out"), Screen())
+    study = Thermalisation(n=200, replicas=2, workers=1, frames=0, collisions_per_particle=0.5)
+    summary, sound = conduct(study, OutputFolder(tmp_path / "out"), Screen())
     assert not sound and not summary["checks"]["passed"]
     assert "CHECK FAILED, replica 0: kinetic energy changed by 1e-3" in capsys.readouterr().out
 
 
-def test_a_file_with_velocities_is_run_once(finished, tmp_path):
-    _, out, *_ = finished
-    file = str(out.path / "trajectory.xyz")
-    study = Thermalisation.from_file(
-        file, Reading(), None, None, replicas=5, frames=0, collisions_per_particle=1.0, workers=1
-    )
-    assert study.replicas == 1 and study.recipe.placement == "file"
-    summary, sound = thermalise(study, OutputFolder(tmp_path / "kept"), Screen(json_output=True))
-    assert sound and summary["n"] == 200 and math.isnan(summary["relaxation"]["ks_error"][0])
-    drawn = Thermalisation.from_file(file, Reading(), "equal-speeds", 2.0, replicas=3)
-    assert drawn.replicas == 3
-    scenes = [drawn.recipe.scene(seed) for seed in replica_seeds(1, 3)]
+def test_a_file_with_velocities_is_run_once(finished, tmp_path, capsys):
+    """Without error bars, which is said; sibling: other velocities are drawn, and replicas differ."""
+    file = str(finished[1].path / "trajectory.xyz")
+    short = {"frames": 0, "collisions_per_particle": 1.0, "workers": 1}
+    study = Thermalisation(source=file, replicas=5, **short)
+    summary, sound = conduct(study, OutputFolder(tmp_path / "kept"), Screen(json_output=True))
+    assert sound and summary["n"] == 200 and summary["options"]["replicas"] == 1
+    assert math.isnan(summary["states"][0]["relaxation"]["ks_error"][0])
+    assert summary["states"][0]["placement"] == summary["states"][0]["start"] == "file"
+    assert "running one, without error bars" in capsys.readouterr().err
+    drawn = Thermalisation(source=file, velocities="equal-speeds", temperature=2.0, replicas=3)
+    assert drawn.prepared(print).replicas == 3
+    assert capsys.readouterr().out == f'{file}: not used: column "momenta", column "Velo"\n'
+    scenes = [drawn.gases()[0].scene(seed) for seed in replica_seeds(1, 3)]
     assert all(scene.temperature == pytest.approx(2.0) for scene in scenes)
     np.testing.assert_array_equal(scenes[0].positions, scenes[1].positions)
     assert not np.array_equal(scenes[0].velocities, scenes[1].velocities)
     with pytest.raises(hs.SceneError, match="--temperature needs --velocities"):
-        Thermalisation.from_file(file, Reading(), None, 2.0)
+        Thermalisation(source=file, temperature=2.0).prepared(print)
+
+
+def test_a_file_is_read_once_and_a_changed_one_is_not_resumed(finished, tmp_path, monkeypatch):
+    """Sibling: the same file, touched but not changed, is."""
+    file = tmp_path / "start.xyz"
+    whole = (finished[1].path / "trajectory.xyz").read_text().splitlines(keepends=True)
+    first, last = whole[: len(whole) // 5], whole[-len(whole) // 5 :]
+    file.write_text("".join(first))
+    times = []
+    monkeypatch.setattr(
+        "studies.thermalisation.read_scene", lambda *given: (times.append(1), read_scene(*given))[1]
+    )
+    study = Thermalisation(source=str(file), collisions_per_particle=1.0, workers=1, frames=2)
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(Thermalisation, "answer", interrupted)
+        conduct(study, OutputFolder(tmp_path / "out"), Screen(True))
+    assert len(times) == 1
+    file.write_text("".join(last))
+    again = OutputFolder(tmp_path / "out", resume=True)
+    with pytest.raises(CheckpointError, match="with the structure that it starts from .*, not "):
+        conduct(study, again, Screen(True))
+    file.write_text("".join(first))
+    assert conduct(study, again, Screen(True))[1]
+
+
+def interrupted(*_):
+    raise KeyboardInterrupt
+
+
+def test_a_ratio_of_temperatures_reaches_the_gas():
+    """Hot over cold, exactly; sibling: the ratio that is the default."""
+    hot = {"velocities": "two-temperatures", "mass_ratio": 4.0, "n": 200}
+    for study, ratio in (
+        (Thermalisation(**hot), 3.0),
+        (Thermalisation(temperature_ratio=9.0, **hot), 9.0),
+    ):
+        (gas,) = study.gases()
+        made = gas.scene(np.random.SeedSequence(1))
+        for scene in (made, replace(gas, base=made).scene(np.random.SeedSequence(2))):
+            energy = scene.masses * (scene.velocities**2).sum(axis=1)
+            assert energy[scene.masses == 1.0].mean() / energy[scene.masses == 4.0].mean() == pytest.approx(
+                ratio
+            )
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"radius": 1.0}, "--radius goes with --from"),
+        ({"velocities_are": "reduced"}, "--velocities-are goes with --from"),
+        ({"fraction": 0.2}, "--fraction needs --mass-ratio or --diameter-ratio"),
+        ({"temperature_ratio": 2.0}, "--temperature-ratio goes with --velocities two-temperatures"),
+        (
+            {"source": "absent.xyz", "n": 100},
+            "--n has no effect with --from, which gives the whole structure",
+        ),
+        ({"source": "absent.xyz", "boundary": "wall"}, "--boundary has no effect with --from"),
+        ({"source": "absent.xyz", "boundary": "wall", "box": (9.0, 9.0, 9.0)}, "there is no file absent.xyz"),
+        ({"collisions_per_particle": math.nan}, "--collisions-per-particle nan must be positive"),
+    ],
+)
+def test_options_that_make_no_sense_together_are_refused(options, sentence):
+    with pytest.raises(hs.HardSpheresError, match=sentence):
+        Thermalisation(**options).gases()

@@ -17,7 +17,7 @@ from studies.pressure import EquationOfState
 from studies.report import OutputFolder
 from studies.running.journal import Journal, OutputError, options_of
 from studies.running.locking import Lock
-from studies.thermalisation import Recipe, Thermalisation
+from studies.thermalisation import Thermalisation
 from studies.validation.soak import Soak
 
 STUDY = EquationOfState(packing_fractions=(0.1, 0.3), n=500, collisions_per_particle=50.0, replicas=3, seed=4)
@@ -158,9 +158,9 @@ def test_what_a_run_left_that_was_killed_while_it_tidied_up_is_used_again(tmp_pa
 
 def test_all_options_of_all_studies_count():
     scene = hs.lattice_gas(n=8, packing_fraction=0.1, seed=1)
-    of_file = Thermalisation(Recipe(base=scene), source="gas.xyz")
+    of_file = Thermalisation(source="gas.xyz", structure=scene)
     assert options_of(of_file)["--from"] == "gas.xyz"
-    moved = replace(of_file, recipe=Recipe(base=hs.lattice_gas(n=8, packing_fraction=0.1, seed=2)))
+    moved = replace(of_file, structure=hs.lattice_gas(n=8, packing_fraction=0.1, seed=2))
     name = "the structure that it starts from"
     assert options_of(of_file)[name] != options_of(moved)[name]
     assert {"--n", "--dim", "--collisions", "--seed", "--replicas"} == set(options_of(Soak()))

@@ -18,10 +18,10 @@ from studies.report import OutputFolder
 from studies.running.journal import OutputError
 from studies.running.ownership import SUMMARY
 from studies.study import Study
-from studies.thermalisation import Recipe, Thermalisation
+from studies.thermalisation import Thermalisation
 
 STUDY = EquationOfState(packing_fractions=(0.1, 0.3), n=500, collisions_per_particle=50.0, replicas=3, seed=4)
-OTHER = Thermalisation(Recipe(n=10))
+OTHER = Thermalisation(n=10)
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="links")
 
 

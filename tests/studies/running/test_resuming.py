@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import hardspheres as hs
-from studies import mixture, thermalisation
+from studies import mixture
 from studies.fluid import Fluid
 from studies.free_path import Runs
 from studies.running.encoding import decode, encode
@@ -46,18 +46,9 @@ def mixed():
     return mixture.Equilibrations(study, study.times(study.start(SEED))), SEED
 
 
-def relaxing(folder):
-    recipe, s = thermalisation.Recipe(n=100), (0.0, 1.0, 2.0)
-    return thermalisation.Replicas(recipe, s, folder / "trajectory.xyz", (0.0, 0.7, 2.0), (0.0, 1.5)), (
-        0,
-        SEED,
-    )
-
-
 TASKS = {
     "free-path": lambda folder: (Runs(60.0), (Fluid(100, packing_fraction=0.1), SEED)),
     "mixture": lambda folder: mixed(),
-    "thermalise": relaxing,
 }
 
 
