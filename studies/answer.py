@@ -15,7 +15,7 @@ from analysis.statistics import Estimate, TheoryCheck
 from analysis.theory import Prediction
 from studies.report import Screen, alarming, estimate_json
 
-__all__ = ["Answer", "Column", "Curves", "Gas", "alarms", "number", "tidy", "write_tables"]
+__all__ = ["Answer", "Column", "Curves", "Gas", "alarms", "heading", "number", "tidy", "write_tables"]
 
 FloatArray = NDArray[np.float64]
 Gas = Any  # what a study measures; it has n, dim, packing_fraction, kind and scene(seed), and a text
@@ -69,9 +69,13 @@ class Column:
     theory, uncertainty : (L,) arrays, optional
         What theory says there, and its own uncertainty.
     z : (L,) array, optional
-        Deviations as normal deviates, see `analysis.statistics.deviates`.
+        Deviations as normal deviates, see `analysis.statistics.deviates`; without them a table has no theory.
     title : str, optional
         Of the printed column; by default its name.
+    printed : bool
+        Whether it is in the printed table, where there is one.
+    brief : bool
+        Whether theory is printed without its uncertainty, which z allows for anyway.
     """
 
     value: FloatArray
@@ -80,6 +84,15 @@ class Column:
     uncertainty: FloatArray | None = None
     z: FloatArray | None = None
     title: str | None = None
+    printed: bool = True
+    brief: bool = False
+
+    @property
+    def better_than_theory(self) -> NDArray[np.bool_]:
+        """Where the uncertainty of theory exceeds two standard errors, (L,); only where z is known."""
+        if self.z is None or self.uncertainty is None:
+            return np.zeros(len(self.value), dtype=bool)
+        return np.isfinite(self.z) & (self.uncertainty > 2.0 * self.error)
 
     def parts(self, name: str) -> Iterator[tuple[str, FloatArray]]:
         """Yield the columns of a file under their names."""
@@ -88,17 +101,14 @@ class Column:
             if getattr(self, part) is not None:
                 yield f"{name}_{part}", getattr(self, part)
 
-    def printed(self, name: str) -> Iterator[tuple[str, list[str]]]:
+    def cells(self, name: str) -> Iterator[tuple[str, list[str]]]:
         """Yield title and cells of each column of a table."""
-        yield self.title or name, [_cell(*pair) for pair in zip(self.value, self.error, strict=True)]
-        if self.theory is None:
+        yield self.title or name, _cells(self.value, self.error)
+        if self.theory is None or self.z is None or not np.isfinite(self.theory).any():
             return
-        uncertainty = np.zeros(len(self.theory)) if self.uncertainty is None else self.uncertainty
-        yield "theory", [_cell(*pair) for pair in zip(self.theory, uncertainty, strict=True)]
-        if self.z is not None:
-            better = uncertainty > 2.0 * self.error
-            marks = np.where(better & np.isfinite(self.z), _U, "")
-            yield "z", [_deviation(z, str(mark)) for z, mark in zip(self.z, marks, strict=True)]
+        yield "theory", _cells(self.theory, None if self.brief else self.uncertainty)
+        marks = np.where(self.better_than_theory, _U, "")
+        yield "z", [_deviation(z, str(mark)) for z, mark in zip(self.z, marks, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -113,15 +123,18 @@ class Curves:
         The curves by name.
     printed : bool
         Whether they are shown as a table, and are in the summary.
+    beside : dict of (L,) array
+        What has no error bar, for the file alone.
     """
 
     axes: Mapping[str, FloatArray]
     columns: Mapping[str, Column]
     printed: bool = False
+    beside: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def flat(self) -> dict[str, FloatArray]:
         """Return all columns of a file under their names."""
-        found = dict(self.axes)
+        found = {**self.axes, **self.beside}
         for name, column in self.columns.items():
             found |= dict(column.parts(name))
         return found
@@ -130,7 +143,8 @@ class Curves:
         """Return header and rows of a printed table."""
         printed = [(name, [f"{x:.4g}" for x in axis]) for name, axis in self.axes.items()]
         for name, column in self.columns.items():
-            printed += column.printed(name)
+            if column.printed:
+                printed += column.cells(name)
         return [title for title, _ in printed], [
             list(row) for row in zip(*(cells for _, cells in printed), strict=True)
         ]
@@ -171,6 +185,15 @@ class Answer:
     def __getitem__(self, quantity: str) -> TheoryCheck:
         """Return the number of this name."""
         return next(found for found in self.numbers if found.quantity == quantity)
+
+    @property
+    def better_than_theory(self) -> bool:
+        """Whether a printed z is marked: some measurement is more precise than its theory."""
+        printed = [curves for curves in self.curves.values() if curves.printed]
+        columns = [column for curves in printed for column in curves.columns.values() if column.printed]
+        return any(found.better_than_theory for found in self.numbers) or any(
+            column.better_than_theory.any() for column in columns
+        )
 
     @property
     def label(self) -> str:
@@ -242,12 +265,18 @@ def curve_files(answers: Sequence[Answer]) -> dict[str, dict[str, FloatArray]]:
     return files
 
 
+def heading(answers: Sequence[Answer], replicas: int) -> str:
+    """Return what was measured: replicas, the gas, and its packing fraction where there is one."""
+    kind = f"{replicas} x {answers[0].gas}"
+    return f"{kind}, {answers[0].label}" if len(answers) == 1 else kind
+
+
 def write_tables(screen: Screen, answers: Sequence[Answer], replicas: int) -> None:
     """Print all numbers of all gases, and the curves that are short."""
-    for kind, group in groupby(answers, lambda answer: str(answer.gas)):
+    for _, group in groupby(answers, lambda answer: str(answer.gas)):
         same = list(group)
-        count = f", {len(same)} packing fractions" if len(same) > 1 else f", {same[0].label}"
-        screen.say(f"{replicas} x {kind}{count}")
+        count = f", {len(same)} packing fractions" if len(same) > 1 else ""
+        screen.say(heading(same, replicas) + count)
         screen.say()
         for answer in same:
             for curves in answer.curves.values():
@@ -309,6 +338,17 @@ def _expected(found: TheoryCheck) -> str:
 
 def _deviation(z: float, mark: str = "") -> str:
     return f"{z:+.1f} {mark}".rstrip() if math.isfinite(z) else ""
+
+
+def _cells(values: FloatArray, errors: FloatArray | None) -> list[str]:
+    """Return the numbers of a column; those without an error bar have four decimals, if that is enough."""
+    if errors is None:
+        errors = np.full(len(values), math.nan)
+    bare = ~(errors > 1e-12) & np.isfinite(values) & ((np.abs(values) >= 1e-3) | (values == 0.0))
+    return [
+        f"{value:.4f}" if alone else _cell(value, error)
+        for value, error, alone in zip(values, errors, bare, strict=True)
+    ]
 
 
 def _cell(value: float, error: float) -> str:

@@ -342,50 +342,6 @@ def pressure(
 
 
 @app.command()
-def free_path(
-    packing_fractions: Densities = "0.001,0.01,0.1,0.3",
-    n: Annotated[int, typer.Option(min=2, help="Particles in each replica.")] = 4000,
-    dim: Annotated[int, typer.Option(min=2, max=3, help="Dimension.")] = 3,
-    diameter_ratio: DiameterRatio = 1.0,
-    mass_ratio: MassRatio = 1.0,
-    fraction: Fraction = None,
-    collisions_per_particle: Annotated[
-        float, typer.Option(help="How long to measure in each replica, s = 2 collisions / n.")
-    ] = 300.0,
-    replicas: Annotated[
-        int, typer.Option(min=1, callback=at_most(MOST), help="Independent gases at each packing fraction.")
-    ] = 2,
-    until_error: UntilError = None,
-    seed: Seed = 1,
-    workers: Workers = None,
-    out: Out = None,
-    checkpoint_every: CheckpointEvery = 60.0,
-    resume: Resume = False,
-    force: Force = False,
-    json: Json = False,
-) -> None:
-    """Measure free paths between collisions, beside kinetic theory.
-
-    Mean free path and time, collision rates between species, moments and survival functions of all flights,
-    and the free path at each speed, with error bars, at several packing fractions. Writes a summary, two
-    tables and a picture.
-    """
-    from studies.fluid import Fluid
-    from studies.free_path import FreePaths
-    from studies.free_path import free_path as run
-    from studies.pressure import packing_fractions as parsed
-    from studies.report import Screen
-
-    _require_two(diameter_ratio, mass_ratio, fraction)
-    share = 0.5 if fraction is None else fraction
-    fluid = Fluid(n, dim, 0.3, "periodic", diameter_ratio, mass_ratio, share)
-    study = FreePaths(parsed(packing_fractions), fluid, collisions_per_particle, replicas, seed, workers)
-    screen = Screen(json)
-    folder = _folder(out, "free-path", seed, checkpoint_every, resume, force)
-    _finish(screen, _precisely(run, study, folder, screen, until_error))
-
-
-@app.command()
 def mixture(
     packing_fraction: Annotated[float, typer.Option(**one_number)] = 0.01,
     n: Annotated[int, typer.Option(min=2, help="Particles in each replica.")] = 2000,

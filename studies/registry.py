@@ -11,6 +11,10 @@ if TYPE_CHECKING:
 __all__ = ["QUESTIONS", "study_named"]
 
 QUESTIONS = {
+    "free-path": (
+        "studies.free_path:FreePaths",
+        "Measure free paths between collisions, beside kinetic theory.",
+    ),
     "diffusion": ("studies.diffusion:SelfDiffusion", "Measure self-diffusion, beside Enskog's theory."),
     "bench": (
         "studies.benchmarks.command:Benchmark",

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 import hardspheres as hs
-from studies.answer import Answer, Gas, curve_files, tidy, write_tables
+from studies.answer import Answer, Gas, curve_files, heading, tidy, write_tables
 from studies.fluid import broken, representatives
 from studies.options import runs, seed, workers
 from studies.program import Program
@@ -281,7 +281,7 @@ def conduct(
             out.write_csv(f"{name}.csv", columns)
         with screen.working("drawing"), figure_style():
             for name, figure in study.figures(answers).items():
-                out.save_figure(f"{name}.png", figure, f"{study.replicas} x {gases[0]}")
+                out.save_figure(f"{name}.png", figure, heading(answers, study.replicas))
             if recorded is not None:
                 study.show(recorded.estimators, answers, out)
         summary = summary_of(study, answers, replicas, out)
@@ -330,7 +330,7 @@ def _print(
     for sentence in study.legend(answers):
         screen.say(sentence)
     screen.say(Z_MEANS)
-    if any(found.better_than_theory for answer in answers for found in answer.numbers):
+    if any(answer.better_than_theory for answer in answers):
         screen.say(BETTER)
     for answer in answers:
         for note in answer.notes:

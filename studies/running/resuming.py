@@ -137,8 +137,11 @@ def until(simulation: hs.Simulation, collisions: int) -> Iterator[None]:
 class Measuring(Protocol):
     """A state with a simulation and the number of blocks measured."""
 
-    simulation: hs.Simulation
     done: int
+
+    @property
+    def simulation(self) -> hs.Simulation:
+        """The gas."""
 
 
 def in_blocks(state: Measuring, ends: Sequence[int], add: Callable[[hs.Frame], object]) -> Iterator[None]:

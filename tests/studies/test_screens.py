@@ -26,7 +26,7 @@ from studies.benchmarks.suite import run_suite as run_bench_suite
 from studies.diffusion import SelfDiffusion
 from studies.figures.style import LIMIT, falling
 from studies.fluid import Fluid
-from studies.free_path import FreePaths, free_path
+from studies.free_path import FreePaths
 from studies.layout import table_blocks, wrapped
 from studies.mixture import Mixture, mixture
 from studies.pressure import EquationOfState, equation_of_state
@@ -58,6 +58,10 @@ def relaxing(recipe, **more):
     )
 
 
+def flying(**options):
+    return lambda out, screen: conduct(FreePaths(workers=1, **options), out, screen)
+
+
 STUDIES = {
     "thermalise": relaxing(Recipe(n=200)),
     "thermalise-mixture": relaxing(
@@ -72,8 +76,10 @@ STUDIES = {
         EquationOfState((0.05, 0.1), WALLS, 40.0, workers=1), *to
     ),
     "pressure-suite": lambda *to: run_suite(SUITE, *to),
-    "free-path": lambda *to: free_path(FreePaths((0.002, 0.05), Fluid(n=200), 50.0, workers=1), *to),
-    "free-path-mixture": lambda *to: free_path(FreePaths((0.3,), UNLIKE, 200.0, workers=1), *to),
+    "free-path": flying(packing_fractions=(0.002, 0.05), n=200, collisions_per_particle=50.0),
+    "free-path-mixture": flying(
+        packing_fractions=(0.3,), n=108, diameter_ratio=1.25, mass_ratio=10.0, collisions_per_particle=200.0
+    ),
     "diffusion": lambda *to: conduct(
         SelfDiffusion(packing_fractions=(0.1,), n=64, collisions_per_particle=80.0, replicas=6, workers=1),
         *to,

@@ -9,7 +9,6 @@ import pytest
 import hardspheres as hs
 from studies import mixture, thermalisation
 from studies.fluid import Fluid
-from studies.free_path import Runs
 from studies.pressure import EquationOfState, States
 from studies.running.encoding import decode, encode
 from studies.running.ensemble import replica_seeds, run_replicas
@@ -60,7 +59,6 @@ TASKS = {
         States(EquationOfState(collisions_per_particle=3.0)),
         (Fluid(100, packing_fraction=0.3), SEED),
     ),
-    "free-path": lambda folder: (Runs(60.0), (Fluid(100, packing_fraction=0.1), SEED)),
     "mixture": lambda folder: mixed(),
     "thermalise": relaxing,
 }
@@ -83,7 +81,7 @@ def test_interrupted_at_every_pause(name, tmp_path, monkeypatch):
     task, item = TASKS[name](tmp_path)
     whole = task(item)
     files = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    pieces, times = in_pieces(task, item, every={"free-path": 30}.get(name, 1))
+    pieces, times = in_pieces(task, item)
     assert times > 5
     assert bits(pieces) == bits(whole)
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == files
