@@ -341,54 +341,6 @@ def pressure(
     _finish(screen, run_suite(Suite(study), folder, screen))
 
 
-@app.command()
-def mixture(
-    packing_fraction: Annotated[float, typer.Option(**one_number)] = 0.01,
-    n: Annotated[int, typer.Option(min=2, help="Particles in each replica.")] = 2000,
-    dim: Annotated[int, typer.Option(min=2, max=3, help="Dimension.")] = 3,
-    diameter_ratio: DiameterRatio = 2.0,
-    mass_ratio: MassRatio = 10.0,
-    fraction: Fraction = None,
-    temperature_ratio: Annotated[
-        float,
-        typer.Option(
-            **positive("--temperature-ratio", "kT of the first species over the second's at the start"),
-            help="kT of the first species over the second's at the start.",
-        ),
-    ] = 3.0,
-    relaxation_times: Annotated[
-        float, typer.Option(help="How long to run, in initial decay times of the difference.")
-    ] = 4.0,
-    replicas: Annotated[
-        int, typer.Option(min=1, callback=at_most(MOST), help="Independent gases to average over.")
-    ] = 100,
-    until_error: UntilError = None,
-    seed: Seed = 1,
-    workers: Workers = None,
-    out: Out = None,
-    checkpoint_every: CheckpointEvery = 60.0,
-    resume: Resume = False,
-    force: Force = False,
-    json: Json = False,
-) -> None:
-    """Follow the temperature equilibration of two species, beside kinetic theory.
-
-    Temperatures of both against time, averaged over replicas, beside the two-Maxwellian equations with their
-    known deviation, and the collision rate. Writes a summary, a table and a picture.
-    """
-    from studies.fluid import Fluid
-    from studies.mixture import Mixture
-    from studies.mixture import mixture as run
-    from studies.report import Screen
-
-    share = 0.5 if fraction is None else fraction
-    fluid = Fluid(n, dim, packing_fraction, "periodic", diameter_ratio, mass_ratio, share)
-    study = Mixture(fluid, temperature_ratio, relaxation_times, replicas, seed, workers)
-    screen = Screen(json)
-    folder = _folder(out, "mixture", seed, checkpoint_every, resume, force)
-    _finish(screen, _precisely(run, study, folder, screen, until_error))
-
-
 def _precisely(
     run: Any, study: Any, folder: Any, screen: Any, target: float | None
 ) -> tuple[dict[str, Any], bool]:

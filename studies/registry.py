@@ -16,6 +16,10 @@ QUESTIONS = {
         "Measure free paths between collisions, beside kinetic theory.",
     ),
     "diffusion": ("studies.diffusion:SelfDiffusion", "Measure self-diffusion, beside Enskog's theory."),
+    "mixture": (
+        "studies.mixture:Mixture",
+        "Follow the temperature equilibration of two species, beside kinetic theory.",
+    ),
     "bench": (
         "studies.benchmarks.command:Benchmark",
         "Measure collisions per second, beside another engine.",

@@ -24,7 +24,6 @@ __all__ = [
 SUMMARY = "summary.json"
 _EQUATION = ("equation_of_state.csv", "equation_of_state.png")
 WRITTEN: dict[str, tuple[str, ...]] = {
-    "mixture": ("mixture.csv", "mixture.png"),
     "pressure": _EQUATION,
     "pressure_suite": _EQUATION,
     "thermalisation": (

@@ -28,7 +28,7 @@ from studies.figures.style import LIMIT, falling
 from studies.fluid import Fluid
 from studies.free_path import FreePaths
 from studies.layout import table_blocks, wrapped
-from studies.mixture import Mixture, mixture
+from studies.mixture import Mixture
 from studies.pressure import EquationOfState, equation_of_state
 from studies.pressure_suite import Suite, run_suite
 from studies.report import OutputFolder, Screen
@@ -38,7 +38,7 @@ from studies.validation.calibration import Calibrations
 from studies.validation.hard_cases import HardCases
 from studies.validation.soak import Soak
 
-MIXED = Fluid(n=200, packing_fraction=0.02, mass_ratio=4.0, diameter_ratio=0.5)
+MIXED = {"n": 200, "packing_fraction": 0.02, "mass_ratio": 4.0, "diameter_ratio": 0.5}
 UNLIKE = Fluid(n=108, packing_fraction=0.3, diameter_ratio=1.25, mass_ratio=10.0)
 WALLS = Fluid(n=200, packing_fraction=0.1, boundary=("periodic", "wall", "periodic"))
 SUITE = Suite(
@@ -84,7 +84,7 @@ STUDIES = {
         SelfDiffusion(packing_fractions=(0.1,), n=64, collisions_per_particle=80.0, replicas=6, workers=1),
         *to,
     ),
-    "mixture": lambda *to: mixture(Mixture(MIXED, relaxation_times=1.5, replicas=8, workers=1), *to),
+    "mixture": lambda *to: conduct(Mixture(**MIXED, relaxation_times=1.5, replicas=8, workers=1), *to),
     "calibration": Calibrations(runs=20, workers=1, families=("series",)).conduct,
     "hard-cases": HardCases(size="small", only=("cradle",)).conduct,
     "soak": lambda *to: conduct(Soak(n=200, dim=2, collisions=20_000, workers=1), *to),

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import hardspheres as hs
-from studies import mixture, thermalisation
+from studies import thermalisation
 from studies.fluid import Fluid
 from studies.pressure import EquationOfState, States
 from studies.running.encoding import decode, encode
@@ -41,11 +41,6 @@ def in_pieces(task, item, every=1):
             times += 1
 
 
-def mixed():
-    study = mixture.Mixture(Fluid(100, 3, 0.01, "periodic", 2.0, 10.0), relaxation_times=1.0)
-    return mixture.Equilibrations(study, study.times(study.start(SEED))), SEED
-
-
 def relaxing(folder):
     recipe, s = thermalisation.Recipe(n=100), (0.0, 1.0, 2.0)
     return thermalisation.Replicas(recipe, s, folder / "trajectory.xyz", (0.0, 0.7, 2.0), (0.0, 1.5)), (
@@ -59,7 +54,6 @@ TASKS = {
         States(EquationOfState(collisions_per_particle=3.0)),
         (Fluid(100, packing_fraction=0.3), SEED),
     ),
-    "mixture": lambda folder: mixed(),
     "thermalise": relaxing,
 }
 
