@@ -80,7 +80,7 @@ class Column:
     theory, uncertainty : (L,) arrays, optional
         What theory says there, and its own uncertainty.
     z : (L,) array, optional
-        Deviations as normal deviates, see `analysis.statistics.deviates`.
+        Deviations as normal deviates, see `analysis.statistics.deviates`; without them a table has no theory.
     title : str, optional
         Of the printed column; by default its name.
     printed : bool
@@ -115,12 +115,11 @@ class Column:
     def cells(self, name: str) -> Iterator[tuple[str, list[str]]]:
         """Yield title and cells of each column of a table."""
         yield self.title or name, _cells(self.value, self.error)
-        if self.theory is None or not np.isfinite(self.theory).any():
+        if self.theory is None or self.z is None or not np.isfinite(self.theory).any():
             return
         yield "theory", _cells(self.theory, None if self.brief else self.uncertainty)
-        if self.z is not None:
-            marks = np.where(self.better_than_theory, _U, "")
-            yield "z", [_deviation(z, str(mark)) for z, mark in zip(self.z, marks, strict=True)]
+        marks = np.where(self.better_than_theory, _U, "")
+        yield "z", [_deviation(z, str(mark)) for z, mark in zip(self.z, marks, strict=True)]
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from analysis.series import SeriesWarning
 from analysis.statistics import Estimate, estimate_from_replicas, replica_mean
 from analysis.transport import Diffusion, with_correction
 from studies.answer import Answer, Column, Curves, alarms, number
-from studies.fluid import Fluid, check_length, ordered
+from studies.fluid import Fluid, check_length, check_spread, ordered
 from studies.options import densities, dimension, option, particles, runs
 from studies.running.resuming import until
 from studies.study import Replica, Study
@@ -141,11 +141,7 @@ class SelfDiffusion(Study):
             fluid.check_within("Enskog's theory")
         if self.collisions_per_particle is not None:
             check_length(self.collisions_per_particle, SHORTEST, "is no length for a slope")
-        if self.replicas < 4:
-            raise hs.SceneError(
-                f"--replicas {self.replicas} gives no error bar, which comes from their spread; ask for at "
-                "least 4"
-            )
+        check_spread(self.replicas)
         return fluids
 
     def slope(self, gas: Fluid) -> Slope:

@@ -19,6 +19,7 @@ import hardspheres as hs
 from analysis.correlation_times import virial_block_length
 from hardspheres.compression import order_of_crystal
 from hardspheres.memory import require_room_for
+from hardspheres.scene import sphere_volume
 from studies.report import Screen
 from studies.running.ensemble import replica_seeds, run_replicas
 from studies.running.journal import Shelf
@@ -31,10 +32,13 @@ __all__ = [
     "Boundary",
     "Fluid",
     "broken",
+    "check_length",
+    "check_spread",
     "is_dense",
     "kind_of",
     "load_kernels",
     "maker",
+    "number_fraction",
     "ordered",
     "representatives",
     "run_fluids",
@@ -129,6 +133,16 @@ class Fluid:
     def mixed(self) -> bool:
         """Whether there are two species."""
         return (self.diameter_ratio, self.mass_ratio) != (1.0, 1.0)
+
+    @property
+    def species(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Number densities, diameters and masses of the species, each (k,)."""
+        second = round(self.fraction * self.n) if self.mixed else 0
+        kinds = 2 if self.mixed else 1
+        counts = np.array([self.n - second, second], dtype=float)[:kinds]
+        diameters, masses = np.array([1.0, self.diameter_ratio])[:kinds], np.array([1.0, self.mass_ratio])
+        volume = float(counts @ sphere_volume(diameters / 2, self.dim)) / self.packing_fraction
+        return counts / volume, diameters, masses[:kinds]
 
     @property
     def dense(self) -> bool:
@@ -257,6 +271,21 @@ def check_length(collisions_per_particle: float, fewest: float, why: str) -> Non
     if not collisions_per_particle >= fewest:
         enough = f"{math.ceil(fewest)}" if fewest >= 100 else f"{fewest:.3g}"
         raise hs.SceneError(f"{said} {why}; ask for at least {enough}")
+
+
+def check_spread(replicas: int) -> None:
+    """Raise SceneError where there are too few replicas for error bars that come from their spread."""
+    if replicas < 4:
+        raise hs.SceneError(
+            f"--replicas {replicas} gives no error bar, which comes from their spread; ask for at least 4"
+        )
+
+
+def number_fraction(fraction: float | None, diameter_ratio: float, mass_ratio: float) -> float:
+    """Return --fraction, 0.5 where it is not given; SceneError where there is no second species."""
+    if fraction is not None and diameter_ratio == mass_ratio == 1.0:
+        raise hs.SceneError("--fraction needs --mass-ratio or --diameter-ratio")
+    return 0.5 if fraction is None else fraction
 
 
 def load_kernels(fluids: Sequence[Fluid], free_paths: bool = False) -> None:

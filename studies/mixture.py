@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,455 +17,211 @@ from analysis.reduced import species_labels
 from analysis.statistics import Estimate, TheoryCheck, deviates, estimate_from_replicas, replica_mean
 from analysis.temperatures import TemperatureEquilibration
 from analysis.theory import Prediction
-from studies.fluid import THEORY_UP_TO, Fluid, broken
-from studies.report import (
-    ALARM,
-    Z_MEANS,
-    OutputFolder,
-    Screen,
-    alarming,
-    checks_of,
-    engine_of,
-    engine_rate,
-    estimate_json,
-    say_checks,
-    seconds_taken,
-)
-from studies.running.ensemble import available_cores, replica_seeds, run_replicas
-from studies.running.resuming import Resumable, until
+from studies import options
+from studies.answer import Answer, Column, Curves, alarms, number
+from studies.fluid import THEORY_UP_TO, Fluid, check_spread, number_fraction
+from studies.options import dimension, one_number, option, particles, positive, runs
+from studies.report import alarming
+from studies.running.resuming import until
+from studies.study import Replica, Study
 
-__all__ = ["Equilibrations", "Mixture", "Result", "mixture"]
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["Mixture"]
 
 FloatArray = NDArray[np.float64]
 
 SAMPLES = 4  # in each relaxation time
+HOTTER = "kT of the first species over the second's at the start"
 
 
-@dataclass(frozen=True)
-class Mixture:
-    """Options of the study, as on the command line (`hardspheres mixture --help`).
+@dataclass(frozen=True, kw_only=True)
+class Mixture(Study):
+    """Two species in a periodic box, hot and cold at the start; kT of the whole is 1."""
 
-    Attributes
-    ----------
-    fluid : Fluid
-        Two species in a periodic box.
-    temperature_ratio : float
-        kT of the first species over the second's at the start; kT of the whole is 1.
-    relaxation_times : float
-        How long to run, in initial decay times of the temperature difference.
-    replicas, seed, workers
-        As in `studies.running.ensemble`; errors come from the spread of the replicas.
+    name = "mixture"
+    explanation = """
+    Temperatures of both against time, averaged over replicas, beside the two-Maxwellian equations with their
+    known deviation, and the collision rate. Writes a summary, two tables and a picture.
     """
+    table = "mixture"
+    files = ("mixture.csv", "temperatures.csv", "mixture.png")
 
-    fluid: Fluid = field(
-        default_factory=lambda: Fluid(n=2000, packing_fraction=0.01, diameter_ratio=2.0, mass_ratio=10.0)
+    packing_fraction: float = option(0.01, **one_number)
+    n: int = particles(2000)
+    dim: int = dimension()
+    diameter_ratio: float = options.diameter_ratio(2.0)
+    mass_ratio: float = options.mass_ratio(10.0)
+    fraction: float | None = options.fraction()
+    temperature_ratio: float = option(3.0, f"{HOTTER}.", **positive("--temperature-ratio", HOTTER))
+    relaxation_times: float = option(
+        4.0, "How long to run, in initial decay times of the difference.", at_least=0.5, at_most=100.0
     )
-    temperature_ratio: float = 3.0
-    relaxation_times: float = 4.0
-    replicas: int = 100
-    seed: int = 1
-    workers: int | None = None
+    replicas: int = runs(100)
 
-    def check(self) -> None:
-        """Raise SceneError for options that make no sense."""
-        fluid, limit = self.fluid, THEORY_UP_TO[self.fluid.dim]
+    def gases(self) -> list[Fluid]:
+        """Return the one gas."""
+        share = number_fraction(self.fraction, self.diameter_ratio, self.mass_ratio)
+        species = (self.diameter_ratio, self.mass_ratio, share)
+        fluid = Fluid(self.n, self.dim, self.packing_fraction, "periodic", *species)
         fluid.check()
-        few = min(round(fluid.fraction * fluid.n), fluid.n - round(fluid.fraction * fluid.n))
         if not fluid.mixed:
             raise hs.SceneError("the gas has one species; give --mass-ratio or --diameter-ratio other than 1")
+        few = min(round(share * self.n), self.n - round(share * self.n))
         if few < 2:
             raise hs.SceneError(
-                f"--fraction {fluid.fraction:g} of {fluid.n} particles leaves {few} of one species; a "
-                "temperature "
+                f"--fraction {share:g} of {self.n} particles leaves {few} of one species; a temperature "
                 "needs at least 2"
             )
-        if fluid.packing_fraction > limit:
+        if self.packing_fraction > THEORY_UP_TO[self.dim]:
             raise hs.SceneError(
-                f"packing fraction {fluid.packing_fraction:g} is above {limit:g}, where the theory of "
-                "mixtures ends; "
-                "ask for less"
+                f"packing fraction {self.packing_fraction:g} is above {THEORY_UP_TO[self.dim]:g}, where the "
+                "theory of mixtures ends; ask for less"
             )
         if not 0.0 < self.temperature_ratio < math.inf or self.temperature_ratio == 1.0:
             raise hs.SceneError(
                 f"--temperature-ratio {self.temperature_ratio:g} leaves nothing to equilibrate; expected a "
-                "positive "
-                "number other than 1"
+                "positive number other than 1"
             )
-        if not 0.5 <= self.relaxation_times <= 100.0:
-            raise hs.SceneError(f"--relaxation-times {self.relaxation_times:g}; expected 0.5 to 100")
-        if self.replicas < 4:
-            raise hs.SceneError(
-                f"--replicas {self.replicas} gives no error bar, which comes from their spread; ask for at "
-                "least 4"
-            )
+        check_spread(self.replicas)
+        return [fluid]
 
-    def start(self, seed: np.random.SeedSequence) -> hs.Scene:
-        """Return a fluid equilibrated at one temperature, with new velocities of two temperatures.
-
-        Raises
-        ------
-        SceneError
-            If there is none.
-        """
-        settling = hs.Simulation(self.fluid.scene(seed))
-        settling.run(collisions=self.fluid.settled)
-        return self.heated(settling, seed)
-
-    def heated(self, settled: hs.Simulation, seed: np.random.SeedSequence) -> hs.Scene:
-        """Return a gas with new velocities, of two temperatures."""
-        scene = settled.to_scene()
-        hot_and_cold = hs.draw_velocities(
-            scene, "two-temperatures", temperature_ratio=self.temperature_ratio, seed=seed
-        )
-        return scene.with_state(scene.positions, hot_and_cold)
-
-    def times(self, scene: hs.Scene) -> tuple[float, ...]:
+    def times(self, gas: Fluid) -> list[float]:
         """Return when to measure: four times in each initial decay time of the temperature difference."""
-        temperatures = TemperatureEquilibration().add(hs.Simulation(scene).frame()).temperatures[0]
-        rate = float(theory.temperature_equilibration_rate(temperatures, *_species(scene), scene.dim).sum())
+        _, _, masses = species = gas.species
+        counts = gas.n * species[0] / species[0].sum()
+        # `draw_velocities` sets both temperatures exactly, each species at rest; seen from the whole gas, as
+        # `TemperatureEquilibration` measures them, they are lower
+        hot = np.array([self.temperature_ratio, 1.0])
+        start = (counts - 1) * hot * (gas.n - 1) / float((counts - 1) @ hot)
+        start /= counts * (1.0 - masses / float(counts @ masses))
+        rate = float(theory.temperature_equilibration_rate(start, *species, gas.dim).sum())
         count = round(SAMPLES * self.relaxation_times) + 1
-        return tuple((np.arange(count) / SAMPLES / rate).tolist())
+        return (np.arange(count) / SAMPLES / rate).tolist()  # type: ignore[no-any-return]
 
+    def estimators(self, gas: Fluid, simulation: hs.Simulation) -> dict[str, Any]:
+        """Return what measures the temperatures."""
+        return {"decay": TemperatureEquilibration()}
 
-def _species(scene: hs.Scene) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return number densities, diameters and masses of the species."""
-    first = np.unique(scene.species, return_index=True)[1]
-    return np.bincount(scene.species) / scene.volume, 2.0 * scene.radii[first], scene.masses[first]
-
-
-@dataclass(frozen=True)
-class _Run:
-    """Result of one replica."""
-
-    decay: TemperatureEquilibration
-    labels: list[str]
-    failure: str | None
-    status: dict[str, Any]
-    seconds: float
-
-
-@dataclass
-class _Equilibrating:
-    """A replica in progress: measured `done` times, or still equilibrating where that is None."""
-
-    simulation: hs.Simulation
-    decay: TemperatureEquilibration
-    done: int | None = None
-
-
-@dataclass(frozen=True)
-class Equilibrations(Resumable[np.random.SeedSequence, _Equilibrating, _Run]):
-    """The task that turns a seed into one measured replica.
-
-    Attributes
-    ----------
-    study : Mixture
-        The gas.
-    times : tuple of float
-        When to measure.
-    """
-
-    study: Mixture
-    times: tuple[float, ...]
-
-    def begin(self, item: np.random.SeedSequence) -> _Equilibrating:
-        """Make the gas, at one temperature."""
-        return _Equilibrating(hs.Simulation(self.study.fluid.scene(item)), TemperatureEquilibration())
-
-    def steps(self, item: np.random.SeedSequence, state: _Equilibrating) -> Iterator[None]:
-        """Equilibrate, then draw velocities of two temperatures and measure."""
-        if state.done is None:
-            yield from until(state.simulation, self.study.fluid.settled)
-            state.simulation = hs.Simulation(self.study.heated(state.simulation, item))
-            state.done = 0
-        for frame in state.simulation.frames(times=self.times[state.done :]):
-            state.decay.add(frame)
-            state.done += 1
+    def advance(self, gas: Fluid, replica: Replica) -> Iterator[None]:
+        """Equilibrate at one temperature, then draw velocities of two temperatures, and measure."""
+        if replica.done == 0:
+            yield from until(replica.simulation, gas.settled)
+            scene = replica.simulation.to_scene()
+            velocities = hs.draw_velocities(
+                scene, "two-temperatures", temperature_ratio=self.temperature_ratio, seed=replica.seed
+            )
+            replica.running = hs.Simulation(scene.with_state(scene.positions, velocities))
+            replica.seen["species"] = species_labels(replica.running.frame())
+            replica.done = 1
+        for frame in replica.simulation.frames(times=self.times(gas)[replica.done - 1 :]):
+            replica.estimators["decay"].add(frame)
+            replica.done += 1
             yield
 
-    def result(self, item: np.random.SeedSequence, state: _Equilibrating, seconds: float) -> _Run:
-        """Return what was measured."""
-        simulation = state.simulation
-        labels = species_labels(simulation.frame())
-        return _Run(state.decay, labels, broken(simulation), simulation.status(), seconds)
-
-
-class Result:
-    """All replicas together, beside the theory.
-
-    Parameters
-    ----------
-    replicas : sequence of TemperatureEquilibration
-        One per replica.
-    scene : Scene
-        Of one of them.
-    labels : list of str
-        Labels of the species.
-    """
-
-    def __init__(
-        self, replicas: Sequence[TemperatureEquilibration], scene: hs.Scene, labels: list[str]
-    ) -> None:
-        self.scene, self.labels = scene, labels
-        self.decay = decay = TemperatureEquilibration()
-        for replica in replicas:
-            decay.merge(replica)
-        self.time, self.s = decay.time, decay.s
-        self.expected = self.theory_at(self.time)
-        half = len(self.time) // 2
-        late = [(r.s[-1] - r.s[half]) / (r.time[-1] - r.time[half]) for r in replicas]
-        self._late_rate = estimate_from_replicas(late)
-        samples = decay.samples
-        self.difference, self.difference_error = replica_mean(samples[:, :, 0] - samples[:, :, 1])
-        self.theory_difference = self.expected.value[:, 0] - self.expected.value[:, 1]
-        # the energy is conserved: where one temperature is too high in theory the other is too low
-        self.theory_difference_error = self.expected.uncertainty.sum(axis=1)
-
-    def theory_at(self, moments: FloatArray) -> Prediction:
-        """Return the temperatures of the two-Maxwellian theory at these times, (n, 2)."""
-        densities, diameters, masses = _species(self.scene)
-        start = self.decay.temperatures[0]
-        return theory.temperature_equilibration(moments, start, densities, diameters, masses, self.scene.dim)
-
-    @property
-    def deviations(self) -> FloatArray:
-        """T_1 - T_2 less theory as normal deviates, NaN at the start, where both are the same."""
-        apart = np.where(self.time > 0.0, self.difference - self.theory_difference, np.nan)
-        freedom = self.decay.n_replicas - 1.0
-        return deviates(apart, self.difference_error, self.theory_difference_error, freedom)
-
-    @property
-    def rate(self) -> TheoryCheck:
-        """Decay rate of the temperature difference over the first relaxation time, or the run if shorter."""
-        return self.decay.check((0.0, float(self.time[min(SAMPLES, len(self.time) - 1)])))
-
-    @property
-    def collision_rate(self) -> TheoryCheck:
-        """Collisions per particle and time over the second half of the run, all species together.
-
-        Theory: sum of x_i nu_ij at the temperatures of theory, averaged over that half; u from the contact
-        values, 1/N for the finite size, and the theory's temperatures.
-        """
-        half = len(self.time) // 2
-        expected = self._rates(self.expected.value[half:])
-        shifted = self._rates(self.expected.value[half:] + self.expected.uncertainty[half:] * [[1.0, -1.0]])
-        span = self.time[half:]
-        mean = float(trapezoid(expected, span) / (span[-1] - span[0]))
-        by_temperature = abs(float(trapezoid(shifted - expected, span) / (span[-1] - span[0])))
-        densities, diameters, _ = _species(self.scene)
-        g = float(theory.mixture_contact_values(densities, diameters, self.scene.dim).max())
-        uncertainty = mean * math.hypot(
-            theory.mixture_contact_uncertainty(diameters, self.scene.dim) * (1.0 - 1.0 / g),
-            1.0 / self.scene.n,
-        )
-        return TheoryCheck(
-            "collisions per particle and time",
-            "Enskog",
-            self._late_rate,
-            mean,
-            math.hypot(uncertainty, by_temperature),
+    def answer(self, gas: Fluid, replicas: Sequence[Replica]) -> Answer:
+        """Return both temperatures and the rates, with errors from the spread of the replicas."""
+        parts = [replica.estimators["decay"] for replica in replicas]
+        decay = TemperatureEquilibration()
+        for part in parts:
+            decay.merge(part)
+        curves, failures = _temperatures(decay)
+        numbers = _rates(gas, decay, parts)
+        main = "a decay rate of the temperature difference, which is lost in the noise"
+        return Answer(
+            gas,
+            numbers,
+            {"temperatures": curves},
+            failures=[*failures, *alarms(numbers)],
+            main=[numbers[0].quantity] if len(numbers) == 2 else main,
+            details={"species": replicas[0].seen["species"]},
         )
 
-    def _rates(self, temperatures: FloatArray) -> FloatArray:
-        """Collisions per particle and time at these temperatures (n, 2)."""
-        densities, diameters, masses = _species(self.scene)
-        share = densities / densities.sum()
-        return np.array(
-            [
-                share
-                @ theory.mixture_collision_rates(densities, diameters, masses, self.scene.dim, kT).sum(axis=1)
-                for kT in temperatures
-            ]
+    def legend(self, answers: Sequence[Answer]) -> list[str]:
+        """Return what the columns are."""
+        labels = answers[0].details["species"]
+        error = (
+            "its uncertainty in parentheses is its known systematic error later, when the species are no "
+            "longer Maxwellian and the difference decays more slowly"
         )
+        return [
+            "species: " + "; ".join(f"{k}: {label}" for k, label in enumerate(labels, 1)),
+            f"theory: two Maxwellians, exact at the start; {error}",
+            "errors from the spread of replicas",
+        ]
 
-    @property
-    def checks(self) -> list[TheoryCheck]:
-        """Measured numbers beside theory, except the curve; without a rate that is lost in noise."""
-        found = []
-        for name in ("rate", "collision_rate"):
-            try:
-                found.append(getattr(self, name))
-            except ValueError:
-                continue
-        return found
-
-    @property
-    def failures(self) -> list[str]:
-        """One sentence for each number beyond 5 standard errors, the worst moment for the curve."""
-        sentences, z = [], np.abs(self.deviations)
-        worst = int(np.nanargmax(z))
-        freedom = self.decay.n_replicas - 1.0
-        error = float(self.difference_error[worst])
-        there = Estimate(float(self.difference[worst]), error, degrees_of_freedom=freedom)
-        if alarming(there, self.theory_difference[worst], self.theory_difference_error[worst]):
-            sentences.append(
-                f"T1 - T2 is {self.deviations[worst]:+.1f} standard errors from theory at time "
-                f"{self.time[worst]:.4g}"
-            )
-        for check in self.checks:
-            if alarming(check.measured, check.expected, check.uncertainty):
-                sentences.append(
-                    f"{check.quantity}: {check.z:+.1f} standard errors from theory ({check.theory})"
-                )
-        return sentences
-
-
-def mixture(study: Mixture, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:
-    """Run the study, print its results and write its files.
-
-    Parameters
-    ----------
-    study : Mixture
-        What to do.
-    out : OutputFolder
-        Where the files go; made only after everything has been checked.
-    screen : Screen
-        Where results and progress are shown.
-
-    Returns
-    -------
-    summary : dict
-        The content of summary.json.
-    sound : bool
-        Whether theory holds to 5 standard errors, and energy, momentum and non-overlap in every replica.
-
-    Raises
-    ------
-    HardSpheresError
-        If the gas cannot be made or never collides, or the folder cannot be written.
-    """
-    began = time.perf_counter()
-    study.check()
-    out.check(study)
-    seeds = replica_seeds(study.seed, study.replicas)
-    with screen.compiling(study.fluid.kind):
-        first = study.start(seeds[0])
-    times = study.times(first)
-    ready = time.perf_counter()
-    with out.running(study) as shelf:
-        with screen.progress("replicas", study.replicas) as advance:
-            runs = run_replicas(
-                Equilibrations(study, times), seeds, workers=study.workers, done=advance, shelf=shelf
-            )
-        ran = time.perf_counter()
-        result = Result([run.decay for run in runs], first, runs[0].labels)
-
-        out.write_csv("mixture.csv", _columns(result))
+    def figure(self, answers: Sequence[Answer]) -> Figure:
+        """Return both temperatures, and the decay of their difference."""
         from studies.figures.mixture import figure
 
-        with screen.working("drawing"):
-            out.save_figure("mixture.png", figure(result), _in_words(study))
-        summary = _summary(study, result, runs, out)
-        summary["seconds"] = seconds_taken(began, ready, ran)
-        out.write_json("summary.json", summary)
-    _print(screen, study, result, summary, out)
-    return summary, bool(summary["checks"]["passed"])
+        return figure(answers[0])
 
 
-def _columns(result: Result) -> dict[str, FloatArray]:
-    """Return the columns of mixture.csv."""
-    columns = {"time": result.time, "s": result.s}
-    values, errors = result.decay.temperatures, result.decay.temperatures_error
-    for kind in range(2):
-        columns[f"temperature_{kind + 1}"] = values[:, kind]
-        columns[f"temperature_{kind + 1}_error"] = errors[:, kind]
-        columns[f"temperature_{kind + 1}_theory"] = result.expected.value[:, kind]
-        columns[f"temperature_{kind + 1}_theory_error"] = result.expected.uncertainty[:, kind]
-    return columns | {
-        "difference": result.difference,
-        "difference_error": result.difference_error,
-        "difference_theory": result.theory_difference,
-        "difference_theory_error": result.theory_difference_error,
-        "deviation": result.deviations,
-    }
-
-
-def _summary(study: Mixture, result: Result, runs: Sequence[_Run], out: OutputFolder) -> dict[str, Any]:
-    fluid, statuses = study.fluid, [run.status for run in runs]
-    failures = [f"replica {index}: {run.failure}" for index, run in enumerate(runs) if run.failure]
-    collisions = sum(status["collisions"] for status in statuses)
-    return {
-        "study": "mixture",
-        "version": hs.__version__,
-        "seed": study.seed,
-        "options": {
-            "n": fluid.n,
-            "dim": fluid.dim,
-            "packing_fraction": fluid.packing_fraction,
-            "mass_ratio": fluid.mass_ratio,
-            "diameter_ratio": fluid.diameter_ratio,
-            "fraction": fluid.fraction,
-            "temperature_ratio": study.temperature_ratio,
-            "relaxation_times": study.relaxation_times,
-            "replicas": study.replicas,
-        },
-        "workers": available_cores() if study.workers is None else study.workers,
-        "n": fluid.n,
-        "dim": fluid.dim,
-        "species": result.labels,
-        "temperatures": _columns(result),
-        "measured": [
-            {
-                "quantity": check.quantity,
-                **estimate_json(check.measured),
-                "theory": check.theory,
-                "expected": check.expected,
-                "uncertainty": check.uncertainty,
-                "deviation": check.z,
-            }
-            for check in result.checks
-        ],
-        "collisions": collisions,
-        "collisions_per_second_and_core": collisions / sum(run.seconds for run in runs),
-        "engine_collisions_per_second": engine_rate(statuses),
-        "checks": checks_of(statuses, [*failures, *result.failures]) | {"alarm_in_standard_errors": ALARM},
-        "engine": engine_of(statuses[0]),
-        "files": sorted({*out.files, "summary.json"}),
-        "seconds": {},
-    }
-
-
-def _in_words(study: Mixture) -> str:
-    return f"{study.replicas} x {study.fluid}, packing fraction {study.fluid.packing_fraction:.4g}"
-
-
-def _print(
-    screen: Screen, study: Mixture, result: Result, summary: dict[str, Any], out: OutputFolder
-) -> None:
-    screen.say(_in_words(study))
-    screen.say("species: " + "; ".join(f"{k}: {label}" for k, label in enumerate(result.labels, 1)))
-    screen.say()
-    values, errors = result.decay.temperatures, result.decay.temperatures_error
-    rows = []
-    for k, moment in enumerate(result.time):
-        z, uncertainty = result.deviations[k], result.theory_difference_error[k]
-        rows.append(
-            [
-                f"{moment:.4g}",
-                f"{result.s[k]:.3g}",
-                _text(values[k, 0], errors[k, 0]),
-                _text(values[k, 1], errors[k, 1]),
-                _text(result.difference[k], result.difference_error[k]),
-                _text(result.theory_difference[k], uncertainty),
-                f"{z:+.1f}" if math.isfinite(z) else "",
-                "u" if k and uncertainty > 2.0 * result.difference_error[k] else "",
-            ]
+def _temperatures(decay: TemperatureEquilibration) -> tuple[Curves, list[str]]:
+    """Return both temperatures and their difference against time, and a sentence where theory fails."""
+    time, expected = decay.time, decay.theory
+    columns = {
+        f"temperature_{k + 1}": Column(
+            decay.temperatures[:, k],
+            decay.temperatures_error[:, k],
+            expected.value[:, k],
+            expected.uncertainty[:, k],
+            title=f"T{k + 1}",
         )
-    screen.table("", ["time", "s", "T1", "T2", "T1 - T2", "theory", "z", ""], rows)
-    screen.say()
-    screen.say(
-        "theory: two Maxwellians, exact at the start; its uncertainty in parentheses is its known systematic "
-        "error later, when the species are no longer Maxwellian and the difference decays more slowly"
-    )
-    screen.say(f"{Z_MEANS}; errors from the spread of replicas")
-    if any(row[-1] for row in rows):
-        screen.say(
-            "u: the measurement is better than the theory, whose uncertainty exceeds two standard errors"
-        )
-    for check in result.checks:
-        screen.say(str(check))
-    say_checks(screen, summary, out)
+        for k in range(2)
+    }
+    difference, error = replica_mean(decay.samples[:, :, 0] - decay.samples[:, :, 1])
+    law = expected.value[:, 0] - expected.value[:, 1]
+    # the energy is conserved: where one temperature is too high in theory the other is too low
+    uncertainty = expected.uncertainty.sum(axis=1)
+    freedom = decay.n_replicas - 1.0
+    apart = np.where(time > 0.0, difference - law, np.nan)  # at the start both are the same
+    z = deviates(apart, error, uncertainty, freedom)
+    columns["difference"] = Column(difference, error, law, uncertainty, z, title="T1 - T2")
+    worst = int(np.nanargmax(np.abs(z)))
+    there = Estimate(float(difference[worst]), float(error[worst]), degrees_of_freedom=freedom)
+    failures = []
+    if alarming(there, law[worst], uncertainty[worst]):
+        failures.append(f"T1 - T2 is {z[worst]:+.1f} standard errors from theory at time {time[worst]:.4g}")
+    return Curves({"time": time, "s": decay.s}, columns, printed=True), failures
 
 
-def _text(value: float, error: float) -> str:
-    return f"{value:.4f}" if not error > 1e-12 else str(Estimate(float(value), float(error)))
+def _rates(
+    gas: Fluid, decay: TemperatureEquilibration, replicas: Sequence[TemperatureEquilibration]
+) -> list[TheoryCheck]:
+    """Return the decay rate of the difference, unless it is lost in noise, and the collision rate.
+
+    The first is that over the first relaxation time, or the run if shorter. Theory of collisions per particle
+    and time: sum of x_i nu_ij at the temperatures of theory, averaged over the second half of the run; u from
+    the contact values, 1/N for the finite size, and the theory's temperatures.
+    """
+    time, expected = decay.time, decay.theory
+    numbers = []
+    try:
+        numbers.append(decay.check((0.0, float(time[min(SAMPLES, len(time) - 1)]))))
+    except ValueError:
+        pass
+    half = len(time) // 2
+    late = [(one.s[-1] - one.s[half]) / (one.time[-1] - one.time[half]) for one in replicas]
+    densities, diameters, masses = gas.species
+
+    def mean(temperatures: FloatArray) -> float:
+        rates = [
+            theory.mixture_collision_rates(densities, diameters, masses, gas.dim, kT).sum(axis=1)
+            for kT in temperatures
+        ]
+        span = time[half:]
+        total = np.array(rates) @ (densities / densities.sum())
+        return float(trapezoid(total, span) / (span[-1] - span[0]))
+
+    rate = mean(expected.value[half:])
+    shifted = mean(expected.value[half:] + expected.uncertainty[half:] * [[1.0, -1.0]])
+    contact = float(theory.mixture_contact_values(densities, diameters, gas.dim).max())
+    doubt = theory.mixture_contact_uncertainty(diameters, gas.dim) * (1.0 - 1.0 / contact)
+    uncertainty = math.hypot(rate * math.hypot(doubt, 1.0 / gas.n), shifted - rate)
+    found = estimate_from_replicas(late)
+    return [
+        *numbers,
+        number("collisions per particle and time", found, "Enskog", Prediction(rate, uncertainty)),
+    ]

@@ -19,7 +19,15 @@ QUESTIONS = {
         "studies.pressure:EquationOfState",
         "Measure the equation of state of the fluid, beside theory.",
     ),
+    "free-path": (
+        "studies.free_path:FreePaths",
+        "Measure free paths between collisions, beside kinetic theory.",
+    ),
     "diffusion": ("studies.diffusion:SelfDiffusion", "Measure self-diffusion, beside Enskog's theory."),
+    "mixture": (
+        "studies.mixture:Mixture",
+        "Follow the temperature equilibration of two species, beside kinetic theory.",
+    ),
     "bench": (
         "studies.benchmarks.command:Benchmark",
         "Measure collisions per second, beside another engine.",

@@ -7,22 +7,26 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
+from analysis import theory
 from studies.figures.style import COLOURS, deviations, falling, figure_style, species_look
 
 if TYPE_CHECKING:
-    from studies.mixture import Result
+    from studies.answer import Answer
 
 __all__ = ["figure"]
 
+FloatArray = NDArray[np.float64]
 
-def figure(result: Result) -> Figure:
+
+def figure(answer: Answer) -> Figure:
     """Draw both temperatures and the logarithm of their difference over theory, and the deviation below.
 
     Parameters
     ----------
-    result : Result
-        All replicas.
+    answer : Answer
+        Of `studies.mixture`.
 
     Returns
     -------
@@ -32,32 +36,53 @@ def figure(result: Result) -> Figure:
         drawn = Figure(figsize=(9.4, 4.4), layout="constrained")
         panels = drawn.subplot_mosaic([["left", "right"], ["left", "below"]], height_ratios=[3.0, 1.0])
         panels["below"].sharex(panels["right"])
-        _draw_temperatures(panels["left"], result)
-        _draw_difference(panels["right"], result)
-        _draw_deviations(panels["below"], result)
+        _draw_temperatures(panels["left"], answer)
+        _draw_difference(panels["right"], answer)
+        _draw_deviations(panels["below"], answer)
     return drawn
 
 
-def _draw_temperatures(axes: Axes, result: Result) -> None:
-    time, values, errors = result.time, result.decay.temperatures, result.decay.temperatures_error
-    expected = result.expected
+def _part(answer: Answer, name: str) -> FloatArray:
+    """Return a column of the file of temperatures."""
+    return answer.curves["temperatures"].flat()[name]
+
+
+def _theory(answer: Answer) -> tuple[FloatArray, FloatArray]:
+    """Return close times, and both temperatures in theory there, (300, 2)."""
+    fine = np.linspace(0.0, float(_part(answer, "time")[-1]), 300)
+    start = np.array([_part(answer, f"temperature_{kind}")[0] for kind in (1, 2)])
+    densities, diameters, masses = answer.gas.species
+    dim = answer.gas.dim
+    return fine, theory.temperature_equilibration(fine, start, densities, diameters, masses, dim).value
+
+
+def _draw_temperatures(axes: Axes, answer: Answer) -> None:
+    time = _part(answer, "time")
     for kind in range(2):
-        look = species_look(kind)
-        low, high = (expected.value[:, kind] + sign * expected.uncertainty[:, kind] for sign in (-1, 1))
+        name, look = f"temperature_{kind + 1}", species_look(kind)
+        expected, uncertainty = _part(answer, f"{name}_theory"), _part(answer, f"{name}_uncertainty")
         band = "its known deviation" if kind == 0 else None
-        axes.fill_between(time, low, high, color=COLOURS["band"], alpha=0.4, lw=0, label=band)
+        axes.fill_between(
+            time,
+            expected - uncertainty,
+            expected + uncertainty,
+            color=COLOURS["band"],
+            alpha=0.4,
+            lw=0,
+            label=band,
+        )
         axes.errorbar(
             time,
-            values[:, kind],
-            errors[:, kind],
+            _part(answer, name),
+            _part(answer, f"{name}_error"),
             ls="",
             ms=4,
-            label=result.labels[kind],
+            label=answer.details["species"][kind],
             zorder=3,
             **look,
         )
-    fine = np.linspace(0.0, float(time[-1]), 300)
-    for line in result.theory_at(fine).value.T:
+    fine, curves = _theory(answer)
+    for line in curves.T:
         axes.plot(fine, line, color=COLOURS["theory"], zorder=2)
     axes.plot([], [], color=COLOURS["theory"], label="two Maxwellians")
     axes.set_xlabel(r"time / $\sigma_1 \sqrt{m_1/kT}$")
@@ -66,10 +91,11 @@ def _draw_temperatures(axes: Axes, result: Result) -> None:
     axes.legend(loc="best")
 
 
-def _draw_difference(axes: Axes, result: Result) -> None:
-    time, start = result.time, result.difference[0]
-    share, error = result.difference / start, result.difference_error / abs(start)
-    expected, uncertainty = result.theory_difference / start, result.theory_difference_error / abs(start)
+def _draw_difference(axes: Axes, answer: Answer) -> None:
+    time, start = _part(answer, "time"), _part(answer, "difference")[0]
+    share, error = _part(answer, "difference") / start, _part(answer, "difference_error") / abs(start)
+    expected = _part(answer, "difference_theory") / start
+    uncertainty = _part(answer, "difference_uncertainty") / abs(start)
     axes.fill_between(
         time,
         expected - uncertainty,
@@ -79,8 +105,7 @@ def _draw_difference(axes: Axes, result: Result) -> None:
         lw=0,
         label="its known deviation",
     )
-    fine = np.linspace(0.0, float(time[-1]), 300)
-    curve = result.theory_at(fine).value
+    fine, curve = _theory(answer)
     axes.plot(
         fine, (curve[:, 0] - curve[:, 1]) / start, color=COLOURS["theory"], label="two Maxwellians", zorder=2
     )
@@ -93,6 +118,6 @@ def _draw_difference(axes: Axes, result: Result) -> None:
     axes.legend(loc="lower left")
 
 
-def _draw_deviations(axes: Axes, result: Result) -> None:
-    deviations(axes, (result.time, result.deviations, {}))
+def _draw_deviations(axes: Axes, answer: Answer) -> None:
+    deviations(axes, (_part(answer, "time"), _part(answer, "difference_z"), {}))
     axes.set_xlabel(r"time / $\sigma_1 \sqrt{m_1/kT}$")

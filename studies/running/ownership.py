@@ -23,8 +23,6 @@ __all__ = [
 
 SUMMARY = "summary.json"
 WRITTEN: dict[str, tuple[str, ...]] = {
-    "free_path": ("free_path.csv", "free_path_curves.csv", "free_path.png"),
-    "mixture": ("mixture.csv", "mixture.png"),
 }
 """Files that programs write beside their summary, by module; those of a `Study` are in its `files`."""
 

@@ -1,90 +1,68 @@
-"""The study of free paths end to end: physics in standard errors, with siblings that must fail, files and refusals."""
+"""The study of free paths: physics in standard errors, with siblings that must fail, and refusals."""
 
-import csv
-import json
 import sys
 
 import numpy as np
 import pytest
 
-import hardspheres as hs
 from analysis import theory
 from studies.cli import main
 from studies.fluid import Fluid
-from studies.free_path import FreePaths, Runs, combine, free_path
-from studies.report import OutputFolder, Screen
-from studies.running.ensemble import replica_seeds
+from studies.free_path import FreePaths
+from studies.report import Screen
+from studies.study import run_study
 
 
-def states_of(study):
-    """The states of a study, in this process."""
-    task, seeds = Runs(study.collisions_per_particle), replica_seeds(study.seed, study.replicas)
-    return [combine(fluid, [task((fluid, seed)) for seed in seeds]) for fluid in study.fluids]
+def answers_of(**options):
+    """The answers of a study, without its files."""
+    study = FreePaths(workers=1, **options)
+    replicas, _ = run_study(study, Screen(json_output=True))
+    return [study.answer(gas, own) for gas, own in zip(study.gases(), replicas, strict=True)]
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory):
-    out = OutputFolder(tmp_path_factory.mktemp("runs") / "free-path-5")
-    study = FreePaths((0.002, 0.05), Fluid(n=200), 50.0, replicas=2, seed=5, workers=1)
-    summary, sound = free_path(study, out, Screen(json_output=True))
-    return study, out, summary, sound
+def answers():
+    return answers_of(packing_fractions=(0.002, 0.05), n=200, collisions_per_particle=50.0, seed=5)
 
 
-def test_all_files_are_there_and_agree(finished):
-    """Five standard errors are exceeded once in 1e5 runs of fourteen numbers."""
-    _, out, summary, sound = finished
-    assert sound and summary["checks"]["passed"]
-    names = {"summary.json", "free_path.csv", "free_path_curves.csv", "free_path.png"}
-    assert {path.name for path in out.path.iterdir()} == names == set(summary["files"])
-    stored = json.loads((out.path / "summary.json").read_text())
-    assert stored["options"]["n"] == 200 and stored["seed"] == 5 and stored["version"] == hs.__version__
-    with (out.path / "free_path.csv").open() as handle:
-        rows = list(csv.DictReader(handle))
-    numbers = [(state["packing_fraction"], m) for state in stored["states"] for m in state["measured"]]
-    assert len(rows) == len(numbers) == 14
-    for row, (eta, measured) in zip(rows, numbers, strict=True):
-        assert (float(row["packing_fraction"]), row["quantity"]) == (eta, measured["quantity"])
-        assert (
-            float(row["value"]) == measured["value"] and float(row["error"]) == measured["standard_error"] > 0
-        )
-        assert abs(measured["deviation"]) < 5
-    for eta, state in zip((0.002, 0.05), stored["states"], strict=True):
-        mean, *_ = state["measured"]
-        assert mean["quantity"] == "mean free path" and mean["standard_error"] < 0.03 * mean["value"]
-        assert mean["expected"] == pytest.approx(float(theory.finite_size_mean_free_path(eta, 3, 200).value))
-        assert state["flights"] == 2 * 2 * 5_000
-    with (out.path / "free_path_curves.csv").open() as handle:
-        curves = list(csv.DictReader(handle))
-    survival = [row for row in curves if row["curve"].startswith("part of free paths")]
-    assert len(survival) == 14
-    z = [(float(r["value"]) - float(r["expected"])) / float(r["error"]) for r in survival[:5]]
-    assert np.abs(z).max() < 5
-
-
-def test_workers_change_nothing(finished, tmp_path):
-    study, _, summary, _ = finished
-    other = FreePaths(study.packing_fractions, study.fluid, 50.0, replicas=2, seed=5, workers=2)
-    again, _ = free_path(other, OutputFolder(tmp_path / "again"), Screen(json_output=True))
-    assert again["states"] == summary["states"] and again["checks"] == summary["checks"]
+def test_means_moments_and_survival_agree_with_theory(answers):
+    """Five standard errors are exceeded once in 1e5 runs of fourteen numbers and ten points."""
+    for eta, answer in zip((0.002, 0.05), answers, strict=True):
+        assert answer.failures == [] and answer.details["flights"] == 2 * 2 * 5_000
+        assert answer.main == ["mean free path"] and len(answer.numbers) == 7
+        assert all(abs(found.z) < 5 for found in answer.numbers)
+        mean = answer["mean free path"]
+        assert mean.measured.standard_error < 0.03 * mean.measured.value
+        assert mean.expected == pytest.approx(float(theory.finite_size_mean_free_path(eta, 3, 200).value))
+        for of in ("path", "time"):
+            column = answer.curves[f"free_{of}_survival"].columns["survival"]
+            z = (column.value - column.theory) / column.error
+            assert len(z) == 7 and np.abs(z[:5]).max() < 5
+        speeds = answer.curves["free_path_by_speed"]
+        fast, slow = (np.argmin(np.abs(speeds.axes["thermal_speeds"] - v)) for v in (2.4, 0.6))
+        path = speeds.columns["free_path"].value
+        assert path[fast] > 1.1 and path[slow] < 0.7  # who is fast flies far: 1.2 and 0.5 in theory
 
 
 def test_a_gas_that_is_not_maxwellian_is_seen(monkeypatch):
-    """Sibling: beams that have not met yet do not collide as often as a gas does; and the first flights are told of."""
+    """Sibling: beams that have not met yet do not collide as often as a gas does; the first flights are told of."""
     made = Fluid.scene
     monkeypatch.setattr(Fluid, "scene", lambda self, seed: made(self, seed, "beams"))
     monkeypatch.setattr(Fluid, "settled", 0)
-    (state,) = states_of(FreePaths((0.2,), Fluid(n=10_000), 0.2, replicas=2))
-    assert any("mean free time" in failure for failure in state.failures)
-    assert any("began before the simulation" in note for note in state.notes)
+    (answer,) = answers_of(packing_fractions=(0.2,), n=10_000, collisions_per_particle=0.2)
+    assert any("mean free time" in failure for failure in answer.failures)
+    assert any("began before the simulation" in note for note in answer.notes)
 
 
 @pytest.mark.slow
-def test_a_mixture(tmp_path, capsys):
-    fluid = Fluid(n=400, mass_ratio=10.0, diameter_ratio=2.0, fraction=0.25)
-    study = FreePaths((0.01,), fluid, 200.0, replicas=2, workers=1)
-    summary, sound = free_path(study, OutputFolder(tmp_path / "out"), Screen())
-    told = capsys.readouterr().out
-    assert sound and len(summary["species"]) == 2 and "nu 1-2" in told and "\u2026" not in told
+def test_a_mixture():
+    mixed = {"n": 400, "mass_ratio": 10.0, "diameter_ratio": 2.0, "fraction": 0.25}
+    (answer,) = answers_of(packing_fractions=(0.01,), collisions_per_particle=200.0, **mixed)
+    assert answer.failures == [] and len(answer.details["species"]) == 2
+    assert answer.main == ["mean free path of species 1", "mean free path of species 2"]
+    assert "nu 1-2" in [found.quantity for found in answer.numbers]
+    species = answer.curves["free_path_survival"].axes["species"]
+    assert species.tolist() == [1] * 7 + [2] * 7
 
 
 @pytest.mark.parametrize(

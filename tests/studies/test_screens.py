@@ -26,9 +26,9 @@ from studies.benchmarks.suite import run_suite as run_bench_suite
 from studies.diffusion import SelfDiffusion
 from studies.figures.style import LIMIT, falling
 from studies.fluid import Fluid
-from studies.free_path import FreePaths, free_path
+from studies.free_path import FreePaths
 from studies.layout import table_blocks, wrapped
-from studies.mixture import Mixture, mixture
+from studies.mixture import Mixture
 from studies.pressure import EquationOfState
 from studies.report import OutputFolder, Screen
 from studies.study import conduct
@@ -37,7 +37,7 @@ from studies.validation.calibration import Calibrations
 from studies.validation.hard_cases import HardCases
 from studies.validation.soak import Soak
 
-MIXED = Fluid(n=200, packing_fraction=0.02, mass_ratio=4.0, diameter_ratio=0.5)
+MIXED = {"n": 200, "packing_fraction": 0.02, "mass_ratio": 4.0, "diameter_ratio": 0.5}
 UNLIKE = Fluid(n=108, packing_fraction=0.3, diameter_ratio=1.25, mass_ratio=10.0)
 SUITE = (Fluid(n=108, packing_fraction=0.01), Fluid(n=108, packing_fraction=0.2), UNLIKE)
 
@@ -51,6 +51,10 @@ def suite(*to):
 def relaxing(**options):
     study = Thermalisation(n=200, replicas=4, workers=1, frames=0, collisions_per_particle=2.0, **options)
     return lambda *to: conduct(study, *to)
+
+
+def flying(**options):
+    return lambda out, screen: conduct(FreePaths(workers=1, **options), out, screen)
 
 
 STUDIES = {
@@ -72,13 +76,15 @@ STUDIES = {
         *to,
     ),
     "pressure-suite": suite,
-    "free-path": lambda *to: free_path(FreePaths((0.002, 0.05), Fluid(n=200), 50.0, workers=1), *to),
-    "free-path-mixture": lambda *to: free_path(FreePaths((0.3,), UNLIKE, 200.0, workers=1), *to),
+    "free-path": flying(packing_fractions=(0.002, 0.05), n=200, collisions_per_particle=50.0),
+    "free-path-mixture": flying(
+        packing_fractions=(0.3,), n=108, diameter_ratio=1.25, mass_ratio=10.0, collisions_per_particle=200.0
+    ),
     "diffusion": lambda *to: conduct(
         SelfDiffusion(packing_fractions=(0.1,), n=64, collisions_per_particle=80.0, replicas=6, workers=1),
         *to,
     ),
-    "mixture": lambda *to: mixture(Mixture(MIXED, relaxation_times=1.5, replicas=8, workers=1), *to),
+    "mixture": lambda *to: conduct(Mixture(**MIXED, relaxation_times=1.5, replicas=8, workers=1), *to),
     "calibration": Calibrations(runs=20, workers=1, families=("series",)).conduct,
     "hard-cases": HardCases(size="small", only=("cradle",)).conduct,
     "soak": lambda *to: conduct(Soak(n=200, dim=2, collisions=20_000, workers=1), *to),
