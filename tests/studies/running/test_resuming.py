@@ -8,7 +8,7 @@ import pytest
 
 import hardspheres as hs
 from studies import mixture, thermalisation
-from studies.diffusion import Walks
+from studies.diffusion import SelfDiffusion
 from studies.fluid import Fluid
 from studies.free_path import Runs
 from studies.pressure import EquationOfState, States
@@ -17,6 +17,7 @@ from studies.running.ensemble import replica_seeds, run_replicas
 from studies.running.journal import Shelf
 from studies.running.resuming import Resumable, perform, until
 from studies.running.stopping import STOPPING
+from studies.study import _Run, _Running
 from studies.validation.soak import Gas, Soaking
 
 (SEED,) = replica_seeds(7, 1)
@@ -26,20 +27,33 @@ class Interrupted(Exception):
     pass
 
 
+class Interrupting:
+    """A shelf in memory that keeps the state of every k-th pause only, and interrupts the run there."""
+
+    every = 0.0
+
+    def __init__(self, period):
+        self.period, self.pauses, self.saved = period, 0, None
+
+    def state(self, index):
+        return None if self.saved is None else decode(self.saved)
+
+    def save(self, index, state):
+        self.pauses += 1
+        if self.pauses % self.period == 0:
+            self.saved = encode(state)
+            raise Interrupted
+
+    def store(self, index, result):
+        self.saved = encode(result)
+
+
 def in_pieces(task, item, every=1):
     """The result of a task that is thrown away at every k-th pause, with all that it did not save."""
-    saved, times = [None], 0
+    shelf, times = Interrupting(every), 0
     while True:
-        kept, pauses = None if saved[0] is None else decode(saved[0]), [0]
-
-        def save(state, pauses=pauses):
-            pauses[0] += 1
-            if pauses[0] == every:
-                saved[0] = encode(state)
-                raise Interrupted
-
         try:
-            return perform(task, item, lambda kept=kept: kept, save, every=0.0), times
+            return perform(task, item, shelf), times
         except Interrupted:
             times += 1
 
@@ -47,6 +61,11 @@ def in_pieces(task, item, every=1):
 def mixed():
     study = mixture.Mixture(Fluid(100, 3, 0.01, "periodic", 2.0, 10.0), relaxation_times=1.0)
     return mixture.Equilibrations(study, study.times(study.start(SEED))), SEED
+
+
+def diffusing(folder):
+    study = SelfDiffusion(packing_fractions=(0.3,), n=100, collisions_per_particle=90.0)
+    return _Running(study, folder), _Run(study.gases()[0], 0)
 
 
 def relaxing(folder):
@@ -63,7 +82,7 @@ TASKS = {
         (Fluid(100, packing_fraction=0.3), SEED),
     ),
     "free-path": lambda folder: (Runs(60.0), (Fluid(100, packing_fraction=0.1), SEED)),
-    "diffusion": lambda folder: (Walks(90.0), (Fluid(100, packing_fraction=0.3), SEED)),
+    "diffusion": lambda folder: diffusing(folder),
     "mixture": lambda folder: mixed(),
     "thermalise": relaxing,
     "soak": lambda folder: (Soaking(), (Gas(Fluid(100, packing_fraction=0.3), 20_000), SEED)),
@@ -128,7 +147,7 @@ class Sums(Resumable):
         return state["sum"]
 
 
-class Interrupting(Sums):
+class Signalling(Sums):
     """Sends a signal in the middle of the second item."""
 
     def __init__(self, number):
@@ -156,9 +175,9 @@ def test_a_signal_waits_for_a_pause_and_what_is_finished_is_not_done_again(numbe
     if number != signal.SIGINT:
         signal.signal(number, stop)
     with pytest.raises(KeyboardInterrupt if number == signal.SIGINT else Stopped):
-        run_replicas(Interrupting(number), [12, 999, 55], workers=1, shelf=shelf)
+        run_replicas(Signalling(number), [12, 999, 55], workers=1, shelf=shelf)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["done-0000.npz", "running-0001.npz"]
-    assert shelf.state(1).state == {"left": 99, "sum": 9}
+    assert shelf.state(1)[0] == {"left": 99, "sum": 9}
     begun, told = [], []
     monkeypatch.setattr(Sums, "begin", lambda self, item: begun.append(item) or {"left": item, "sum": 0})
     found = run_replicas(Sums(), [12, 999, 55], workers=1, shelf=shelf, done=lambda: told.append(1))
