@@ -16,16 +16,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hardspheres.errors import CheckpointError
 from hardspheres.temporary import remove_leftovers, temporary_beside
 from studies.figures.style import figure_style, name_gas
-from studies.running.journal import (
-    Journal,
-    OutputError,
-    Shelf,
-    not_written,
-    unfinished_in,
-    unfinished_run,
-)
+from studies.running.journal import FOLDER, Journal, OutputError, Shelf, about, not_written, require_same
 from studies.running.ownership import SUMMARY, WRITTEN, every_file, files_of_finished_run, is_ordinary
 
 if TYPE_CHECKING:
@@ -89,7 +83,13 @@ class OutputFolder:
         self.files: list[str] = []
         self._names: tuple[str, ...] = ()  # that the study writes beside its summary
         self._own: set[str] | None = None  # names of files that may be replaced
-        self._open: Journal | None = None
+        self._journal = Journal(self.path, self._place)
+        self._manifest: dict[str, Any] | None = None  # while a run is in the journal
+
+    @property
+    def checkpoints(self) -> Path:
+        """The checkpoint folder, which is there while a study runs."""
+        return self._journal.folder
 
     def check(self, study: Any = None, *, resumable: bool = True) -> None:
         """Raise an error if the folder cannot be used; create nothing.
@@ -111,9 +111,10 @@ class OutputFolder:
         """
         self._require_writable()
         if study is not None and resumable:
-            self._journal(study).check(self._claim)
-        elif unfinished_in(self._place):
-            raise unfinished_run(self.path)
+            with self._journal.held(make=False):
+                self._agree(study)
+        elif self._journal.unfinished():
+            raise self._unfinished()
         else:
             self._names = _names(study)
             self._own = self._claim()
@@ -138,13 +139,23 @@ class OutputFolder:
             As `check` does.
         """
         self.create()
-        journal = self._journal(study)
-        with journal.open(self._claim) as shelf:
-            self._own, self._open = journal.own, journal
+        with self._journal.held(make=True):
+            self._own, self._manifest = self._agree(study), about(study)
             try:
-                yield shelf
+                if not self.resume:
+                    self._journal.discard()
+                self._record()
+                yield Shelf(self.checkpoints, self.checkpoint_every)
+                self._journal.discard()
+            except BaseException as error:
+                if self._journal.unfinished():
+                    error.add_note(
+                        f"what was done is kept in {self.path / FOLDER}: the same command with --resume "
+                        "continues"
+                    )
+                raise
             finally:
-                self._open = None
+                self._manifest = None
 
     def create(self) -> None:
         """Make the folder and its parents."""
@@ -217,9 +228,28 @@ class OutputFolder:
         if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
             raise OutputError(f"{parent} cannot be written to; give another folder with --out")
 
-    def _journal(self, study: Any) -> Journal:
-        self._names = _names(study)
-        return Journal(self.path, study, self.checkpoint_every, self.resume, self.force, self._place)
+    def _agree(self, study: Any) -> set[str]:
+        """Return the files that a run may replace; refuse what is in its way, or not what it resumes."""
+        self._names, before = _names(study), self._journal.unfinished()
+        if not self.resume:
+            if before and not self.force:
+                raise self._unfinished()
+            return self._claim(before["own"] if before else ())
+        if before is None:
+            raise CheckpointError(f"{self.path} holds no unfinished run, so there is nothing to resume")
+        require_same(self.path, before, about(study))
+        return set(map(str, before["own"]))
+
+    def _unfinished(self) -> CheckpointError:
+        return CheckpointError(
+            f"{self.path} holds an unfinished run; add --resume to continue it or --force to start again, or "
+            "give another folder with --out"
+        )
+
+    def _record(self) -> None:
+        """Write into the manifest which files are this run's."""
+        if self._manifest is not None:
+            self._journal.write({**self._manifest, "own": sorted(self._own or ())})
 
     def _claim(self, unfinished: Iterable[str] = ()) -> set[str]:
         """Return the files that may be replaced; refuse others, and a finished run without force."""
@@ -228,7 +258,7 @@ class OutputFolder:
             raise OutputError(
                 f"{self.path} holds a finished run; give another folder with --out, or --force to replace it"
             )
-        own = (old or set()).union(unfinished)
+        own = (old or set()).union(map(str, unfinished))
         for name in sorted({SUMMARY, *self._names} - own):
             if os.path.lexists(self._place / name):
                 raise OutputError(
@@ -249,9 +279,8 @@ class OutputFolder:
         if name not in self._own:
             if os.path.lexists(self._place / name):
                 raise OutputError(f"{self.path / name} is not of this run, and is not replaced; move it away")
-            if self._open is not None:
-                self._open.may_write(name)
             self._own.add(name)
+            self._record()
         if not self.files:
             self._remove(SUMMARY)
         if name == SUMMARY:  # the last file of a run: nothing that is stale or half-written stays behind

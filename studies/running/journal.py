@@ -20,7 +20,7 @@ import json
 import os
 import re
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -32,18 +32,9 @@ from studies.running.encoding import read, write
 from studies.running.locking import Lock
 from studies.running.ownership import is_ordinary, load_object
 
-__all__ = [
-    "FOLDER",
-    "Journal",
-    "OutputError",
-    "Shelf",
-    "not_written",
-    "options_of",
-    "unfinished_in",
-    "unfinished_run",
-]
+__all__ = ["FOLDER", "Journal", "OutputError", "Shelf", "about", "not_written", "require_same"]
 
-FOLDER, MANIFEST = "checkpoint", "manifest.json"
+FOLDER = "checkpoint"
 REMOVED = re.compile(rf"(done|running)-\d{{4,}}\.npz|\.?trajectory\.xyz(\.\w+)?|{NAME.pattern}")
 NOT_COMPARED = {"workers"}  # an option without influence on the results
 
@@ -148,130 +139,72 @@ def _words(value: Any) -> str:
     return ",".join(map(str, value)) if isinstance(value, list) else str(value)
 
 
-def unfinished_in(out: Path) -> dict[str, Any] | None:
-    """Return the manifest of the unfinished run in an output folder, None where there is none."""
-    found = load_object(out / FOLDER / MANIFEST) or {}
-    kinds = {"study": str, "version": str, "options": dict, "own": list}
-    return found if all(isinstance(found.get(name), kind) for name, kind in kinds.items()) else None
+def about(study: Any) -> dict[str, Any]:
+    """Return what a manifest says of a study."""
+    name = getattr(study, "name", type(study).__module__.rpartition(".")[2])
+    content = {"study": name, "version": hs.__version__, "options": options_of(study)}
+    return dict(json.loads(json.dumps(content)))  # as it is read
 
 
-def unfinished_run(out: Path) -> CheckpointError:
-    """Return the message for an unfinished run that is in the way."""
-    return CheckpointError(
-        f"{out} holds an unfinished run; add --resume to continue it or --force to start again, or give "
-        "another folder with --out"
-    )
+def require_same(out: Path, before: Mapping[str, Any], now: Mapping[str, Any]) -> None:
+    """Raise CheckpointError unless two manifests say the same of the study: one found, one of now."""
+    for what in ("study", "version"):
+        if before[what] != now[what]:
+            raise CheckpointError(
+                f"{out} holds an unfinished run of another {what}: {before[what]}, not {now[what]}"
+            )
+    for name in {**before["options"], **now["options"]}:
+        old, new = before["options"].get(name), now["options"].get(name)
+        if old != new:
+            raise CheckpointError(
+                f"{out} holds an unfinished run with {name} {_words(old)}, not {_words(new)}; resume it with "
+                "its original options"
+            )
 
 
 class Journal:
-    """The checkpoint folder of one study, for the process that conducts it.
+    """The checkpoint folder of a study, for the process that conducts it.
 
     Parameters
     ----------
     out : Path
-        The study's output folder.
-    study : dataclass
-        Its options.
-    every : float
-        Seconds of wall time between two states of an item that is running.
-    resume : bool
-        Whether to continue the run in the folder.
-    force : bool, default False
-        Whether to start again where there is something to resume.
-    place : Path, optional
-        The output folder with its whole path, where `out` is how it is called.
-
-    Attributes
-    ----------
-    own : set of str
-        Files in the output folder that this run may replace: those of an earlier one, and what it has written
-        itself.
+        The study's output folder, as it is called.
+    place : Path
+        The same, absolute.
     """
 
-    def __init__(
-        self,
-        out: Path,
-        study: Any,
-        every: float,
-        resume: bool,
-        force: bool = False,
-        place: Path | None = None,
-    ) -> None:
-        self.out, self.resume, self.force = out, resume, force
-        self.own: set[str] = set()
-        self._place = place or out.absolute()
-        self.shelf = Shelf(self._place / FOLDER, every)
-        self._lock, self._manifest = Lock(self.shelf.folder / "lock"), self.shelf.folder / MANIFEST
-        name = getattr(study, "name", type(study).__module__.rpartition(".")[2])
-        about = {"study": name, "version": hs.__version__, "options": options_of(study)}
-        self._about: dict[str, Any] = json.loads(json.dumps(about))  # as it reads when it is resumed
+    def __init__(self, out: Path, place: Path) -> None:
+        self.out, self.folder = out, place / FOLDER
+        self._lock, self._manifest = Lock(self.folder / "lock"), self.folder / "manifest.json"
 
-    def check(self, claim: Callable[[set[str]], set[str]] = set) -> None:
-        """Raise the errors that `open` would raise, without making anything.
+    def unfinished(self) -> dict[str, Any] | None:
+        """Return the manifest of the run that can be resumed, None where there is none."""
+        found = load_object(self._manifest) or {}
+        kinds = {"study": str, "version": str, "options": dict, "own": list}
+        return found if all(isinstance(found.get(name), kind) for name, kind in kinds.items()) else None
+
+    @contextlib.contextmanager
+    def held(self, make: bool) -> Iterator[None]:
+        """Hold the lock of the folder while the context lasts, and make it if need be.
+
+        At the end it is removed if there is nothing to resume, nor any other file.
+
+        Parameters
+        ----------
+        make : bool
+            Whether to make the folder, and a lock in it, where there is none.
 
         Raises
         ------
         OutputError
-            If another run writes into the folder, or it is not ours.
-        CheckpointError
-            If there is nothing to resume, or something else; or an unfinished run where none is to be
-            resumed.
+            If another run holds it, or it is not ours, or cannot be made.
         """
-        with self._held(claim, make=False):
-            pass
-
-    @contextlib.contextmanager
-    def open(self, claim: Callable[[set[str]], set[str]] = set) -> Iterator[Shelf]:
-        """Hold the folder while the context lasts; remove it at the end unless there was an error.
-
-        An error that leaves something to resume gets a note that says so.
-
-        Parameters
-        ----------
-        claim : callable, optional
-            Called before a run begins, with the files of an unfinished run that it takes the place of;
-            returns all that it may replace, or raises.
-
-        Raises
-        ------
-        OutputError, CheckpointError
-            As `check` does, or if the folder cannot be made.
-        """
-        with self._held(claim, make=True):
-            try:
-                if not self.resume:
-                    self._discard()
-                    self._write_manifest()
-                yield self.shelf
-                self._discard()
-            except BaseException as error:
-                if self._manifest.exists():
-                    error.add_note(
-                        f"what was done is kept in {self.out / FOLDER}: the same command with --resume "
-                        "continues"
-                    )
-                raise
-
-    def may_write(self, name: str) -> None:
-        """Record that a file in the output folder is this run's, before it is written."""
-        if name not in self.own:
-            self.own.add(name)
-            self._write_manifest()
-
-    @contextlib.contextmanager
-    def _held(self, claim: Callable[[set[str]], set[str]], make: bool) -> Iterator[None]:
-        """Hold the lock of a folder that is ours and in which this run may begin."""
-        folder = self.shelf.folder
         try:
             with not_written():
-                if make and not os.path.lexists(folder):
-                    folder.mkdir(exist_ok=True)
-                if os.path.lexists(folder):
+                if make and not os.path.lexists(self.folder):
+                    self.folder.mkdir(exist_ok=True)
+                if os.path.lexists(self.folder):
                     self._take(make)
-            before = unfinished_in(self._place)
-            self._require_agreement(before)
-            own = {str(name) for name in before["own"]} if before else set()
-            self.own = own if self.resume else claim(own)
             yield
         finally:
             try:
@@ -280,13 +213,32 @@ class Journal:
             finally:
                 self._lock.release()
 
+    def write(self, content: Mapping[str, Any]) -> None:
+        """Write the manifest."""
+        temporary = temporary_beside(self._manifest)
+        with not_written():
+            try:
+                temporary.write_text(json.dumps(content, indent=2), encoding="utf-8")
+                os.replace(temporary, self._manifest)
+            finally:
+                temporary.unlink(missing_ok=True)
+
+    def discard(self) -> None:
+        """Remove results and states, first what makes the folder resumable; the lock marks it as ours."""
+        with not_written():
+            self._manifest.unlink(missing_ok=True)
+            for path in list(self.folder.iterdir()):
+                # checked again: a removal cannot be undone
+                if REMOVED.fullmatch(path.name) and is_ordinary(path):
+                    path.unlink()
+
     def _take(self, make: bool) -> None:
         """Take the lock of a folder that is ours."""
-        folder = self.shelf.folder
-        if folder.is_symlink() or not folder.is_dir():
-            what = "a link" if folder.is_symlink() else "a file"
+        if self.folder.is_symlink() or not self.folder.is_dir():
+            what = "a link" if self.folder.is_symlink() else "a file"
             raise OutputError(
-                f"{folder} is {what}, not the folder of a run of hardspheres; give another folder with --out"
+                f"{self.folder} is {what}, not the folder of a run of hardspheres; give another folder with "
+                "--out"
             )
         there = os.path.lexists(self._lock.path)
         for ready in (there, make):  # a lock is made only in what is known to be ours
@@ -302,7 +254,7 @@ class Journal:
         Refuse one of ours, too, in which something that is no file has the name of one of ours, so that
         nothing is written through a link.
         """
-        folder, found = self.shelf.folder, list(self.shelf.folder.iterdir())
+        found = list(self.folder.iterdir())
         for path in found:
             ours = REMOVED.fullmatch(path.name) or path in (self._lock.path, self._manifest)
             if ours and os.path.lexists(path) and not is_ordinary(path):
@@ -310,66 +262,23 @@ class Journal:
                 raise OutputError(
                     f"{path} is {what}, so not of a run of hardspheres; give another folder with --out"
                 )
-        if unfinished_in(self._place):
+        if self.unfinished():
             return
         if self._manifest.exists():
             raise OutputError(
-                f"{self._manifest} cannot be understood, so {folder} is not of a run of hardspheres; give "
-                "another folder with --out"
+                f"{self._manifest} cannot be understood, so {self.folder} is not of a run of hardspheres; "
+                "give another folder with --out"
             )
         others = [path.name for path in found if not NAME.fullmatch(path.name)]
         if others and not self._lock.is_ours():
             raise OutputError(
-                f"{folder} is not of a run of hardspheres: it holds {min(others)}; give another folder with "
-                "--out"
+                f"{self.folder} is not of a run of hardspheres: it holds {min(others)}; give another folder "
+                "with --out"
             )
-
-    def _require_agreement(self, before: dict[str, Any] | None) -> None:
-        """Refuse what cannot be resumed, and what is to be resumed and not begun again."""
-        if before is None:
-            if self.resume:
-                raise CheckpointError(f"{self.out} holds no unfinished run, so there is nothing to resume")
-            return
-        if not self.resume:
-            if not self.force:
-                raise unfinished_run(self.out)
-            return
-        for what in ("study", "version"):
-            if before[what] != self._about[what]:
-                raise CheckpointError(
-                    f"{self.out} holds an unfinished run of another {what}: {before[what]}, not "
-                    f"{self._about[what]}"
-                )
-        old, new = before["options"], self._about["options"]
-        for name in {**old, **new}:
-            if old.get(name) != new.get(name):
-                raise CheckpointError(
-                    f"{self.out} holds an unfinished run with {name} {_words(old.get(name))}, not "
-                    f"{_words(new.get(name))}; resume it with its original options"
-                )
-
-    def _write_manifest(self) -> None:
-        temporary = temporary_beside(self._manifest)
-        with not_written():
-            try:
-                content = {**self._about, "own": sorted(self.own)}
-                temporary.write_text(json.dumps(content, indent=2), encoding="utf-8")
-                os.replace(temporary, self._manifest)
-            finally:
-                temporary.unlink(missing_ok=True)
-
-    def _discard(self) -> None:
-        """Remove results and states, first what makes the folder resumable; the lock marks it as ours."""
-        with not_written():
-            self._manifest.unlink(missing_ok=True)
-            for path in list(self.shelf.folder.iterdir()):
-                # checked again: a removal cannot be undone
-                if REMOVED.fullmatch(path.name) and is_ordinary(path):
-                    path.unlink()
 
     def _remove_folder(self) -> None:
         """Remove the folder, unless it holds other files: then they and our lock stay."""
         with contextlib.suppress(OSError):
-            if self._lock.is_ours() and list(self.shelf.folder.iterdir()) == [self._lock.path]:
+            if self._lock.is_ours() and list(self.folder.iterdir()) == [self._lock.path]:
                 self._lock.path.unlink()
-                self.shelf.folder.rmdir()
+                self.folder.rmdir()

@@ -16,7 +16,7 @@ from studies.fluid import Fluid
 from studies.mixture import Mixture
 from studies.pressure import EquationOfState
 from studies.report import OutputFolder
-from studies.running.journal import Journal, OutputError, options_of
+from studies.running.journal import OutputError, options_of
 from studies.running.locking import Lock
 from studies.thermalisation import Recipe, Thermalisation
 from studies.validation.soak import Soak
@@ -250,5 +250,5 @@ def test_a_lock_that_was_removed_is_not_the_one_that_counts(tmp_path):
 
 
 def test_a_journal_makes_nothing_when_it_checks(tmp_path):
-    Journal(tmp_path / "absent", STUDY, 60.0, resume=False).check()
+    OutputFolder(tmp_path / "absent").check(STUDY)
     assert not list(tmp_path.iterdir())
