@@ -14,8 +14,8 @@ import hardspheres as hs
 from hardspheres.errors import CheckpointError
 from studies.fluid import Fluid
 from studies.mixture import Mixture
+from studies.output import OutputFolder
 from studies.pressure import EquationOfState
-from studies.report import OutputFolder
 from studies.running.journal import OutputError, options_of
 from studies.running.locking import Lock
 from studies.thermalisation import Recipe, Thermalisation

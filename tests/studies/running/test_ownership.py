@@ -15,8 +15,8 @@ from hardspheres.errors import CheckpointError
 from hardspheres.temporary import temporary_beside
 from studies.cli import _next_folder
 from studies.fluid import Fluid
+from studies.output import OutputFolder
 from studies.pressure import EquationOfState
-from studies.report import OutputFolder
 from studies.running.journal import OutputError
 from studies.running.ownership import SUMMARY, WRITTEN
 from studies.thermalisation import Recipe, Thermalisation
