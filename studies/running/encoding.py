@@ -27,11 +27,15 @@ from hardspheres.archive import Arrays, read_archive, write_archive
 from hardspheres.checkpoint import from_arrays, to_arrays
 from hardspheres.errors import CheckpointError
 
-__all__ = ["decode", "encode", "read", "write"]
+__all__ = ["NotStorable", "decode", "encode", "read", "write"]
 
 OURS = {"hardspheres", "analysis", "studies"}
 PLAIN = (type(None), bool, int, float, str)
 KINDS = "biuf"  # of arrays: truth values, integers, floating point numbers
+
+
+class NotStorable(CheckpointError, TypeError):
+    """A value that no file can hold here."""
 
 
 def _name(kind: type) -> str:
@@ -62,7 +66,7 @@ def encode(value: Any) -> Arrays:
 
     Raises
     ------
-    TypeError
+    NotStorable
         If something else is in it.
     """
     arrays: dict[int, tuple[int, NDArray[Any]]] = {}  # by id: kept, so that no other array gets the same
@@ -100,7 +104,9 @@ def _tree(value: Any, arrays: dict[int, tuple[int, NDArray[Any]]]) -> Any:
         return {"simulation": named(to_arrays(value))}
     if _known(_name(kind)) is not kind:
         what = f"an array of {value.dtype}" if kind is np.ndarray else f"a {_name(kind)}"
-        raise TypeError(f"{what} cannot be stored; make it of numbers, arrays and dataclasses of ours")
+        raise NotStorable(
+            f"{what} cannot be stored in a checkpoint; make it of numbers, arrays, lists and dicts"
+        )
     return {"object": [_name(kind), named(_contents(value))]}
 
 

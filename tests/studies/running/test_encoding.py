@@ -180,8 +180,9 @@ OF_NOBODY = type("Local", (Own,), {"__qualname__": "function.<locals>.Local"})([
     [Foreign(), object(), {1}, np.array([None]), lambda: None, 1j, Slotted([1.0]), OF_NOBODY],
 )
 def test_what_is_not_ours_is_not_stored(value):
-    with pytest.raises(TypeError, match="cannot be stored"):
+    with pytest.raises(TypeError, match="cannot be stored") as caught:
         encode(value)
+    assert isinstance(caught.value, CheckpointError)  # so that a study of one's own says so in a sentence
 
 
 @pytest.mark.parametrize(
