@@ -19,7 +19,16 @@ import numpy as np
 from hardspheres.errors import CheckpointError
 from hardspheres.temporary import remove_leftovers, temporary_beside
 from studies.figures.style import figure_style, name_gas
-from studies.running.journal import FOLDER, Journal, OutputError, Shelf, about, not_written, require_same
+from studies.running.journal import (
+    FOLDER,
+    Journal,
+    OutputError,
+    Shelf,
+    about,
+    elsewhere,
+    not_written,
+    require_same,
+)
 from studies.running.ownership import SUMMARY, WRITTEN, every_file, files_of_finished_run, is_ordinary
 
 if TYPE_CHECKING:
@@ -218,15 +227,12 @@ class OutputFolder:
                 f"{self.path} cannot be a folder: {error.strerror}; give another one with --out"
             ) from error
         if nowhere is not None:
-            raise OutputError(
-                f"{nowhere} is a link to {os.readlink(nowhere)}, where there is nothing; give another folder "
-                "with --out"
-            )
+            raise elsewhere(f"{nowhere} is a link to {os.readlink(nowhere)}, where there is nothing")
         if self.path.exists() and not self.path.is_dir():
-            raise OutputError(f"{self.path} exists and is not a folder; give another one with --out")
+            raise elsewhere(f"{self.path} exists and is not a folder")
         parent = next(path for path in above if path.exists())
         if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
-            raise OutputError(f"{parent} cannot be written to; give another folder with --out")
+            raise elsewhere(f"{parent} cannot be written to")
 
     def _agree(self, study: Any) -> set[str]:
         """Return the files that a run may replace; refuse what is in its way, or not what it resumes."""

@@ -31,6 +31,7 @@ __all__ = ["NotStorable", "decode", "encode", "read", "write"]
 
 OURS = {"hardspheres", "analysis", "studies"}
 PLAIN = (type(None), bool, int, float, str)
+NOT_STORED = "cannot be stored in a checkpoint; make it of numbers, arrays, lists and dicts"
 KINDS = "biuf"  # of arrays: truth values, integers, floating point numbers
 
 
@@ -70,44 +71,37 @@ def encode(value: Any) -> Arrays:
         If something else is in it.
     """
     arrays: dict[int, tuple[int, NDArray[Any]]] = {}  # by id: kept, so that no other array gets the same
-    tree = _tree(value, arrays)
+
+    def place(array: NDArray[Any]) -> int:
+        if array.dtype.kind not in KINDS:
+            raise NotStorable(f"an array of {array.dtype} {NOT_STORED}")
+        return arrays.setdefault(id(array), (len(arrays), array))[0]
+
+    def tree(value: Any) -> Any:
+        kind = type(value)
+        if kind in PLAIN:
+            return value
+        if kind is list or kind is tuple:
+            return {kind.__name__: [tree(each) for each in value]}
+        if kind is dict:
+            return {"dict": [[tree(key), tree(each)] for key, each in value.items()]}
+        if kind is deque:
+            return {"deque": [value.maxlen, [tree(each) for each in value]]}
+        if kind is np.ndarray:
+            return {"array": place(value)}
+        if isinstance(value, np.generic):
+            return {"scalar": place(np.asarray(value))}
+        if kind is hs.Simulation:
+            return {"simulation": {name: place(array) for name, array in to_arrays(value).items()}}
+        if _known(_name(kind)) is not kind:
+            raise NotStorable(f"a {_name(kind)} {NOT_STORED}")
+        return {"object": [_name(kind), {name: tree(each) for name, each in _contents(value).items()}]}
+
+    whole = {"tree": tree(value), "arrays": []}
     found = [array for _, array in arrays.values()]
-    about = [(array.dtype.newbyteorder("<").str, array.shape, array.flags.fnc) for array in found]
-    text = json.dumps({"tree": tree, "arrays": about}).encode()
-    data = b"".join(array.tobytes("A") for array in found)
-    return {"tree": np.frombuffer(text, dtype=np.uint8), "data": np.frombuffer(data, dtype=np.uint8)}
-
-
-def _tree(value: Any, arrays: dict[int, tuple[int, NDArray[Any]]]) -> Any:
-    """Return a value as JSON holds it, every array by its place among `arrays`."""
-    kind = type(value)
-
-    def several(values: Any) -> list[Any]:
-        return [_tree(each, arrays) for each in values]
-
-    def named(values: dict[str, Any]) -> dict[str, Any]:
-        return dict(zip(values, several(values.values()), strict=True))
-
-    if kind in PLAIN:
-        return value
-    if kind is list or kind is tuple:
-        return {kind.__name__: several(value)}
-    if kind is dict:
-        return {"dict": [several(item) for item in value.items()]}
-    if kind is deque:
-        return {"deque": [value.maxlen, several(value)]}
-    if isinstance(value, np.generic):
-        return {"scalar": _tree(np.asarray(value), arrays)["array"]}
-    if kind is np.ndarray and value.dtype.kind in KINDS:
-        return {"array": arrays.setdefault(id(value), (len(arrays), value))[0]}
-    if kind is hs.Simulation:
-        return {"simulation": named(to_arrays(value))}
-    if _known(_name(kind)) is not kind:
-        what = f"an array of {value.dtype}" if kind is np.ndarray else f"a {_name(kind)}"
-        raise NotStorable(
-            f"{what} cannot be stored in a checkpoint; make it of numbers, arrays, lists and dicts"
-        )
-    return {"object": [_name(kind), named(_contents(value))]}
+    whole["arrays"] = [[a.dtype.newbyteorder("<").str, a.shape, a.flags.fnc] for a in found]
+    members = {"tree": json.dumps(whole).encode(), "data": b"".join(a.tobytes("A") for a in found)}
+    return {name: np.frombuffer(content, dtype=np.uint8) for name, content in members.items()}
 
 
 def _contents(value: Any) -> dict[str, Any]:
@@ -146,30 +140,23 @@ def _value(tree: Any, arrays: list[NDArray[Any]]) -> Any:
     if type(tree) in PLAIN:
         return tree
     ((kind, content),) = tree.items()
-
-    def several(trees: Any) -> list[Any]:
-        return [_value(each, arrays) for each in trees]
-
-    def named(trees: dict[str, Any]) -> dict[str, Any]:
-        return dict(zip(trees, several(trees.values()), strict=True))
-
     match kind:
         case "list":
-            return several(content)
+            return [_value(each, arrays) for each in content]
         case "tuple":
-            return tuple(several(content))
+            return tuple(_value(each, arrays) for each in content)
         case "dict":
-            return dict(several(item) for item in content)
+            return {_value(key, arrays): _value(each, arrays) for key, each in content}
         case "deque":
-            return deque(several(content[1]), maxlen=content[0])
+            return deque((_value(each, arrays) for each in content[1]), maxlen=content[0])
         case "array":
             return arrays[content]
         case "scalar":
             return arrays[content][()]
         case "simulation":
-            return from_arrays(hs.Simulation, named(content))
+            return from_arrays(hs.Simulation, {name: arrays[place] for name, place in content.items()})
         case "object":
-            return _object(content[0], named(content[1]))
+            return _object(content[0], {name: _value(each, arrays) for name, each in content[1].items()})
     raise CheckpointError(f"it holds a {kind!r}, which this version does not know")
 
 

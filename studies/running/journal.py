@@ -32,7 +32,7 @@ from studies.running.encoding import read, write
 from studies.running.locking import Lock
 from studies.running.ownership import is_ordinary, load_object
 
-__all__ = ["FOLDER", "Journal", "OutputError", "Shelf", "about", "not_written", "require_same"]
+__all__ = ["FOLDER", "Journal", "OutputError", "Shelf", "about", "elsewhere", "not_written", "require_same"]
 
 FOLDER = "checkpoint"
 REMOVED = re.compile(rf"(done|running)-\d{{4,}}\.npz|\.?trajectory\.xyz(\.\w+)?|{NAME.pattern}")
@@ -41,6 +41,11 @@ NOT_COMPARED = {"workers"}  # an option without influence on the results
 
 class OutputError(HardSpheresError, OSError):
     """The output folder cannot be made or written, or another run writes into it."""
+
+
+def elsewhere(sentence: str) -> OutputError:
+    """Return the error for a folder that cannot be used."""
+    return OutputError(f"{sentence}; give another folder with --out")
 
 
 @contextlib.contextmanager
@@ -236,10 +241,7 @@ class Journal:
         """Take the lock of a folder that is ours."""
         if self.folder.is_symlink() or not self.folder.is_dir():
             what = "a link" if self.folder.is_symlink() else "a file"
-            raise OutputError(
-                f"{self.folder} is {what}, not the folder of a run of hardspheres; give another folder with "
-                "--out"
-            )
+            raise elsewhere(f"{self.folder} is {what}, not the folder of a run of hardspheres")
         there = os.path.lexists(self._lock.path)
         for ready in (there, make):  # a lock is made only in what is known to be ours
             if ready and not self._lock.acquire():
@@ -259,22 +261,16 @@ class Journal:
             ours = REMOVED.fullmatch(path.name) or path in (self._lock.path, self._manifest)
             if ours and os.path.lexists(path) and not is_ordinary(path):
                 what = "a link" if path.is_symlink() else "not a file"
-                raise OutputError(
-                    f"{path} is {what}, so not of a run of hardspheres; give another folder with --out"
-                )
+                raise elsewhere(f"{path} is {what}, so not of a run of hardspheres")
         if self.unfinished():
             return
         if self._manifest.exists():
-            raise OutputError(
-                f"{self._manifest} cannot be understood, so {self.folder} is not of a run of hardspheres; "
-                "give another folder with --out"
+            raise elsewhere(
+                f"{self._manifest} cannot be understood, so {self.folder} is not of a run of hardspheres"
             )
         others = [path.name for path in found if not NAME.fullmatch(path.name)]
         if others and not self._lock.is_ours():
-            raise OutputError(
-                f"{self.folder} is not of a run of hardspheres: it holds {min(others)}; give another folder "
-                "with --out"
-            )
+            raise elsewhere(f"{self.folder} is not of a run of hardspheres: it holds {min(others)}")
 
     def _remove_folder(self) -> None:
         """Remove the folder, unless it holds other files: then they and our lock stay."""
