@@ -1,19 +1,15 @@
-"""Output of every study: a folder with tables, figures of one style, and summary.json.
-
-Files are written atomically: each under another name in the same folder, and then renamed.
-"""
+"""What every study shows on the screen, and the parts that all summaries have."""
 
 from __future__ import annotations
 
 import contextlib
-import csv
 import json
 import math
 import os
 import platform
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,23 +17,11 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from hardspheres.temporary import remove_leftovers, temporary_beside
-from studies.figures.style import COLOURS, figure_style, name_gas
+from studies.figures.style import COLOURS, figure_style
 from studies.layout import table_blocks, wrapped
-from studies.running.journal import FOLDER, Journal, OutputError, Shelf, unfinished_run
-from studies.running.ownership import (
-    SUMMARY,
-    WRITTEN,
-    every_file,
-    files_of_finished_run,
-    is_ordinary,
-    load_object,
-    strange_file,
-)
+from studies.output import OutputError, OutputFolder, jsonable
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from analysis.statistics import Estimate
 
 __all__ = [
@@ -75,249 +59,6 @@ RESTARTED = {
     "bytes_per_particle",
     "collisions_per_second",
 }  # of this process alone
-
-
-def jsonable(value: Any) -> Any:
-    """Return a value as JSON can hold it: arrays as lists, NaN and infinities as null, paths as text."""
-    if isinstance(value, Mapping):
-        return {str(key): jsonable(entry) for key, entry in value.items()}
-    if isinstance(value, np.ndarray):
-        return jsonable(value.tolist())
-    if isinstance(value, (list, tuple)):
-        return [jsonable(entry) for entry in value]
-    if isinstance(value, np.generic):
-        return jsonable(value.item())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if isinstance(value, os.PathLike):
-        return os.fspath(value)
-    return value
-
-
-class OutputFolder:
-    """The folder that a study writes into.
-
-    Parameters
-    ----------
-    path : str or path-like
-        Where; nothing is written before `create` or `running`. A relative path refers to the present working
-        directory.
-    checkpoint_every : float, default 60
-        Seconds of wall time between two checkpoints of a run.
-    resume : bool, default False
-        Continue the unfinished run in the folder.
-    force : bool, default False
-        Replace the run in the folder. Its files stay until the first result of the new one is written; then
-        its summary is removed, and when the new summary is written, so are all its files that have not been
-        replaced.
-
-    Attributes
-    ----------
-    path : Path
-        The folder.
-    files : list of str
-        Names of the files written so far.
-    """
-
-    def __init__(
-        self,
-        path: str | os.PathLike[str],
-        *,
-        checkpoint_every: float = 60.0,
-        resume: bool = False,
-        force: bool = False,
-    ) -> None:
-        self.path, self._place = Path(path), Path(path).absolute()
-        self.checkpoint_every, self.resume, self.force = checkpoint_every, resume, force
-        self.files: list[str] = []
-        self._own: set[str] | None = None  # names of files that may be replaced
-        self._open_journal: Journal | None = None
-
-    def _journal(self, study: Any) -> Journal:
-        return Journal(self.path, study, self.checkpoint_every, self.resume, self.force, self._place)
-
-    def _claim(self, names: Iterable[str], unfinished: Iterable[str] = ()) -> set[str]:
-        """Return the files that may be replaced; refuse others, and a finished run without force."""
-        old = files_of_finished_run(self._place)
-        if old is not None and not self.force:
-            raise OutputError(
-                f"{self.path} holds a finished run; give another folder with --out, or --force to replace it"
-            )
-        own = (old or set()) | set(unfinished)
-        if strange := strange_file(self._place, {SUMMARY, *names}, own):
-            raise OutputError(
-                f"{self.path / strange} is not of a finished run, and would be replaced; give another folder "
-                "with --out, or move it away"
-            )
-        return own
-
-    def check(self, study: Any = None, *, resumable: bool = True) -> None:
-        """Raise an error if the folder cannot be used; create nothing.
-
-        Parameters
-        ----------
-        study : dataclass, optional
-            Options of the study that is going to run, see `running`.
-        resumable : bool, default True
-            Whether it keeps checkpoints.
-
-        Raises
-        ------
-        OutputError
-            If the folder cannot be written, or another run writes into it; if it holds a finished run that is
-            not to be replaced, or files of others in the place of those that the study writes.
-        CheckpointError
-            If it holds an unfinished run that is not to be resumed, or none where one is.
-        """
-        try:
-            nowhere = next(
-                (p for p in [self.path, *self.path.parents] if p.is_symlink() and not p.exists()), None
-            )
-        except OSError as error:
-            raise OutputError(
-                f"{self.path} cannot be a folder: {error.strerror}; give another one with --out"
-            ) from error
-        if nowhere is not None:
-            raise OutputError(
-                f"{nowhere} is a link to {os.readlink(nowhere)}, where there is nothing; give another folder "
-                "with --out"
-            )
-        if self.path.exists() and not self.path.is_dir():
-            raise OutputError(f"{self.path} exists and is not a folder; give another one with --out")
-        parent = next(p for p in [self.path, *self.path.absolute().parents] if p.exists())
-        if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
-            raise OutputError(f"{parent} cannot be written to; give another folder with --out")
-        if study is not None and resumable:
-            self._journal(study).check()
-        unfinished = load_object(self._place / FOLDER / "manifest.json") is not None
-        if unfinished and not (resumable and (self.resume or self.force)):
-            raise unfinished_run(self.path)
-        if not (unfinished or self.resume):
-            self._own = self._claim(_files(study))
-
-    @contextlib.contextmanager
-    def running(self, study: Any) -> Iterator[Shelf]:
-        """Make and lock the folder, with its checkpoints, while the context lasts.
-
-        Parameters
-        ----------
-        study : dataclass
-            Options of the study.
-
-        Yields
-        ------
-        Shelf
-            Where `run_replicas` keeps its results.
-
-        Raises
-        ------
-        OutputError, CheckpointError
-            As `check` does.
-        """
-        self.create()
-        journal = self._journal(study)
-        with journal.open(lambda unfinished: self._claim(_files(study), unfinished)) as shelf:
-            self._own, self._open_journal = journal.own, journal
-            try:
-                yield shelf
-            finally:
-                self._open_journal = None
-
-    def create(self) -> None:
-        """Make the folder and its parents."""
-        try:
-            self._place.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise OutputError(f"{self.path} cannot be made: {error.strerror}") from error
-
-    @contextlib.contextmanager
-    def partial(self, name: str) -> Iterator[Path]:
-        """Yield a temporary path that becomes the file `name` when the context ends without an error.
-
-        Parameters
-        ----------
-        name : str
-            File name within the folder; the temporary one has the same extension.
-        """
-        temporary = temporary_beside(self._place / name)
-        try:
-            yield temporary
-            self._put(temporary, name)
-        except OutputError:
-            raise
-        except OSError as error:
-            raise OutputError(f"{self.path / name} cannot be written: {error.strerror or error}") from error
-        finally:
-            temporary.unlink(missing_ok=True)
-
-    @property
-    def checkpoints(self) -> Path:
-        """The checkpoint folder, which is there while a study runs."""
-        return self._place / FOLDER
-
-    def adopt(self, path: Path) -> None:
-        """Move a finished file from the checkpoint folder to its place, where it may be already."""
-        if path.exists() or not (self._place / path.name).exists():
-            try:
-                self._put(path, path.name)
-            except OutputError:
-                raise
-            except OSError as error:
-                raise OutputError(f"{self.path / path.name} cannot be written: {error.strerror}") from error
-        elif path.name not in self.files:
-            self.files.append(path.name)
-
-    def _put(self, path: Path, name: str) -> None:
-        """Move a whole file to its place, replacing only our own; the summary comes last."""
-        if self._own is None:
-            self._own = self._claim([name])
-        if name not in self._own:
-            if strange := strange_file(self._place, [name], ()):
-                raise OutputError(
-                    f"{self.path / strange} is not of this run, and is not replaced; move it away"
-                )
-            if self._open_journal is not None:
-                self._open_journal.may_write(name)
-            self._own.add(name)
-        if not self.files:
-            self._remove(SUMMARY)
-        if name == SUMMARY:  # the last file of a run: nothing that is stale or half-written stays behind
-            remove_leftovers(self._place, path.stat().st_mtime)
-            for stale in self._own - {SUMMARY, *self.files}:
-                self._remove(stale)
-        os.replace(path, self._place / name)
-        if name not in self.files:
-            self.files.append(name)
-
-    def _remove(self, name: str) -> None:
-        """Remove a file of an earlier run: one that studies write, and that is a file itself."""
-        if name in (self._own or ()) and is_ordinary(self._place / name) and name in every_file():
-            (self._place / name).unlink()
-
-    def write_json(self, name: str, content: Mapping[str, Any]) -> None:
-        """Write a JSON object, see `jsonable`."""
-        with self.partial(name) as path:
-            path.write_text(json.dumps(jsonable(content), indent=2) + "\n", encoding="utf-8")
-
-    def write_csv(self, name: str, columns: Mapping[str, Any]) -> None:
-        """Write columns of equal length under their names, numbers as the shortest text that reads back."""
-        arrays = {key: np.asarray(column).tolist() for key, column in columns.items()}
-        with self.partial(name) as path, path.open("w", encoding="utf-8", newline="") as handle:
-            writer = csv.writer(handle, lineterminator="\n")
-            writer.writerow(arrays)
-            writer.writerows(zip(*arrays.values(), strict=True))
-
-    def save_figure(self, name: str, figure: Figure, gas: str) -> None:
-        """Write a figure as PNG, with the name of the gas above it."""
-        with self.partial(name) as path, figure_style():
-            name_gas(figure, gas)
-            figure.savefig(path, format="png")
-
-
-def _files(study: Any) -> tuple[str, ...]:
-    """Return what a study writes beside its summary."""
-    module = type(study).__module__.rpartition(".")[2]
-    return tuple(getattr(study, "files", WRITTEN.get(module, ())))
 
 
 def _console(stderr: bool = False) -> Console:

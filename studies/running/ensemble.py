@@ -11,13 +11,13 @@ import time
 from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
 from multiprocessing.process import BaseProcess
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from hardspheres.errors import SimulationError
 from studies.running.journal import Shelf
-from studies.running.resuming import Recorded
+from studies.running.resuming import perform
 from studies.running.stopping import STOPPING
 
 __all__ = ["available_cores", "replica_seeds", "run_replicas", "spawned_processes"]
@@ -68,9 +68,8 @@ def spawned_processes(workers: int) -> Iterator[Executor]:
         yield pool
     except BaseException:
         _end(set(multiprocessing.active_children()) - before)
-        pool.shutdown(
-            cancel_futures=True
-        )  # a worker just being started is no child yet: it must find nothing to do
+        # a worker that is just being started is no child yet: it must find nothing to do
+        pool.shutdown(cancel_futures=True)
         raise
     pool.shutdown()
 
@@ -114,7 +113,7 @@ def _end_with_parent() -> None:
 def _end(children: Collection[BaseProcess]) -> None:
     deadline = time.monotonic() + PATIENCE
     for child in children:
-        child.terminate()  # which waits for what is being saved, see `studies.running.resuming`
+        child.terminate()  # which waits for what is being saved, see `studies.running.stopping`
     for child in children:
         child.join(max(deadline - time.monotonic(), 0.0))
     for child in children:
@@ -167,44 +166,37 @@ def run_replicas(
     count = available_cores() if workers is None else workers
     if count < 1:
         raise ValueError(f"workers = {count}; expected at least 1")
-    if shelf is not None:
-        kept = [shelf.result(index) for index in range(len(items))]
-        rest = [(index, item) for index, item in enumerate(items) if kept[index] is None]
-        for _ in range(len(items) - len(rest)):
-            if done is not None:
-                done()
-        fresh = run_replicas(Recorded(task, shelf), rest, workers=workers, executor=executor, done=done)
-        results = iter(fresh)
-        return [next(results) if found is None else found[0] for found in kept]
+    told = done or (lambda: None)
+    kept = [None if shelf is None else shelf.result(index) for index in range(len(items))]
+    jobs = [(task, items[index], shelf, index) for index, found in enumerate(kept) if found is None]
+    for _ in range(len(items) - len(jobs)):
+        told()
+    fresh: list[Result] = []
     if executor is not None:
-        return _collect(task, items, executor, done, cancel=True)
-    if min(count, len(items)) > 1:
-        with spawned_processes(min(count, len(items))) as pool:
-            return _collect(task, items, pool, done, cancel=False)  # the pool is ended instead
-    found = []
-    for item in items:
-        found.append(task(item))
-        if done is not None:
-            done()
-    return found
+        fresh = _collect(executor, jobs, told, cancel=True)
+    elif min(count, len(jobs)) > 1:
+        with spawned_processes(min(count, len(jobs))) as pool:
+            fresh = _collect(pool, jobs, told, cancel=False)  # the pool is ended instead
+    else:
+        for job in jobs:
+            fresh.append(perform(*job))
+            told()
+    results = iter(fresh)
+    return [next(results) if found is None else found[0] for found in kept]
 
 
 def _collect(
-    task: Callable[[Item], Result],
-    items: Sequence[Item],
-    executor: Executor,
-    done: Callable[[], None] | None,
-    cancel: bool,
-) -> list[Result]:
-    futures: list[Future[Result]] = []
+    executor: Executor, jobs: Sequence[tuple[Any, ...]], told: Callable[[], None], cancel: bool
+) -> list[Any]:
+    futures: list[Future[Any]] = []
     try:
         with _starting(getattr(executor, "_max_workers", None)):
-            for item in items:
-                futures.append(executor.submit(task, item))
+            for job in jobs:
+                futures.append(executor.submit(perform, *job))
         for future in as_completed(futures):
             future.result()
-            if done is not None:
-                done()
+            told()
+        return [future.result() for future in futures]
     except BrokenExecutor as error:
         raise SimulationError(
             "a worker process was killed, perhaps out of memory; use fewer workers"
@@ -213,4 +205,3 @@ def _collect(
         for future in futures if cancel else ():
             future.cancel()
         raise
-    return [future.result() for future in futures]

@@ -1,12 +1,12 @@
 """The checkpoint folder of a study: results of what is finished, and the state of what is running.
 
-    DIR/checkpoint/lock              held by the run that writes here DIR/checkpoint/manifest.json     study,
-    version and options; there is something to resume once it exists DIR/checkpoint/done-0007.npz     the
-    result of item 7 DIR/checkpoint/running-0007.npz  the state of item 7, saved at an interval
-    DIR/checkpoint/finished.json     the former manifest, while the rest is being removed
+    DIR/checkpoint/lock              held by the run that writes here; its content marks the folder as ours
+    DIR/checkpoint/manifest.json     study, version and options; there is something to resume while it exists
+    DIR/checkpoint/done-0007.npz     the result of item 7
+    DIR/checkpoint/running-0007.npz  the state of item 7, saved at an interval
 
 Every file is written atomically, so that `kill -9` loses only the work since the last one. When the study has
-finished they are removed, and the folder if it is then empty.
+finished they are removed, the manifest first and the lock last, and the folder if it is then empty.
 
 A folder of this name that was not made by this package is refused. Only files with the names above are ever
 removed, one by one, and links are not followed.
@@ -20,7 +20,7 @@ import json
 import os
 import re
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -32,15 +32,32 @@ from studies.running.encoding import read, write
 from studies.running.locking import Lock
 from studies.running.ownership import is_ordinary, load_object
 
-__all__ = ["FOLDER", "Journal", "OutputError", "Shelf", "options_of", "unfinished_run"]
+__all__ = ["FOLDER", "Journal", "OutputError", "Shelf", "about", "elsewhere", "not_written", "require_same"]
 
 FOLDER = "checkpoint"
-OURS = re.compile(rf"(done|running)-\d{{4,}}\.npz|\.?trajectory\.xyz(\.\w+)?|{NAME.pattern}")
+REMOVED = re.compile(rf"(done|running)-\d{{4,}}\.npz|\.?trajectory\.xyz(\.\w+)?|{NAME.pattern}")
 NOT_COMPARED = {"workers"}  # an option without influence on the results
 
 
 class OutputError(HardSpheresError, OSError):
     """The output folder cannot be made or written, or another run writes into it."""
+
+
+def elsewhere(sentence: str) -> OutputError:
+    """Return the error for a folder that cannot be used."""
+    return OutputError(f"{sentence}; give another folder with --out")
+
+
+@contextlib.contextmanager
+def not_written(what: object = "") -> Iterator[None]:
+    """Turn what the system says of a file, by default one of the checkpoint, into one sentence."""
+    try:
+        yield
+    except OutputError:  # has the message already
+        raise
+    except OSError as error:
+        name = what or " ".join(filter(None, ("the checkpoint", error.filename)))
+        raise OutputError(f"{name} cannot be written: {error.strerror or error}") from error
 
 
 @dataclass(frozen=True)
@@ -73,8 +90,7 @@ class Shelf:
 
     def state(self, index: int) -> Any:
         """Return the state of an item that was running, None where there is none, or its file is damaged."""
-        found = _whole(self._path("running", index))
-        return None if found is None else found[0]
+        return (_whole(self._path("running", index)) or (None,))[0]
 
     def save(self, index: int, state: Any) -> None:
         """Save the state of a running item, replacing the one before."""
@@ -90,17 +106,6 @@ def _whole(path: Path) -> tuple[Any] | None:
     except CheckpointError as error:
         warnings.warn(f"{error}; what it held is computed again", stacklevel=2)
         return None
-
-
-@contextlib.contextmanager
-def _said() -> Iterator[None]:
-    try:
-        yield
-    except OutputError:  # has the message already
-        raise
-    except OSError as error:
-        where = f"{error.filename} " if error.filename else ""
-        raise OutputError(f"the checkpoint {where}cannot be written: {error.strerror or error}") from error
 
 
 def options_of(study: Any, skip: set[str] = NOT_COMPARED) -> dict[str, Any]:
@@ -140,252 +145,137 @@ def _words(value: Any) -> str:
     return ",".join(map(str, value)) if isinstance(value, list) else str(value)
 
 
-def unfinished_run(out: Path) -> CheckpointError:
-    """Return the message for an unfinished run that is in the way."""
-    return CheckpointError(
-        f"{out} holds an unfinished run; add --resume to continue it or --force to start again, or give "
-        "another folder with --out"
-    )
+def about(study: Any) -> dict[str, Any]:
+    """Return what a manifest says of a study."""
+    name = getattr(study, "name", type(study).__module__.rpartition(".")[2])
+    content = {"study": name, "version": hs.__version__, "options": options_of(study)}
+    return dict(json.loads(json.dumps(content)))  # as it is read
+
+
+def require_same(out: Path, before: Mapping[str, Any], now: Mapping[str, Any]) -> None:
+    """Raise CheckpointError unless two manifests say the same of the study: one found, one of now."""
+    for what in ("study", "version"):
+        if before[what] != now[what]:
+            raise CheckpointError(
+                f"{out} holds an unfinished run of another {what}: {before[what]}, not {now[what]}"
+            )
+    for name in {**before["options"], **now["options"]}:
+        old, new = before["options"].get(name), now["options"].get(name)
+        if old != new:
+            raise CheckpointError(
+                f"{out} holds an unfinished run with {name} {_words(old)}, not {_words(new)}; resume it with "
+                "its original options"
+            )
 
 
 class Journal:
-    """The checkpoint folder of one study, for the process that conducts it.
+    """The checkpoint folder of a study, for the process that conducts it.
 
     Parameters
     ----------
     out : Path
-        The study's output folder.
-    study : dataclass
-        Its options.
-    every : float
-        Seconds of wall time between two states of an item that is running.
-    resume : bool
-        Whether to continue the run in the folder.
-    force : bool, default False
-        Whether to start again where there is something to resume.
-    place : Path, optional
-        The output folder with its whole path, where `out` is how it is called.
-
-    Attributes
-    ----------
-    own : set of str
-        Files in the output folder that this run may replace: those of an earlier one, and what it has written
-        itself.
+        The study's output folder, as it is called.
+    place : Path
+        The same, absolute.
     """
 
-    def __init__(
-        self,
-        out: Path,
-        study: Any,
-        every: float,
-        resume: bool,
-        force: bool = False,
-        place: Path | None = None,
-    ) -> None:
-        self.out, self.resume, self.force = out, resume, force
-        self.own: set[str] = set()
-        self.shelf = Shelf((place or out.absolute()) / FOLDER, every)
-        self._lock = Lock(self.shelf.folder / "lock")
-        name = getattr(study, "name", type(study).__module__.rpartition(".")[2])
-        self._manifest = {"study": name, "version": hs.__version__, "options": options_of(study)}
+    def __init__(self, out: Path, place: Path) -> None:
+        self.out, self.folder = out, place / FOLDER
+        self._lock, self._manifest = Lock(self.folder / "lock"), self.folder / "manifest.json"
 
-    @property
-    def _manifest_path(self) -> Path:
-        return self.shelf.folder / "manifest.json"
+    def unfinished(self) -> dict[str, Any] | None:
+        """Return the manifest of the run that can be resumed, None where there is none."""
+        found = load_object(self._manifest) or {}
+        kinds = {"study": str, "version": str, "options": dict, "own": list}
+        return found if all(isinstance(found.get(name), kind) for name, kind in kinds.items()) else None
 
-    @property
-    def _finished_path(self) -> Path:
-        return self.shelf.folder / "finished.json"
+    @contextlib.contextmanager
+    def held(self, make: bool) -> Iterator[None]:
+        """Hold the lock of the folder while the context lasts, and make it if need be.
 
-    def check(self) -> None:
-        """Raise the errors that `open` would raise, without making anything.
+        At the end it is removed if there is nothing to resume, nor any other file.
+
+        Parameters
+        ----------
+        make : bool
+            Whether to make the folder, and a lock in it, where there is none.
 
         Raises
         ------
         OutputError
-            If another run writes into the folder, or it is not ours.
-        CheckpointError
-            If there is nothing to resume, or something else; or an unfinished run where none is to be
-            resumed.
+            If another run holds it, or it is not ours, or cannot be made.
         """
-        with _said():
-            if os.path.lexists(self.shelf.folder):
-                self._take(make=False)
-        self._lock.release()
-        self._refuse()
-
-    def _take(self, make: bool) -> None:
-        """Take the lock of a folder that is ours."""
-        folder = self.shelf.folder
-        if folder.is_symlink() or not folder.is_dir():
-            what = "a link" if folder.is_symlink() else "a file"
-            raise OutputError(
-                f"{folder} is {what}, not the folder of a run of hardspheres; give another folder with --out"
-            )
-        there = os.path.lexists(self._lock.path)
-        if not there:
-            self._require_ours()
-        if (there or make) and not self._lock.acquire():
-            raise OutputError(
-                f"another run writes into {self.out}; give another folder with --out, or wait for it"
-            )
         try:
-            self._require_ours()
-        except BaseException:
-            self._lock.release()
-            raise
-
-    def _require_ours(self) -> None:
-        """Refuse a folder with files but without our manifest, unless a run of ours was about to write it.
-
-        Refuse one of ours, too, in which something that is no file has the name of one of ours, so that
-        nothing is written through a link.
-        """
-        for path in self.shelf.folder.iterdir():
-            own = OURS.fullmatch(path.name) or path in (
-                self._lock.path,
-                self._manifest_path,
-                self._finished_path,
-            )
-            if own and os.path.lexists(path) and not is_ordinary(path):
-                what = "a link" if path.is_symlink() else "not a file"
-                raise OutputError(
-                    f"{path} is {what}, so not of a run of hardspheres; give another folder with --out"
-                )
-        if _manifest(self._manifest_path) or _manifest(self._finished_path):
-            return
-        names = {path.name for path in self.shelf.folder.iterdir()}
-        if names and self._lock.is_ours():
-            names = {name for name in names - {"lock"} if not NAME.fullmatch(name)}
-        if self._manifest_path.name in names:
-            raise OutputError(
-                f"{self._manifest_path} cannot be understood, so {self.shelf.folder} is not of a run of "
-                "hardspheres; give another folder with --out"
-            )
-        if names:
-            raise OutputError(
-                f"{self.shelf.folder} is not of a run of hardspheres: it holds {min(names)}; give another "
-                "folder with --out"
-            )
-
-    def unfinished(self) -> bool:
-        """Return whether there is something to resume."""
-        return _manifest(self._manifest_path) is not None
-
-    def _refuse(self) -> None:
-        there = self.unfinished()
-        if there and not self.resume and not self.force:
-            raise unfinished_run(self.out)
-        if self.resume and not there:
-            raise CheckpointError(f"{self.out} holds no unfinished run, so there is nothing to resume")
-        if self.resume:
-            self._require_same()
-
-    def _require_same(self) -> None:
-        before = _manifest(self._manifest_path)
-        assert before is not None
-        now = json.loads(json.dumps(self._manifest))
-        for what in ("study", "version"):
-            if before[what] != now[what]:
-                raise CheckpointError(
-                    f"{self.out} holds an unfinished run of another {what}: {before[what]}, not {now[what]}"
-                )
-        for name in {**before["options"], **now["options"]}:
-            old, new = before["options"].get(name), now["options"].get(name)
-            if old != new:
-                raise CheckpointError(
-                    f"{self.out} holds an unfinished run with {name} {_words(old)}, not {_words(new)}; "
-                    "resume it with its original options"
-                )
-
-    @contextlib.contextmanager
-    def open(self, claim: Callable[[set[str]], set[str]] = set) -> Iterator[Shelf]:
-        """Hold the folder while the context lasts; remove it at the end unless there was an error.
-
-        An error that leaves something to resume gets a note that says so.
-
-        Parameters
-        ----------
-        claim : callable, optional
-            Called before a run begins, with the files of an unfinished run that it takes the place of;
-            returns all that it may replace, or raises.
-
-        Raises
-        ------
-        OutputError, CheckpointError
-            As `check` does, or if the folder cannot be made.
-        """
-        with _said():
-            if not os.path.lexists(self.shelf.folder):
-                self.shelf.folder.mkdir(exist_ok=True)
-            self._take(make=True)
-        try:
-            self._refuse()
-            before = _manifest(self._manifest_path) or {}
-            self.own = {str(name) for name in before.get("own", ())}
-            if not self.resume:
-                self._begin(claim(self.own))
-            yield self.shelf
-            self._discard()
-        except BaseException as error:
-            if self._manifest_path.exists():
-                error.add_note(
-                    f"what was done is kept in {self.out / FOLDER}: the same command with --resume continues"
-                )
-            raise
+            with not_written():
+                if make and not os.path.lexists(self.folder):
+                    self.folder.mkdir(exist_ok=True)
+                if os.path.lexists(self.folder):
+                    self._take(make)
+            yield
         finally:
             try:
-                if not self._manifest_path.exists():
+                if make and self._lock.is_held() and not self._manifest.exists():
                     self._remove_folder()
             finally:
                 self._lock.release()
 
-    def may_write(self, name: str) -> None:
-        """Record that a file in the output folder is this run's, before it is written."""
-        if name not in self.own:
-            self.own.add(name)
-            self._write_manifest()
-
-    def _begin(self, own: set[str]) -> None:
-        self._discard()
-        self.own = own
-        self._write_manifest()
-        with _said():
-            self._finished_path.unlink(missing_ok=True)
-
-    def _write_manifest(self) -> None:
-        temporary = temporary_beside(self._manifest_path)
-        with _said():
+    def write(self, content: Mapping[str, Any]) -> None:
+        """Write the manifest."""
+        temporary = temporary_beside(self._manifest)
+        with not_written():
             try:
-                content = {**self._manifest, "own": sorted(self.own)}
                 temporary.write_text(json.dumps(content, indent=2), encoding="utf-8")
-                os.replace(temporary, self._manifest_path)
+                os.replace(temporary, self._manifest)
             finally:
                 temporary.unlink(missing_ok=True)
 
-    def _discard(self) -> None:
-        """Remove results and states: first what makes the folder resumable, last what marks it as ours."""
-        with _said():
-            if self._manifest_path.exists():
-                os.replace(self._manifest_path, self._finished_path)
-            for path in list(self.shelf.folder.iterdir()):
+    def discard(self) -> None:
+        """Remove results and states, first what makes the folder resumable; the lock marks it as ours."""
+        with not_written():
+            self._manifest.unlink(missing_ok=True)
+            for path in list(self.folder.iterdir()):
                 # checked again: a removal cannot be undone
-                if OURS.fullmatch(path.name) and is_ordinary(path):
+                if REMOVED.fullmatch(path.name) and is_ordinary(path):
                     path.unlink()
 
+    def _take(self, make: bool) -> None:
+        """Take the lock of a folder that is ours."""
+        if self.folder.is_symlink() or not self.folder.is_dir():
+            what = "a link" if self.folder.is_symlink() else "a file"
+            raise elsewhere(f"{self.folder} is {what}, not the folder of a run of hardspheres")
+        there = os.path.lexists(self._lock.path)
+        for ready in (there, make):  # a lock is made only in what is known to be ours
+            if ready and not self._lock.acquire():
+                raise OutputError(
+                    f"another run writes into {self.out}; give another folder with --out, or wait for it"
+                )
+            self._require_ours()
+
+    def _require_ours(self) -> None:
+        """Refuse a folder with files but neither a manifest nor a lock of ours.
+
+        Refuse one of ours, too, in which something that is no file has the name of one of ours, so that
+        nothing is written through a link.
+        """
+        found = list(self.folder.iterdir())
+        for path in found:
+            ours = REMOVED.fullmatch(path.name) or path in (self._lock.path, self._manifest)
+            if ours and os.path.lexists(path) and not is_ordinary(path):
+                what = "a link" if path.is_symlink() else "not a file"
+                raise elsewhere(f"{path} is {what}, so not of a run of hardspheres")
+        if self.unfinished():
+            return
+        if self._manifest.exists():
+            raise elsewhere(
+                f"{self._manifest} cannot be understood, so {self.folder} is not of a run of hardspheres"
+            )
+        others = [path.name for path in found if not NAME.fullmatch(path.name)]
+        if others and not self._lock.is_ours():
+            raise elsewhere(f"{self.folder} is not of a run of hardspheres: it holds {min(others)}")
+
     def _remove_folder(self) -> None:
-        """Remove the folder, unless it holds other files: then they and our mark stay."""
+        """Remove the folder, unless it holds other files: then they and our lock stay."""
         with contextlib.suppress(OSError):
-            left = {path.name for path in self.shelf.folder.iterdir()}
-            if left <= {"lock", self._finished_path.name}:
-                self._finished_path.unlink(missing_ok=True)
-            if self._lock.is_ours():
+            if self._lock.is_ours() and list(self.folder.iterdir()) == [self._lock.path]:
                 self._lock.path.unlink()
-            self.shelf.folder.rmdir()
-
-
-def _manifest(path: Path) -> dict[str, Any] | None:
-    """Return the manifest that a run of ours has written, None where there is none."""
-    found = load_object(path) or {}
-    kinds = {"study": str, "version": str, "options": dict}
-    return found if all(isinstance(found.get(name), kind) for name, kind in kinds.items()) else None
+                self.folder.rmdir()

@@ -8,6 +8,9 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from hardspheres.temporary import temporary_beside
+from studies.running.ownership import is_ordinary
+
 try:
     import fcntl
 except ImportError:  # no POSIX
@@ -33,46 +36,52 @@ class Lock:
         self._handle: int | None = None
 
     def acquire(self) -> bool:
-        """Take the lock; return whether it was free."""
-        while True:
+        """Take the lock; return whether it was free, or held by this object already."""
+        while self._handle is None:
             try:
                 handle = self._opened()  # not inherited by workers
-            except (FileNotFoundError, FileExistsError):
+            except FileNotFoundError:  # removed by its last holder
                 if not self.path.parent.is_dir():
                     raise
-                continue  # made or removed by another
+                continue
             try:
                 if fcntl is not None:
                     fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 if os.fstat(handle).st_ino == os.stat(self.path).st_ino:
                     self._handle = handle
-                    return True
+            except FileNotFoundError:  # removed by its last holder
+                pass
             except BlockingIOError:
                 os.close(handle)
                 return False
-            except FileNotFoundError:
-                pass  # removed by its last holder
             except OSError:  # a file system without locks
                 self._handle = handle
-                return True
-            os.close(handle)
+            if self._handle is None:
+                os.close(handle)
+        return True
 
     def _opened(self) -> int:
-        plain = getattr(os, "O_NOFOLLOW", 0)
-        if os.path.lexists(self.path):
-            return os.open(self.path, os.O_RDWR | plain)
-        handle = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_EXCL | plain, 0o666)
-        try:
-            os.write(handle, self.MARK)
-        except OSError:
-            os.close(handle)
-            self.path.unlink(missing_ok=True)
-            raise
-        return handle
+        if not os.path.lexists(self.path):
+            temporary = temporary_beside(self.path)
+            try:
+                temporary.write_bytes(self.MARK)
+                try:
+                    os.link(temporary, self.path)  # whole or not at all, and in nobody's place
+                except FileExistsError:  # made by another run meanwhile
+                    pass
+                except OSError:  # a file system without hard links
+                    os.replace(temporary, self.path)
+            finally:
+                temporary.unlink(missing_ok=True)
+        return os.open(self.path, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0))
+
+    def is_held(self) -> bool:
+        """Return whether this object holds the lock."""
+        return self._handle is not None
 
     def is_ours(self) -> bool:
         """Return whether such a file is there, and was made by a lock."""
-        return self.path.is_file() and not self.path.is_symlink() and self.path.read_bytes() == self.MARK
+        return is_ordinary(self.path) and self.path.read_bytes() == self.MARK
 
     def release(self) -> None:
         """Release it; a second call does nothing."""

@@ -4,34 +4,22 @@ from __future__ import annotations
 
 import functools
 import json
-import os
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from studies.registry import QUESTIONS, study_named
 
-__all__ = [
-    "SUMMARY",
-    "WRITTEN",
-    "every_file",
-    "files_of_finished_run",
-    "is_ordinary",
-    "load_object",
-    "strange_file",
-]
+__all__ = ["SUMMARY", "every_file", "files_of_finished_run", "is_ordinary", "load_object"]
 
 SUMMARY = "summary.json"
-WRITTEN: dict[str, tuple[str, ...]] = {
-}
-"""Files that programs write beside their summary, by module; those of a `Study` are in its `files`."""
 
 
 @functools.cache
 def every_file() -> frozenset[str]:
-    """Return all names of files that studies write: no others are ever replaced or removed."""
+    """Return all names of files that the studies of this package write."""
     of_studies = [study_named(name).files for name in QUESTIONS]
-    return frozenset({SUMMARY}.union(*WRITTEN.values(), *of_studies))
+    return frozenset({SUMMARY}.union(*of_studies))
 
 
 def is_ordinary(path: Path) -> bool:
@@ -48,16 +36,11 @@ def load_object(path: Path) -> dict[str, Any] | None:
     return found if isinstance(found, dict) else None
 
 
-def files_of_finished_run(folder: Path) -> set[str] | None:
-    """Return the names of the files of the finished run in a folder; None where there is none."""
+def files_of_finished_run(folder: Path, known: Iterable[str]) -> set[str] | None:
+    """Return which of the known names are files of the finished run in a folder; None where there is none."""
     summary = load_object(folder / SUMMARY) or {}
     files = summary.get("files")
-    known = isinstance(summary.get("study"), str) and isinstance(summary.get("version"), str)
-    if not known or not isinstance(files, list) or SUMMARY not in files:
+    ours = isinstance(summary.get("study"), str) and isinstance(summary.get("version"), str)
+    if not ours or not isinstance(files, list) or SUMMARY not in files:
         return None
-    return {name for name in every_file() if name in files and is_ordinary(folder / name)}
-
-
-def strange_file(folder: Path, names: Iterable[str], own: Iterable[str]) -> str | None:
-    """Return which of these names exist and are not among our own files."""
-    return next((name for name in sorted(set(names) - set(own)) if os.path.lexists(folder / name)), None)
+    return {name for name in known if name in files and is_ordinary(folder / name)}

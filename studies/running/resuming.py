@@ -10,14 +10,13 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 import hardspheres as hs
 from studies.running.journal import Shelf
 from studies.running.stopping import signals_held
 
-__all__ = ["Measuring", "Recorded", "Resumable", "in_blocks", "perform", "until"]
+__all__ = ["Measuring", "Resumable", "in_blocks", "perform", "until"]
 
 Item = TypeVar("Item")
 State = TypeVar("State")
@@ -43,88 +42,47 @@ class Resumable(ABC, Generic[Item, State, Result]):
 
     def __call__(self, item: Item) -> Result:
         """Do all the work, without saving."""
-        return perform(self, item, lambda: None, lambda state: None, every=float("inf"))
+        return perform(self, item)
 
 
-@dataclass
-class _Kept:
-    """What is saved of an item that is running."""
-
-    state: Any
-    seconds: float
-
-
-def perform(
-    task: Resumable[Item, State, Result],
-    item: Item,
-    load: Callable[[], Any],
-    save: Callable[[Any], None],
-    every: float,
-) -> Result:
-    """Work on one item from its saved state.
+def perform(task: Callable[[Item], Result], item: Item, shelf: Shelf | None = None, index: int = 0) -> Result:
+    """Return the result of a task, and keep it on a shelf.
 
     Parameters
     ----------
-    task, item
+    task : callable
+        From an item to its result. A `Resumable` one continues from the state on the shelf, and is saved
+        there at intervals and when a signal asks it to stop.
+    item
         What to do.
-    load : callable
-        Returns the last argument of `save`, None where there is none.
-    save : callable
-        Keeps its argument.
-    every : float
-        Seconds between two calls of it.
+    shelf : Shelf, optional
+        Where to keep it.
+    index : int, default 0
+        Number of the item on the shelf.
     """
+    result = _in_steps(task, item, shelf, index) if isinstance(task, Resumable) else task(item)
+    if shelf is not None:
+        with signals_held():
+            shelf.store(index, result)
+    return result
+
+
+def _in_steps(task: Resumable[Item, State, Result], item: Item, shelf: Shelf | None, index: int) -> Result:
     began = time.perf_counter()
-    kept = load() or _Kept(task.begin(item), 0.0)
-    began -= kept.seconds
-    saved, stopped = time.monotonic(), True
+    state, earlier = (shelf and shelf.state(index)) or (task.begin(item), 0.0)
+    began -= earlier
+    saved, stop = time.perf_counter(), False
     with signals_held() as stopping:
-        for _ in task.steps(item, kept.state):
+        for _ in task.steps(item, state):
             stop = stopping()
-            if stop or time.monotonic() - saved >= every:
-                kept.seconds = time.perf_counter() - began
-                save(kept)
-                saved = time.monotonic()
+            if shelf is not None and (stop or time.perf_counter() - saved >= shelf.every):
+                shelf.save(index, (state, time.perf_counter() - began))
+                saved = time.perf_counter()
             if stop:
                 break
-        else:
-            stopped = False
-    if stopped:  # by a signal whose handler returned
+    if stop:  # by a signal whose handler returned
         raise KeyboardInterrupt
-    return task.result(item, kept.state, time.perf_counter() - began)
-
-
-@dataclass(frozen=True)
-class Recorded(Generic[Item, Result]):
-    """A task whose results, and intermediate states if it has any, are kept on a shelf.
-
-    Attributes
-    ----------
-    task : callable
-        From an item to its result; `Resumable` if it can continue from a state.
-    shelf : Shelf
-        Where.
-    """
-
-    task: Callable[[Item], Result]
-    shelf: Shelf
-
-    def __call__(self, numbered: tuple[int, Item]) -> Result:
-        """Return the result of an item with its number."""
-        index, item = numbered
-        if isinstance(self.task, Resumable):
-            result: Result = perform(
-                self.task,
-                item,
-                lambda: self.shelf.state(index),
-                lambda state: self.shelf.save(index, state),
-                self.shelf.every,
-            )
-        else:
-            result = self.task(item)
-        with signals_held():
-            self.shelf.store(index, result)
-        return result
+    return task.result(item, state, time.perf_counter() - began)
 
 
 def until(simulation: hs.Simulation, collisions: int) -> Iterator[None]:

@@ -14,7 +14,7 @@ from typing import Any, Literal, ParamSpec, TypeVar
 import numpy as np
 
 from studies.running.journal import Shelf
-from studies.running.resuming import Recorded
+from studies.running.resuming import perform
 
 __all__ = ["EPS", "SIZES", "Case", "Size", "counted", "keeping", "kept", "pick"]
 
@@ -134,6 +134,6 @@ def kept(function: Callable[P, T]) -> Callable[P, T]:
                 given = function(*args, **options)
                 return list(given) if isinstance(given, Iterator) else given  # type: ignore[return-value]
 
-        return Recorded(compute, shelf)((index, None))
+        return perform(compute, None, shelf, index)
 
     return recalled

@@ -4,11 +4,13 @@ import math
 import sys
 from collections import deque
 from dataclasses import dataclass
+from types import ModuleType
 
 import numpy as np
 import pytest
 
 import hardspheres as hs
+from analysis.estimator import Estimator
 from analysis.pressure import Pressure
 from analysis.relaxation import RelaxationCurve
 from analysis.series import BlockSeries
@@ -115,10 +117,72 @@ class Foreign:
     x: int = 1
 
 
-@pytest.mark.parametrize("value", [Foreign(), object(), {1}, np.array([None]), lambda: None, 1j])
+class Own(Estimator):
+    """Somebody's estimator, in a module of theirs."""
+
+    def __init__(self, edges):
+        self.edges, self.seen = np.array(edges), []
+
+    def add(self, frame):
+        self.seen.append(frame)
+        return self
+
+    def plot(self, ax=None):
+        raise NotImplementedError
+
+
+@dataclass
+class OwnWithFields(Own):
+    first: int = 3
+
+    def __post_init__(self):
+        super().__init__([1.0])
+
+
+class Slotted(Own):
+    """Keeps something where `vars` does not show it."""
+
+    __slots__ = ("hidden",)
+
+
+def test_estimators_of_ones_own_are_stored(monkeypatch):
+    """All that they know, fields or not; siblings: read where their module is not loaded, or knows another of the name."""
+    members = encode([Own([1.0, 2.0]).add(3), OwnWithFields().add(4)])
+    one, other = decode(members)
+    assert type(one) is Own and one.edges.tolist() == [1.0, 2.0] and one.seen == [3]
+    assert type(other) is OwnWithFields and other.first == 3 and other.seen == [4]
+    for change in (
+        lambda patch: patch.delitem(sys.modules, __name__),
+        lambda patch: patch.setattr(sys.modules[__name__], "Own", Foreign),
+    ):
+        with monkeypatch.context() as patch:
+            change(patch)
+            with pytest.raises(CheckpointError, match="Own', which is no class that is stored here"):
+                decode(members)
+
+
+def test_what_a_worker_has_stored_of_a_script_its_parent_reads(monkeypatch):
+    """A class of a script is of __mp_main__ in a worker and of __main__ in the parent."""
+    script = ModuleType("__main__")
+    monkeypatch.setitem(sys.modules, "__main__", script)
+    for writer, reader in (("__mp_main__", "__main__"), ("__main__", "__mp_main__")):
+        script.Own = type("Own", (Own,), {"__module__": writer})
+        members = encode(script.Own([1.0]))
+        script.Own = type("Own", (Own,), {"__module__": reader})
+        assert type(decode(members)) is script.Own
+
+
+OF_NOBODY = type("Local", (Own,), {"__qualname__": "function.<locals>.Local"})([1.0])
+
+
+@pytest.mark.parametrize(
+    "value",
+    [Foreign(), object(), {1}, np.array([None]), lambda: None, 1j, Slotted([1.0]), OF_NOBODY],
+)
 def test_what_is_not_ours_is_not_stored(value):
-    with pytest.raises(TypeError, match="cannot be stored"):
+    with pytest.raises(TypeError, match="cannot be stored") as caught:
         encode(value)
+    assert isinstance(caught.value, CheckpointError)  # so that a study of one's own says so in a sentence
 
 
 @pytest.mark.parametrize(
@@ -127,6 +191,8 @@ def test_what_is_not_ours_is_not_stored(value):
         ('{"object": ["subprocess.Popen", {"args": {"list": ["true"]}}]}', "no class that is stored here"),
         ('{"object": ["hardspheres.simulation.Simulation", {}]}', "no class that is stored here"),
         ('{"object": ["studies.absent.Nothing", {}]}', "no class that is stored here"),
+        (f'{{"object": ["{__name__}.Foreign", {{"x": 1}}]}}', "no class that is stored here"),
+        (f'{{"object": ["{__name__}.Slotted", {{}}]}}', "no class that is stored here"),
         ('{"object": ["analysis.statistics.Estimate", {"value": 1}]}', "of another version"),
         ('{"lambda": 1}', "'lambda', which this version does not know"),
         ('{"array": 7}', "IndexError"),

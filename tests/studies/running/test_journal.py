@@ -13,9 +13,9 @@ import pytest
 import hardspheres as hs
 from hardspheres.errors import CheckpointError
 from studies.mixture import Mixture
+from studies.output import OutputFolder
 from studies.pressure import EquationOfState
-from studies.report import OutputFolder
-from studies.running.journal import Journal, OutputError, options_of
+from studies.running.journal import OutputError, options_of
 from studies.running.locking import Lock
 from studies.thermalisation import Thermalisation
 from studies.validation.soak import Soak
@@ -114,11 +114,57 @@ def test_a_checkpoint_folder_that_cannot_be_one_is_refused(tmp_path):
                 use(OutputFolder(tmp_path / name), STUDY)
 
 
+class Killed(BaseException):
+    pass
+
+
+def kill_after(count, patch, *names):
+    """From the given call of one of these on, all raise."""
+    calls = itertools.count()
+
+    def dying(call):
+        def called(*names, **options):
+            if next(calls) >= count:
+                raise Killed
+            return call(*names, **options)
+
+        return called
+
+    for owner, name in names:
+        patch.setattr(owner, name, dying(getattr(owner, name)))
+
+
+def test_a_run_that_was_killed_as_it_began_leaves_a_folder_that_is_known_as_ours(tmp_path, monkeypatch):
+    """Killed before each of the calls that make something: also before what is in the lock is written."""
+    for count in itertools.count():
+        out = tmp_path / str(count)
+        with monkeypatch.context() as patch:
+            kill_after(
+                count, patch, (Path, "mkdir"), (Path, "write_bytes"), (Path, "write_text"), (Path, "unlink"),
+                (os, "open"), (os, "write"), (os, "link"), (os, "replace"),
+            )  # fmt: skip
+            try:
+                interrupted(out)
+                break
+            except Killed:
+                pass
+        resume = (out / "checkpoint" / "manifest.json").exists()
+        with OutputFolder(out, resume=resume).running(STUDY):
+            pass
+        assert not list(out.iterdir())
+    assert count >= 8
+
+
+def test_a_lock_is_made_where_there_are_no_hard_links(tmp_path, monkeypatch):
+    monkeypatch.setattr(os, "link", lambda *_: os.stat(tmp_path / "no such call"))
+    lock = Lock(tmp_path / "lock")
+    assert lock.acquire() and lock.is_ours() and [path.name for path in tmp_path.iterdir()] == ["lock"]
+    if sys.platform != "win32":
+        assert not Lock(tmp_path / "lock").acquire()
+
+
 def test_what_a_run_left_that_was_killed_while_it_tidied_up_is_used_again(tmp_path, monkeypatch):
     """Killed after each of the calls that remove something: the folder is known as ours to the end."""
-
-    class Killed(BaseException):
-        pass
 
     def run(out):
         with OutputFolder(out).running(STUDY) as shelf:
@@ -127,20 +173,10 @@ def test_what_a_run_left_that_was_killed_while_it_tidied_up_is_used_again(tmp_pa
             yield  # from now on the folder is removed
 
     for count in itertools.count():
-        out, calls, running = tmp_path / str(count), itertools.count(), run(tmp_path / str(count))
+        out, running = tmp_path / str(count), run(tmp_path / str(count))
         next(running)
-
-        def dying(call, calls=calls, count=count):
-            def called(*names, **options):
-                if next(calls) >= count:
-                    raise Killed
-                return call(*names, **options)
-
-            return called
-
         with monkeypatch.context() as patch:
-            for owner, name in ((os, "replace"), (Path, "unlink"), (Path, "rmdir")):
-                patch.setattr(owner, name, dying(getattr(owner, name)))
+            kill_after(count, patch, (os, "replace"), (Path, "unlink"), (Path, "rmdir"))
             try:
                 next(running, None)
                 break
@@ -213,5 +249,5 @@ def test_a_lock_that_was_removed_is_not_the_one_that_counts(tmp_path):
 
 
 def test_a_journal_makes_nothing_when_it_checks(tmp_path):
-    Journal(tmp_path / "absent", STUDY, 60.0, resume=False).check()
+    OutputFolder(tmp_path / "absent").check(STUDY)
     assert not list(tmp_path.iterdir())

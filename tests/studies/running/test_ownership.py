@@ -5,6 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -12,9 +13,9 @@ import pytest
 from hardspheres.errors import CheckpointError
 from hardspheres.temporary import temporary_beside
 from studies.benchmarks.command import next_folder
+from studies.output import OutputFolder
 from studies.pressure import EquationOfState
 from studies.registry import QUESTIONS, study_named
-from studies.report import OutputFolder
 from studies.running.journal import OutputError
 from studies.running.ownership import SUMMARY
 from studies.study import Study
@@ -186,7 +187,7 @@ def test_files_beside_ours_in_our_checkpoint_folder_stay(tmp_path):
         with OutputFolder(tmp_path / "out", **options).running(STUDY):
             pass
         left = everything_in(tmp_path)
-        assert left.pop(folder / "finished.json")
+        assert left.pop(folder / "lock")
         assert left == kept
 
 
@@ -307,6 +308,26 @@ def test_force_removes_nothing_but_files_of_ours_whatever_a_summary_lists(tmp_pa
     after = everything_in(tmp_path)
     assert after.pop(out / SUMMARY) and after.pop(out / "equation_of_state.png")
     assert after == before
+
+
+@dataclass
+class Own:
+    """A study of somebody's own, which this package does not list."""
+
+    name, files = "own", ("contact.csv", "contact.png")
+
+
+def test_force_replaces_what_a_study_of_ones_own_wrote_too(tmp_path):
+    """Sibling: for a study that does not name them, they are files of others."""
+    run(tmp_path, "contact.csv", "contact.png", study=Own(), content="old")
+    run(tmp_path, "contact.csv", study=Own(), content="new", force=True)
+    assert {path.name for path in tmp_path.iterdir()} == {SUMMARY, "contact.csv"}
+    before = (tmp_path / "contact.csv").read_text()
+    assert "new" in before
+    run(tmp_path, "equation_of_state.csv", force=True)
+    assert (tmp_path / "contact.csv").read_text() == before
+    with pytest.raises(OutputError, match="contact.csv is not of a finished run"):
+        run(tmp_path, "contact.csv", study=Own(), force=True)
 
 
 def test_a_file_that_somebody_puts_there_during_the_run_is_not_replaced(tmp_path):

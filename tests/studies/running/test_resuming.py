@@ -7,72 +7,12 @@ import numpy as np
 import pytest
 
 import hardspheres as hs
-from studies import mixture
-from studies.fluid import Fluid
-from studies.free_path import Runs
-from studies.running.encoding import decode, encode
 from studies.running.ensemble import replica_seeds, run_replicas
 from studies.running.journal import Shelf
-from studies.running.resuming import Resumable, perform, until
+from studies.running.resuming import Resumable, until
 from studies.running.stopping import STOPPING
 
 (SEED,) = replica_seeds(7, 1)
-
-
-class Interrupted(Exception):
-    pass
-
-
-def in_pieces(task, item, every=1):
-    """The result of a task that is thrown away at every k-th pause, with all that it did not save."""
-    saved, times = [None], 0
-    while True:
-        kept, pauses = None if saved[0] is None else decode(saved[0]), [0]
-
-        def save(state, pauses=pauses):
-            pauses[0] += 1
-            if pauses[0] == every:
-                saved[0] = encode(state)
-                raise Interrupted
-
-        try:
-            return perform(task, item, lambda kept=kept: kept, save, every=0.0), times
-        except Interrupted:
-            times += 1
-
-
-def mixed():
-    study = mixture.Mixture(Fluid(100, 3, 0.01, "periodic", 2.0, 10.0), relaxation_times=1.0)
-    return mixture.Equilibrations(study, study.times(study.start(SEED))), SEED
-
-
-TASKS = {
-    "free-path": lambda folder: (Runs(60.0), (Fluid(100, packing_fraction=0.1), SEED)),
-    "mixture": lambda folder: mixed(),
-}
-
-
-def bits(result):
-    """A result without its timings, and without what the search begins anew after a restart."""
-    parts = {name: value for name, value in vars(result).items() if name != "seconds"}
-    parts["status"] = {
-        k: v
-        for k, v in result.status.items()
-        if k not in ("stale_events", "list_renewals", "bytes_per_particle", "collisions_per_second")
-    }
-    return {name: content.tobytes() for name, content in encode(parts).items()}
-
-
-@pytest.mark.parametrize("name", TASKS)
-def test_interrupted_at_every_pause(name, tmp_path, monkeypatch):
-    monkeypatch.setattr("studies.running.resuming.PAUSE", 700)
-    task, item = TASKS[name](tmp_path)
-    whole = task(item)
-    files = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    pieces, times = in_pieces(task, item, every={"free-path": 30}.get(name, 1))
-    assert times > 5
-    assert bits(pieces) == bits(whole)
-    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == files
 
 
 class Sums(Resumable):
@@ -91,7 +31,7 @@ class Sums(Resumable):
         return state["sum"]
 
 
-class Interrupting(Sums):
+class Signalling(Sums):
     """Sends a signal in the middle of the second item."""
 
     def __init__(self, number):
@@ -119,9 +59,9 @@ def test_a_signal_waits_for_a_pause_and_what_is_finished_is_not_done_again(numbe
     if number != signal.SIGINT:
         signal.signal(number, stop)
     with pytest.raises(KeyboardInterrupt if number == signal.SIGINT else Stopped):
-        run_replicas(Interrupting(number), [12, 999, 55], workers=1, shelf=shelf)
+        run_replicas(Signalling(number), [12, 999, 55], workers=1, shelf=shelf)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["done-0000.npz", "running-0001.npz"]
-    assert shelf.state(1).state == {"left": 99, "sum": 9}
+    assert shelf.state(1)[0] == {"left": 99, "sum": 9}
     begun, told = [], []
     monkeypatch.setattr(Sums, "begin", lambda self, item: begun.append(item) or {"left": item, "sum": 0})
     found = run_replicas(Sums(), [12, 999, 55], workers=1, shelf=shelf, done=lambda: told.append(1))

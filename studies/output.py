@@ -1,0 +1,308 @@
+"""The output folder of a study: tables, figures and summary.json, whole or not at all, in nobody's place.
+
+Files are written atomically: each under another name in the same folder, and then renamed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import json
+import math
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hardspheres.errors import CheckpointError
+from hardspheres.temporary import remove_leftovers, temporary_beside
+from studies.figures.style import figure_style, name_gas
+from studies.running.journal import (
+    FOLDER,
+    Journal,
+    OutputError,
+    Shelf,
+    about,
+    elsewhere,
+    not_written,
+    require_same,
+)
+from studies.running.ownership import SUMMARY, every_file, files_of_finished_run, is_ordinary
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["OutputError", "OutputFolder", "jsonable"]
+
+
+def jsonable(value: Any) -> Any:
+    """Return a value as JSON can hold it: arrays as lists, NaN and infinities as null, paths as text."""
+    if isinstance(value, Mapping):
+        return {str(key): jsonable(entry) for key, entry in value.items()}
+    if isinstance(value, np.ndarray):
+        return jsonable(value.tolist())
+    if isinstance(value, (list, tuple)):
+        return [jsonable(entry) for entry in value]
+    if isinstance(value, np.generic):
+        return jsonable(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    return value
+
+
+class OutputFolder:
+    """The folder that a study writes into.
+
+    Parameters
+    ----------
+    path : str or path-like
+        Where; nothing is written before `create` or `running`. A relative path refers to the present working
+        directory.
+    checkpoint_every : float, default 60
+        Seconds of wall time between two checkpoints of a run.
+    resume : bool, default False
+        Continue the unfinished run in the folder.
+    force : bool, default False
+        Replace the run in the folder. Its files stay until the first result of the new one is written; then
+        its summary is removed, and when the new summary is written, so are all its files that have not been
+        replaced.
+
+    Attributes
+    ----------
+    path : Path
+        The folder.
+    files : list of str
+        Names of the files written so far.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        checkpoint_every: float = 60.0,
+        resume: bool = False,
+        force: bool = False,
+    ) -> None:
+        self.path, self._place = Path(path), Path(path).absolute()
+        self.checkpoint_every, self.resume, self.force = checkpoint_every, resume, force
+        self.files: list[str] = []
+        self._names: tuple[str, ...] = ()  # that the study writes beside its summary
+        self._own: set[str] | None = None  # names of files that may be replaced
+        self._journal = Journal(self.path, self._place)
+        self._manifest: dict[str, Any] | None = None  # while a run is in the journal
+
+    @property
+    def checkpoints(self) -> Path:
+        """The checkpoint folder, which is there while a study runs."""
+        return self._journal.folder
+
+    def check(self, study: Any = None, *, resumable: bool = True) -> None:
+        """Raise an error if the folder cannot be used; create nothing.
+
+        Parameters
+        ----------
+        study : dataclass, optional
+            Options of the study that is going to run, see `running`.
+        resumable : bool, default True
+            Whether it keeps checkpoints.
+
+        Raises
+        ------
+        OutputError
+            If the folder cannot be written, or another run writes into it; if it holds a finished run that is
+            not to be replaced, or files of others in the place of those that the study writes.
+        CheckpointError
+            If it holds an unfinished run that is not to be resumed, or none where one is.
+        """
+        self._require_writable()
+        if study is not None and resumable:
+            with self._journal.held(make=False):
+                self._agree(study)
+        elif self._journal.unfinished():
+            raise self._unfinished()
+        else:
+            self._names = _names(study)
+            self._own = self._claim()
+
+    @contextlib.contextmanager
+    def running(self, study: Any) -> Iterator[Shelf]:
+        """Make and lock the folder, with its checkpoints, while the context lasts.
+
+        Parameters
+        ----------
+        study : dataclass
+            Options of the study.
+
+        Yields
+        ------
+        Shelf
+            Where `run_replicas` keeps its results.
+
+        Raises
+        ------
+        OutputError, CheckpointError
+            As `check` does.
+        """
+        self.create()
+        with self._journal.held(make=True):
+            self._own, self._manifest = self._agree(study), about(study)
+            try:
+                if not self.resume:
+                    self._journal.discard()
+                self._record()
+                yield Shelf(self.checkpoints, self.checkpoint_every)
+                self._journal.discard()
+            except BaseException as error:
+                if self._journal.unfinished():
+                    error.add_note(
+                        f"what was done is kept in {self.path / FOLDER}: the same command with --resume "
+                        "continues"
+                    )
+                raise
+            finally:
+                self._manifest = None
+
+    def create(self) -> None:
+        """Make the folder and its parents."""
+        try:
+            self._place.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise OutputError(f"{self.path} cannot be made: {error.strerror}") from error
+
+    @contextlib.contextmanager
+    def partial(self, name: str) -> Iterator[Path]:
+        """Yield a temporary path that becomes the file `name` when the context ends without an error.
+
+        Parameters
+        ----------
+        name : str
+            File name within the folder; the temporary one has the same extension.
+        """
+        temporary = temporary_beside(self._place / name)
+        try:
+            with not_written(self.path / name):
+                yield temporary
+                self._put(temporary, name)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+    def adopt(self, path: Path) -> None:
+        """Move a finished file from the checkpoint folder to its place, where it may be already."""
+        if path.exists() or not (self._place / path.name).exists():
+            with not_written(self.path / path.name):
+                self._put(path, path.name)
+        elif path.name not in self.files:
+            self.files.append(path.name)
+
+    def write_json(self, name: str, content: Mapping[str, Any]) -> None:
+        """Write a JSON object, see `jsonable`."""
+        with self.partial(name) as path:
+            path.write_text(json.dumps(jsonable(content), indent=2) + "\n", encoding="utf-8")
+
+    def write_csv(self, name: str, columns: Mapping[str, Any]) -> None:
+        """Write columns of equal length under their names, numbers as the shortest text that reads back."""
+        arrays = {key: np.asarray(column).tolist() for key, column in columns.items()}
+        with self.partial(name) as path, path.open("w", encoding="utf-8", newline="") as handle:
+            writer = csv.writer(handle, lineterminator="\n")
+            writer.writerow(arrays)
+            writer.writerows(zip(*arrays.values(), strict=True))
+
+    def save_figure(self, name: str, figure: Figure, gas: str) -> None:
+        """Write a figure as PNG, with the name of the gas above it."""
+        with self.partial(name) as path, figure_style():
+            name_gas(figure, gas)
+            figure.savefig(path, format="png")
+
+    def _require_writable(self) -> None:
+        """Refuse a path at which no folder can be made, or none written to."""
+        above = [self.path, *self.path.absolute().parents]
+        try:
+            nowhere = next((path for path in above if path.is_symlink() and not path.exists()), None)
+        except OSError as error:
+            raise OutputError(
+                f"{self.path} cannot be a folder: {error.strerror}; give another one with --out"
+            ) from error
+        if nowhere is not None:
+            raise elsewhere(f"{nowhere} is a link to {os.readlink(nowhere)}, where there is nothing")
+        if self.path.exists() and not self.path.is_dir():
+            raise elsewhere(f"{self.path} exists and is not a folder")
+        parent = next(path for path in above if path.exists())
+        if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
+            raise elsewhere(f"{parent} cannot be written to")
+
+    def _agree(self, study: Any) -> set[str]:
+        """Return the files that a run may replace; refuse what is in its way, or not what it resumes."""
+        self._names, before = _names(study), self._journal.unfinished()
+        if not self.resume:
+            if before and not self.force:
+                raise self._unfinished()
+            return self._claim(before["own"] if before else ())
+        if before is None:
+            raise CheckpointError(f"{self.path} holds no unfinished run, so there is nothing to resume")
+        require_same(self.path, before, about(study))
+        return set(map(str, before["own"]))
+
+    def _unfinished(self) -> CheckpointError:
+        return CheckpointError(
+            f"{self.path} holds an unfinished run; add --resume to continue it or --force to start again, or "
+            "give another folder with --out"
+        )
+
+    def _record(self) -> None:
+        """Write into the manifest which files are this run's."""
+        if self._manifest is not None:
+            self._journal.write({**self._manifest, "own": sorted(self._own or ())})
+
+    def _claim(self, unfinished: Iterable[str] = ()) -> set[str]:
+        """Return the files that may be replaced; refuse others, and a finished run without force."""
+        old = files_of_finished_run(self._place, self._known())
+        if old is not None and not self.force:
+            raise OutputError(
+                f"{self.path} holds a finished run; give another folder with --out, or --force to replace it"
+            )
+        own = (old or set()).union(map(str, unfinished))
+        for name in sorted({SUMMARY, *self._names} - own):
+            if os.path.lexists(self._place / name):
+                raise OutputError(
+                    f"{self.path / name} is not of a finished run, and would be replaced; give another "
+                    "folder with --out, or move it away"
+                )
+        return own
+
+    def _known(self) -> frozenset[str]:
+        """Return the names of all files that may ever be replaced or removed."""
+        return every_file().union(self._names)
+
+    def _put(self, path: Path, name: str) -> None:
+        """Move a whole file to its place, replacing only our own; the summary comes last."""
+        if self._own is None:
+            self._names = (*self._names, name)
+            self._own = self._claim()
+        if name not in self._own:
+            if os.path.lexists(self._place / name):
+                raise OutputError(f"{self.path / name} is not of this run, and is not replaced; move it away")
+            self._own.add(name)
+            self._record()
+        if not self.files:
+            self._remove(SUMMARY)
+        if name == SUMMARY:  # the last file of a run: nothing that is stale or half-written stays behind
+            remove_leftovers(self._place, path.stat().st_mtime)
+            for stale in self._own - {SUMMARY, *self.files}:
+                self._remove(stale)
+        os.replace(path, self._place / name)
+        if name not in self.files:
+            self.files.append(name)
+
+    def _remove(self, name: str) -> None:
+        """Remove a file of an earlier run: one that studies write, and that is a file itself."""
+        if name in (self._own or ()) and name in self._known() and is_ordinary(self._place / name):
+            (self._place / name).unlink()
+
+
+def _names(study: Any) -> tuple[str, ...]:
+    """Return what a study writes beside its summary."""
+    return tuple(getattr(study, "files", ()))
