@@ -40,8 +40,8 @@ for search in ("lists", "windows"):
         small = {at.HEAP_ROOM: 2, at.SEGMENT_ROOM: 10, at.CONTACT_ROOM: 2, at.OVERFLOW_ROOM: 7, at.NEAR_ROOM: 1}
     for slot, room in small.items():
         e.arrays.counter[slot] = room
-    e.blocks = min(e.blocks, 4)
-    e.arrays = e.arrays._replace(**e._searching_arrays(e.arrays.counter, e.blocks))
+    e.arrays.counter[at.BLOCKS] = 4
+    e.arrays = e.arrays._replace(**e._searching_arrays(e.arrays.counter))
     sim.run(collisions=20)
     grown.append(sum(int(e.arrays.counter[slot]) > room for slot, room in small.items()))
 print(json.dumps(grown))
@@ -79,7 +79,7 @@ print(json.dumps(short))
 FITS = """
 from types import SimpleNamespace
 from hardspheres.kernel import specialise
-at = specialise(2, False, False, False, True).layout
+at = specialise(2, False, False, False, True).at
 fits = sys.modules["hardspheres.kernel.2d_sparse.dilute.grid"].fits
 wrong = 0
 for cells in range(1, 7):

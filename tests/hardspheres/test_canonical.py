@@ -113,7 +113,7 @@ def test_naming_the_image_changes_nothing(scene, expected):
     at, e = sim._at, sim._engine
     assert e.arrays.counter[at.IMAGES] == 0
     e.arrays.counter[at.IMAGES] = 1
-    e.arrays = e.arrays._replace(**e._searching_arrays(e.arrays.counter, e.blocks))
+    e.arrays = e.arrays._replace(**e._searching_arrays(e.arrays.counter))
     sim.run(collisions=COLLISIONS)
     assert state(sim) == expected
 
@@ -130,8 +130,8 @@ def test_running_out_of_room_changes_nothing(scene, expected, search):
     small |= {at.HEAP_ROOM: 2}
     for slot, room in small.items():
         e.arrays.counter[slot] = room
-    e.blocks = min(e.blocks, 4)
-    e.arrays = e.arrays._replace(**e._searching_arrays(e.arrays.counter, e.blocks))
+    e.arrays.counter[at.BLOCKS] = 4
+    e.arrays = e.arrays._replace(**e._searching_arrays(e.arrays.counter))
     sim.run(collisions=COLLISIONS)
     assert state(sim) == expected
     grown = {slot for slot, room in small.items() if e.arrays.counter[slot] > room}

@@ -81,7 +81,7 @@ def test_too_little_room_changes_nothing(scene, expected):
     sim = hs.Simulation(scene)
     e, at = sim._engine, sim._at
     e.arrays.counter[at.OVERFLOW_ROOM], e.arrays.counter[at.NEAR_ROOM] = 3, 1
-    e.arrays = e.arrays._replace(**e._searching_arrays(e.arrays.counter, e.blocks))
+    e.arrays = e.arrays._replace(**e._searching_arrays(e.arrays.counter))
     sim.run(collisions=COLLISIONS)
     assert e.arrays.counter[at.OVERFLOW_ROOM] >= 15
     assert state(sim) == expected

@@ -43,6 +43,10 @@ if PURE_PYTHON:
         """In plain Python an array is its own pointer."""
         return BoundsChecked(array) if CHECKED else array
 
+    def pointers(arrays):
+        """Return the same record with a pointer in place of each array."""
+        return type(arrays)(*map(pointer, arrays))
+
     def prefetch(array, k):
         """In plain Python: nothing."""
 
@@ -71,6 +75,18 @@ else:
         return types.CPointer(array.dtype)(array), codegen
 
     @intrinsic
+    def pointers(typingctx, arrays):
+        """Return the same record (a named tuple) with a raw pointer in place of each array; see `pointer`."""
+
+        def codegen(context, builder, signature, args):
+            values = zip(signature.args[0], cgutils.unpack_tuple(builder, args[0]), strict=True)
+            data = [context.make_array(kind)(context, builder, value).data for kind, value in values]
+            return context.make_tuple(builder, signature.return_type, data)
+
+        kinds = [types.CPointer(array.dtype) for array in arrays]
+        return types.NamedTuple(kinds, arrays.instance_class)(arrays), codegen
+
+    @intrinsic
     def prefetch(typingctx, pointer, k):
         """Bring the cache line of pointer[k] nearer; any k will do, it is never read."""
 
@@ -90,6 +106,11 @@ else:
         def pointer(array):
             """With checks an array is its own pointer."""
             return array
+
+        @numba.njit
+        def pointers(arrays):
+            """With checks: the record as it is."""
+            return arrays
 
         @numba.njit
         def prefetch(array, k):
