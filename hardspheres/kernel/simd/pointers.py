@@ -81,6 +81,10 @@ else:
         def codegen(context, builder, signature, args):
             values = zip(signature.args[0], cgutils.unpack_tuple(builder, args[0]), strict=True)
             data = [context.make_array(kind)(context, builder, value).data for kind, value in values]
+            # An empty statement that hides where a pointer is from: LLVM would read each again and again
+            # from the arguments of the call, where it has a cache line of its own (5 to 20 % of the time).
+            same = [(d, ir.FunctionType(d.type, [d.type])) for d in data]
+            data = [builder.asm(kind, "", "=r,0", [d], False) for d, kind in same]
             return context.make_tuple(builder, signature.return_type, data)
 
         kinds = [types.CPointer(array.dtype) for array in arrays]
