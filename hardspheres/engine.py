@@ -11,50 +11,16 @@ from hardspheres.errors import SimulationError
 from hardspheres.event_log import ROOM, Sink, as_events
 from hardspheres.free_paths import FlightTallies
 from hardspheres.kernel.arrays import OF_RUN, OF_SEARCH, allocated, bytes_of, record
-from hardspheres.kernel.arrays import cells as cells_of
+from hardspheres.lists import Lists
 from hardspheres.memory import require_memory
 from hardspheres.scene import Scene, momentum_flux
-from hardspheres.tuning import (
-    LEAD,
-    PATIENCE,
-    SLACK,
-    WindowPlan,
-    cells_per_axis,
-    collision_frequency,
-    epoch_length,
-    epoch_length_at,
-    pace,
-    power_of_two_below,
-    shell_width,
-    widest_shell_of_one_image,
-    window_plan,
-)
+from hardspheres.tuning import epoch_length, epoch_length_at, pace
+from hardspheres.windows import Windows, windows_for
 
-EVENTS_PER_BUCKET = {False: 8, True: 32}  # more of them where their data are prefetched
 CACHED = 16000  # particles that fit the caches of a core
 CACHED_AT_ALL = 48000  # particles that fit the caches that cores share
-MOST_ENTRIES = 2**31 - 1  # of a table: its places are kept in 32 bits
-MOST_SEGMENTS = 2**26 - 2  # of windows: their slots have as many bits, see `kernel.dilute.pair_table`
-COLUMN = 3.3  # width of a column of cells along x and z, in the overhang of segments
-ALONG = 1.0  # width of a cell along y
-OVERHANG_UNITS = 20  # units of bounding boxes in that overhang: see `kernel.layout`
-WIDEST = 85  # units in a cell, at most
-TINY = 1e-300  # in place of a collision frequency of zero
-# In cells, of boxes that are not many cells long: single precision is off by a few 1e-6.
-SEGMENT_MARGIN = 1e-4
 # Where the sums keep the components of a symmetric tensor.
 COMPONENTS = {2: np.array([[0, 3], [3, 1]]), 3: np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])}
-
-
-def image_shifts(cells: Any, widths: Any) -> Any:
-    """Return the shifts of bounding boxes by image: -1, 0 or 1 box along each axis (two bits of its code)."""
-    shifts = np.zeros(64, dtype=np.int64)
-    ends = shifts.view(np.uint8).reshape(64, 8)
-    for code in range(64):
-        for d, units in enumerate((cells * widths).tolist()):
-            box = units * min((code >> 2 * d & 3) - 1, 1)
-            ends[code, d], ends[code, d + 3] = box % 256, -box % 256
-    return shifts
 
 
 class Engine:
@@ -78,6 +44,8 @@ class Engine:
     ----------
     arrays : Arrays
         What the kernels work on; `number`, `counter`, `total` are addressed by the names in `kernel.layout`.
+    search : Lists or Windows
+        How it finds the coming events.
     layout : module
         Those names, for this kind of scene.
     flights : FlightTallies or None
@@ -106,13 +74,14 @@ class Engine:
         sizes = bool(np.any(scene.radii != scene.radii[0]))
         masses = bool(np.any(scene.masses != scene.masses[0]))
         length = epoch_length(scene)
-        plan = window_plan(scene, length, search) if growth is None else None
+        windows = windows_for(scene, length, search) if growth is None else None
+        self.search: Lists | Windows = windows or Lists(scene)
         self.kernels: Any = specialise(
             scene.dim,
             not bool(scene.periodic.all()),
             sizes,
             masses,
-            plan is not None,
+            windows is not None,
             growth is not None,
             flights,
         )
@@ -141,7 +110,7 @@ class Engine:
         count[at.BEYOND_ALL] = int(n > CACHED_AT_ALL)
         count[at.SPECIES_COUNT] = len(units) // 3
         count[at.LOG_ROOM] = ROOM if logs else 0
-        self._plan(plan, length, number, count)
+        self._plan(length, number, count)
         searching = self._searching_arrays(count)
         self.arrays: Any = record(searching | allocated(OF_RUN, at, count))
         self.arrays.number[:] = number
@@ -161,143 +130,32 @@ class Engine:
         self._afresh = True
         self.paused = False  # whether the last run ended because its budget of work ran out
 
-    def _plan(self, plan: WindowPlan | None, length: float, number: Any, count: Any) -> None:
-        """Choose everything that depends on the length of an epoch."""
+    def _plan(self, length: float, number: Any, count: Any) -> None:
+        """Write everything that depends on the length of an epoch to numbers and counters."""
         at, scene = self.layout, self.scene
         number[at.EPOCH_LENGTH] = length
         number[at.ORDER_TOLERANCE] = 4.0 * math.ulp(length)
         number[at.LOWER_MEAN_SQUARE], number[at.UPPER_MEAN_SQUARE] = pace(scene, length)
         number[at.MEAN_SQUARE] = math.nan
-        self.large = np.flatnonzero(scene.radii > plan.small_radius) if plan else np.zeros(0, dtype=np.int64)
-        if plan is None:
-            self._plan_lists(scene, number, count)
-        else:
-            self._plan_windows(scene, plan, number, count)
-
-    def _plan_lists(self, scene: Scene, number: Any, count: Any) -> None:
-        """Choose shells, cells and calendar of the list method."""
-        at, n = self.layout, scene.n
-        per_bucket = EVENTS_PER_BUCKET[n > CACHED]
-        shell = shell_width(scene)
-        cells = cells_per_axis(scene, 2.0 * shell * (1.0 + SLACK) + 2.0 * float(scene.radii.max()), n)
-        self._set_cells(scene, cells, number, count)
-        one_size = bool(np.all(scene.radii == scene.radii[0]))
-        number[at.DISPLACEMENT_THRESHOLD] = shell
-        number[at.LEAD] = LEAD / max(collision_frequency(scene), TINY)
-        rounding = SLACK * float(np.max(scene.box / cells))  # of the centres in their cells
-        number[at.CUTOFF] = (
-            2.0 * shell * (1.0 + SLACK) + rounding + (2.0 * scene.radii[0] if one_size else 0.0)
-        )
-        # Where more than one image of a pair can matter, lists store the image index.
-        few = bool(np.any(np.array(cells)[scene.periodic] < 3))
-        count[at.IMAGES] = int(few or shell > widest_shell_of_one_image(scene))
-        lanes = at.CELL_LANES
-        count[at.CELL_ROOM] = lanes * math.ceil(min(n, 1.5 * n / math.prod(cells) + 3) / lanes)
-        count[at.LIST_ROOM] = 32
-        count[at.REBUILD_THRESHOLD] = MOST_ENTRIES if count[at.IMAGES] else math.ceil(PATIENCE * n)
-        count[at.BUCKETS] = max(16, int(power_of_two_below(max(8 * n / per_bucket, 1))))
-        count[at.BLOCKS] = count[at.BUCKETS] // 2 + n // 3 + 64
-        length = number[at.EPOCH_LENGTH]
-        events = 2.0 * n * collision_frequency(scene) * length / per_bucket
-        count[at.EPOCH_BUCKETS] = int(power_of_two_below(min(max(events, 16.0), 2.0**40)))
-        number[at.INVERSE_WIDTH] = count[at.EPOCH_BUCKETS] / length
-
-    def _plan_windows(self, scene: Scene, plan: WindowPlan, number: Any, count: Any) -> None:
-        """Choose windows, cells and buckets of the window method."""
-        at, n = self.layout, scene.n
-        reach = plan.stretch + plan.small_radius
-        grid = np.maximum(scene.box / (COLUMN * reach), 1.0).astype(np.int64)
-        grid[1] = max(1, int(scene.box[1] / (ALONG * reach)))
-        self._set_cells(scene, grid.tolist(), number, count)
-        edge = float(np.max(scene.box / plan.cells))
-        number[at.HALF_WINDOW] = 0.5 * plan.length
-        number[at.HALF_LENGTH] = plan.stretch
-        number[at.SEGMENT_UNIT] = 1.0 / edge
-        number[at.SEGMENT_MARGIN] = SEGMENT_MARGIN * (1.0 + max(plan.cells) / 256.0)
-        windows = round(number[at.EPOCH_LENGTH] / plan.length)
-        collisions = 0.5 * n * collision_frequency(scene) * plan.length
-        per_bucket = EVENTS_PER_BUCKET[n > CACHED]
-        buckets = int(power_of_two_below(min(max(2.0 * collisions / per_bucket, 1.0), 2.0**30)))
-        number[at.INVERSE_WIDTH] = windows * buckets / number[at.EPOCH_LENGTH]
-        count[at.WINDOW_BUCKETS] = count[at.BUCKETS] = buckets
-        count[at.EPOCH_BUCKETS] = windows * buckets
-        count[at.SEGMENT_ROOM] = n + n // 4 + 1024
-        count[at.OVERFLOW_ROOM] = n // 3 + 1024
-        count[at.NEAR_ROOM] = 1024
-        # Segments reach OVERHANG_UNITS units beyond their cells, or fewer where cells are wide.
-        widths = np.minimum(np.floor(OVERHANG_UNITS * scene.box / (grid * reach)), WIDEST)
-        beyond = np.ceil(reach * widths * grid / scene.box) + 1.0
-        count[at.WIDTH : at.WIDTH + scene.dim] = widths
-        count[at.OVERHANG : at.OVERHANG + scene.dim] = beyond
-        density = widths * grid / scene.box
-        number[at.UNIT_DENSITY : at.UNIT_DENSITY + scene.dim] = density
-        number[at.SEGMENT_OVERHANG : at.SEGMENT_OVERHANG + scene.dim] = beyond / density
-        count[at.CONTACT_ROOM] = n // 2 + 1024
-        count[at.BLOCKS] = buckets + n // 8 + 256
-        number[at.SMALL_RADIUS] = plan.small_radius
-        number[at.LARGEST] = scene.radii.max()
-        number[at.LARGE_DENSITY : at.LARGE_DENSITY + 3] = 1.0
-        number[at.LARGE_DENSITY : at.LARGE_DENSITY + scene.dim] = np.array(plan.large_cells) / scene.box
-        count[at.LARGE] = len(self.large)
-        count[at.LARGE_CELLS : at.LARGE_CELLS + 3] = 1
-        count[at.LARGE_CELLS : at.LARGE_CELLS + scene.dim] = plan.large_cells
-
-    def _set_cells(self, scene: Scene, cells: list[int], number: Any, count: Any) -> None:
-        at, dim = self.layout, scene.dim
-        number[at.CELL_DENSITY : at.CELL_DENSITY + 3] = 1.0  # in 2D one layer of cells
-        count[at.CELLS : at.CELLS + 3] = 1
-        number[at.CELL_DENSITY : at.CELL_DENSITY + dim] = np.array(cells) / scene.box
-        number[at.CELL_EDGE : at.CELL_EDGE + dim] = scene.box / np.array(cells)
-        count[at.CELLS : at.CELLS + dim] = cells
+        self.search.plan(at, number, count)
 
     def _searching_arrays(self, count: Any) -> dict[str, Any]:
         """Allocate everything that the search needs and that can be found again from the rows."""
-        at, n, cells = self.layout, self.scene.n, cells_of(self.layout, count)
-        for entries, most in (
-            (max(cells * count[at.CELL_ROOM], count[at.CONTACT_ROOM], n + 6), MOST_ENTRIES),
-            (count[at.SEGMENT_ROOM] + count[at.OVERFLOW_ROOM], MOST_SEGMENTS),
-        ):
-            if entries >= most:
-                raise SimulationError(
-                    f"{n} particles in {cells} cells need a table of {entries} entries, more than the {most} "
-                    "that are counted; take fewer particles, or spread them more evenly"
-                )
+        at = self.layout
+        self.search.require_countable(at, count)
         needed = bytes_of(OF_RUN + OF_SEARCH, at, count)
-        require_memory(needed, f"the tables to search among {n} particles", SimulationError)
+        require_memory(needed, f"the tables to search among {self.scene.n} particles", SimulationError)
         arrays = allocated(OF_SEARCH, at, count)
-        if count[at.WINDOW_BUCKETS]:
-            small = np.setdiff1d(np.arange(n, dtype=np.int32), self.large)
-            arrays["order"][: len(small)], arrays["large"][:-1] = small, self.large
-            arrays["column"][:], arrays["column_code"][:] = self._columns(count)
-            cells, widths = (count[first : first + self.scene.dim] for first in (at.CELLS, at.WIDTH))
-            arrays["image_shifts"][:] = image_shifts(cells, widths)
+        self.search.fill(at, arrays)
         return arrays
-
-    def _columns(self, count: Any) -> tuple[Any, Any]:
-        """Return the table of columns of cells; all those one cell beyond a wall are one empty column."""
-        nx, _, nz = count[self.layout.CELLS : self.layout.CELLS + 3].tolist()
-        x, z = (np.arange(-1, cells + 1) for cells in (nx, nz))
-        periodic = dict(enumerate(self.scene.periodic.tolist()))
-        outside = (x % nx != x)[:, None] & (not periodic[0]) | (z % nz != z) & (not periodic.get(2, False))
-        column = np.where(outside, nx * nz, (x % nx)[:, None] * nz + z % nz)
-        code = self.layout.SAME - self.layout.IMAGE[0] * (x[:, None] // nx) - self.layout.IMAGE[2] * (z // nz)
-        return column.ravel(), code.ravel()
 
     def _make_room(self) -> None:
         """Double whatever ran out; the search then starts again from the rows. Complete, or not at all."""
         at, count = self.layout, self.arrays.counter.copy()
-        if count[at.SHORT_LISTS]:
-            count[at.LIST_ROOM] *= 2
-            count[at.SEGMENT_ROOM] *= 2
-            count[at.OVERFLOW_ROOM] *= 2
-        if count[at.SHORT_CELLS]:
-            count[at.CELL_ROOM] *= 2
-        if count[at.SHORT_QUEUE]:
-            count[at.HEAP_ROOM] *= 2
-            count[at.CONTACT_ROOM] *= 2
-            count[at.NEAR_ROOM] *= 2
-            count[at.BLOCKS] *= 2
-        count[[at.SHORT_LISTS, at.SHORT_CELLS, at.SHORT_QUEUE]] = 0
+        for short, rooms in at.ROOMS.items():
+            if count[short]:
+                count[short] = 0
+                count[rooms] *= 2
         self.arrays = self.arrays._replace(**self._searching_arrays(count))
         self.arrays.counter[:] = count  # after the arrays: never room in the books that is not there
 
@@ -394,8 +252,8 @@ class Engine:
         at, old, before = self.layout, self.arrays, self.length
         number, count, total, flight = (a.copy() for a in (old.number, old.counter, old.total, old.flight))
         other = copy.copy(self)
-        plan = window_plan(self.scene, length, "windows") if count[at.WINDOW_BUCKETS] else None
-        other._plan(plan, length, number, count)
+        other.search = self.search.for_epochs(length)
+        other._plan(length, number, count)
         for epoch in (at.EPOCH, at.LAST_PAIR_EPOCH):
             count[epoch], _ = recounted(int(count[epoch]), 0.0, before, length)
         count[at.BUCKET] = 0
@@ -480,14 +338,6 @@ class Engine:
             int(max(arrays.number[at.NOW], 0.0) * arrays.number[at.INVERSE_WIDTH]), last
         )
         self._afresh = True
-
-    @property
-    def method(self) -> str:
-        """The search method in words."""
-        if self.arrays.counter[self.layout.WINDOW_BUCKETS]:
-            return "windows of time" + ", two grids" * bool(len(self.large))
-        images = bool(self.arrays.counter[self.layout.IMAGES])
-        return "neighbour lists" + (" that name the image" if images else "")
 
     @property
     def bytes(self) -> int:

@@ -134,6 +134,13 @@ LARGE_CELLS = slot(3)  # coarse cells per axis
 COUNTERS = slot.end
 FLIGHT_COUNTS = COUNTERS
 
+# What is doubled where room ran out.
+ROOMS = {
+    SHORT_LISTS: [LIST_ROOM, SEGMENT_ROOM, OVERFLOW_ROOM],
+    SHORT_CELLS: [CELL_ROOM],
+    SHORT_QUEUE: [HEAP_ROOM, BLOCKS, CONTACT_ROOM, NEAR_ROOM],
+}
+
 # Flights, where FLIGHTS. Of a particle, float64:
 FLIGHT = 4 if FLIGHTS else 0
 BEGAN = 0  # when its last collision with another particle was, within the epoch

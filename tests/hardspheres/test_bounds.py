@@ -15,7 +15,7 @@ sys.path.insert(0, {tests!r})
 from scenes import KINDS, gas
 import numpy as np
 import hardspheres as hs
-from hardspheres import engine, tuning
+from hardspheres import engine, lists
 """
 
 EVERY_KIND = """
@@ -23,7 +23,7 @@ seen = {{}}
 for kind, cached in [(kind, cached) for kind in {kinds} for cached in (0, 1000)]:
     engine.CACHED = engine.CACHED_AT_ALL = cached
     for n, eta, search, wanted in ((10, 0.2, "lists", 12), (30, 0.02, "lists", 1), (10, 0.02, "windows", 0)):
-        tuning.NEIGHBOURS_WANTED = {{2: wanted, 3: wanted}}
+        lists.NEIGHBOURS_WANTED = {{2: wanted, 3: wanted}}
         sim = hs.Simulation(gas(kind, n, eta, seed=3), search=search)
         sim.run(collisions={collisions})
         seen[kind, cached, n, eta, sim.status()["method"]] = [sim.collisions, float(abs(sim.energy_drift))]

@@ -5,7 +5,7 @@ import pytest
 from scenes import KINDS, SEARCHES, everything, gas, state
 
 import hardspheres as hs
-from hardspheres import tuning
+from hardspheres import lists
 from hardspheres.engine import Engine
 
 
@@ -270,7 +270,7 @@ def test_a_box_of_a_hundred_million_diameters():
 def test_any_room_may_run_out(search, room, least, monkeypatch):
     """Each capacity alone begins at next to nothing, grows by itself, and the bits stay."""
     if room == "CELL_ROOM":
-        monkeypatch.setattr(tuning, "NEIGHBOURS_WANTED", {2: 60.0, 3: 60.0})  # few large cells
+        monkeypatch.setattr(lists, "NEIGHBOURS_WANTED", {2: 60.0, 3: 60.0})  # few large cells
     scene = gas("3d", 500, 0.2, seed=5)
     usual, sim = (hs.Simulation(scene, search=search) for _ in range(2))
     at, engine = sim._at, sim._engine
