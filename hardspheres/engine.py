@@ -499,8 +499,9 @@ class Engine:
         """Execute events up to a time or a number of pair collisions; False if the budget ran out first."""
         # An interrupt before the result is known costs only a new search.
         afresh, self._afresh = self._afresh, True
+        arrays = self.kernels.handed_over(self.arrays)
         status = self.kernels.run(
-            self.arrays, self.cells, self.blocks, afresh, stop_epoch, stop_time, stop_pairs, budget
+            arrays, self.cells, self.blocks, afresh, stop_epoch, stop_time, stop_pairs, budget
         )
         self.paused = status == self.kernels.PAUSED
         if status == self.kernels.NO_ROOM:

@@ -1,10 +1,8 @@
 """The slots of the engine's flat arrays, by name."""
 
-from hardspheres.kernel.arrays import Arrays
+from hardspheres.kernel.arrays import Arrays  # noqa: F401
 
 from .flags import DIM, FLIGHTS, SIZES, SPARSE
-from .simd.jit import jit
-from .simd.pointers import pointer
 
 # A particle's row, 8 float64 (one cache line): the canonical state. One more row, of NaN, is the null
 # particle, which collides with nothing.
@@ -203,61 +201,3 @@ BYTE = 255
 NEAR_SHIFT = 48
 BEFORE_X, BEFORE_Z, AFTER_X, AFTER_Z = 1, 2, 16, 32  # bits of that byte: one cell
 BEFORE_Y, AFTER_Y = 2, 6  # of two bits each: up to three, the first of them
-
-
-@jit
-def pointers(a):
-    """Return the same record with a raw pointer in place of each array."""
-    return Arrays(
-        pointer(a.row),
-        pointer(a.event),
-        pointer(a.event_float),
-        pointer(a.version),
-        pointer(a.mass),
-        pointer(a.image_counts),
-        pointer(a.flight),
-        pointer(a.log),
-        pointer(a.neighbours),
-        pointer(a.images),
-        pointer(a.where),
-        pointer(a.cell_count),
-        pointer(a.cell_places),
-        pointer(a.cell_ids),
-        pointer(a.near),
-        pointer(a.around),
-        pointer(a.around_ids),
-        pointer(a.buckets),
-        pointer(a.blocks),
-        pointer(a.waiting_slot),
-        pointer(a.waiting_entry),
-        pointer(a.heap_time),
-        pointer(a.heap_key),
-        pointer(a.heap_entry),
-        pointer(a.scratch),
-        pointer(a.scratch_int),
-        pointer(a.order),
-        pointer(a.large),
-        pointer(a.unsorted),
-        pointer(a.unsorted_words),
-        pointer(a.unsorted_boxes),
-        pointer(a.segments),
-        pointer(a.segment_words),
-        pointer(a.boxes),
-        pointer(a.cell_of_segment),
-        pointer(a.image_shifts),
-        pointer(a.column),
-        pointer(a.column_code),
-        pointer(a.places),
-        pointer(a.pair_slot),
-        pointer(a.pair_own),
-        pointer(a.own_slots),
-        pointer(a.pair_segments),
-        pointer(a.passed),
-        pointer(a.changed),
-        pointer(a.overflow_first),
-        pointer(a.overflow_next),
-        pointer(a.contacts),
-        pointer(a.number),
-        pointer(a.counter),
-        pointer(a.total),
-    )

@@ -44,11 +44,21 @@ from .layout import (
     TIME,
     WINDOW_BUCKETS,
     N,
-    pointers,
 )
 from .simd.jit import called, entry_point, jit
+from .simd.pointers import handed_over, pointers
 
-__all__ = ["DONE", "EPOCH_LENGTH_DUE", "LOG_FULL", "NO_ROOM", "PAUSED", "STANDS_STILL", "layout", "run"]
+__all__ = [
+    "DONE",
+    "EPOCH_LENGTH_DUE",
+    "LOG_FULL",
+    "NO_ROOM",
+    "PAUSED",
+    "STANDS_STILL",
+    "handed_over",
+    "layout",
+    "run",
+]
 
 BEFORE = (
     1.0 - 2.0**-50
