@@ -17,15 +17,19 @@ from numba.extending import intrinsic, models, register_model
 
 from hardspheres.kernel.arrays import Arrays
 
-__all__ = ["addresses", "pointers_at"]
+__all__ = ["TABLE_BYTES", "addresses", "pointers_at"]
 
-PLACES = {name: place for place, name in enumerate(Arrays._fields)}
+# First comes the table's own address: the compiler can be told that what is loaded points to a whole table.
+PLACES = {name: place for place, name in enumerate(Arrays._fields, 1)}
+TABLE_BYTES = 8 * (1 + len(PLACES))
 DTYPES = Arrays.__annotations__
 
 
 def addresses(arrays: Arrays) -> Any:
     """Return the addresses of all arrays; whoever hands them to a kernel keeps the arrays alive."""
-    return np.array([array.__array_interface__["data"][0] for array in arrays], dtype=np.int64)
+    table = np.array([0, *(array.__array_interface__["data"][0] for array in arrays)], dtype=np.int64)
+    table[0] = table.__array_interface__["data"][0]
+    return table
 
 
 class Addresses(types.Type):  # type: ignore[misc]
@@ -57,11 +61,14 @@ def _load_pointer(context: Any, builder: Any, _table: Any, value: Any, name: str
 
 
 @intrinsic
-def pointers_at(_context: Any, table: Any) -> Any:
+def pointers_at(_context: Any, array: Any) -> Any:
     """Return the record of pointers, of which `addresses` made an array."""
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         data = context.make_array(signature.args[0])(context, builder, args[0]).data
-        return builder.bitcast(data, context.get_value_type(signature.return_type))
+        kind = context.get_value_type(signature.return_type)
+        table = builder.load(builder.bitcast(data, kind.as_pointer()))
+        table.set_metadata("dereferenceable", builder.module.add_metadata([ir.IntType(64)(TABLE_BYTES)]))
+        return table
 
-    return Addresses()(table), codegen
+    return Addresses()(array), codegen

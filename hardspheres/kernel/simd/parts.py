@@ -12,9 +12,20 @@ from numba.core.compiler_machinery import PassManager, register_pass
 from numba.core.registry import CPUDispatcher
 from numba.core.typed_passes import NativeLowering
 
+from hardspheres.kernel.addresses import TABLE_BYTES
+
 
 class PartLibrary(CPUCodeLibrary):
     """The code of one part, which is neither optimised with what it calls nor executed."""
+
+    def add_ir_module(self, ir_module):
+        """Take in code, and say that the table of addresses is there as a whole: it may be read early."""
+        for function in ir_module.functions:
+            for argument in [] if function.is_declaration else function.args:
+                if argument.name == "arg.s":
+                    argument.attributes.dereferenceable = TABLE_BYTES
+                    argument.add_attribute("noalias")
+        super().add_ir_module(ir_module)
 
     def finalize(self):
         """Leave everything else to the kernel."""
