@@ -128,6 +128,7 @@ class Engine:
         self.since = (0, 0.0, 0, 0)
         self.earlier = np.zeros(2 * dim * dim + 4 * dim)
         self._afresh = True
+        self._handed_over: tuple[Any, Any] = (None, None)  # the arrays, and what kernels take in their place
         self.paused = False  # whether the last run ended because its budget of work ran out
 
     def _plan(self, length: float, number: Any, count: Any) -> None:
@@ -276,7 +277,10 @@ class Engine:
         """Execute events up to a time or a number of pair collisions; False if the budget ran out first."""
         # An interrupt before the result is known costs only a new search.
         afresh, self._afresh = self._afresh, True
-        status = self.kernels.run(self.arrays, afresh, stop_epoch, stop_time, stop_pairs, budget)
+        if self._handed_over[0] is not self.arrays:
+            self._handed_over = self.arrays, self.kernels.handed_over(self.arrays)
+        arrays = self._handed_over[1]
+        status = self.kernels.run(arrays, afresh, stop_epoch, stop_time, stop_pairs, budget)
         self.paused = status == self.kernels.PAUSED
         if status == self.kernels.NO_ROOM:
             self._make_room()

@@ -1,8 +1,4 @@
-"""The engine's memory: one table of all flat arrays, from which the kernels' record of them is made.
-
-One class of records serves all kinds of scenes: Numba's quick look at an argument cannot tell records of equal
-fields apart, and with a class for each kind every call of the second one in a process would take the slow way.
-"""
+"""The engine's memory: one table of all flat arrays, from which the record of them is made."""
 
 from collections import namedtuple
 from collections.abc import Callable
@@ -147,8 +143,8 @@ OF_SEARCH = (  # These are found again from the rows whenever room runs out or e
     Array("contacts", I8, lambda at, c: c[at.CONTACT_ROOM] * at.CONTACT),
 )
 
-NAMES = [name for a in OF_RUN + OF_SEARCH for name in (a.name, *(a.view or ())[:1])]
-Arrays = namedtuple("Arrays", NAMES)  # type: ignore[misc]
+TYPES = {a.name: a.dtype for a in OF_RUN + OF_SEARCH} | dict(a.view for a in OF_RUN + OF_SEARCH if a.view)
+Arrays = namedtuple("Arrays", TYPES)  # type: ignore[misc]
 
 
 def allocated(table: tuple[Array, ...], at: Any, counter: Any) -> dict[str, Any]:

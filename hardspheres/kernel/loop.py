@@ -11,9 +11,19 @@ from .dilute.predicted_contacts import contact_holds, open_contacts, partners
 from .dilute.windows import follow, open_window
 from .flags import FLIGHTS, GROWS, MASSES, SPARSE, WALLS
 from .simd.jit import called, entry_point, jit
-from .simd.pointers import pointers
+from .simd.pointers import handed_over, pointers
 
-__all__ = ["DONE", "EPOCH_LENGTH_DUE", "LOG_FULL", "NO_ROOM", "PAUSED", "STANDS_STILL", "at", "run"]
+__all__ = [
+    "DONE",
+    "EPOCH_LENGTH_DUE",
+    "LOG_FULL",
+    "NO_ROOM",
+    "PAUSED",
+    "STANDS_STILL",
+    "at",
+    "handed_over",
+    "run",
+]
 
 BEFORE = (
     1.0 - 2.0**-50

@@ -10,7 +10,10 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from .jit import CHECKED, PURE_PYTHON
+from hardspheres.kernel.addresses import addresses, pointers_at
+from hardspheres.kernel.arrays import Arrays
+
+from .jit import CHECKED, PURE_PYTHON, jit
 
 
 class BoundsChecked:
@@ -43,10 +46,6 @@ if PURE_PYTHON:
         """In plain Python an array is its own pointer."""
         return BoundsChecked(array) if CHECKED else array
 
-    def pointers(arrays):
-        """Return the same record with a pointer in place of each array."""
-        return type(arrays)(*map(pointer, arrays))
-
     def prefetch(array, k):
         """In plain Python: nothing."""
 
@@ -75,22 +74,6 @@ else:
         return types.CPointer(array.dtype)(array), codegen
 
     @intrinsic
-    def pointers(typingctx, arrays):
-        """Return the same record (a named tuple) with a raw pointer in place of each array; see `pointer`."""
-
-        def codegen(context, builder, signature, args):
-            values = zip(signature.args[0], cgutils.unpack_tuple(builder, args[0]), strict=True)
-            data = [context.make_array(kind)(context, builder, value).data for kind, value in values]
-            # An empty statement that hides where a pointer is from: LLVM would read each again and again
-            # from the arguments of the call, where it has a cache line of its own (5 to 20 % of the time).
-            same = [(d, ir.FunctionType(d.type, [d.type])) for d in data]
-            data = [builder.asm(kind, "", "=r,0", [d], False) for d, kind in same]
-            return context.make_tuple(builder, signature.return_type, data)
-
-        kinds = [types.CPointer(array.dtype) for array in arrays]
-        return types.NamedTuple(kinds, arrays.instance_class)(arrays), codegen
-
-    @intrinsic
     def prefetch(typingctx, pointer, k):
         """Bring the cache line of pointer[k] nearer; any k will do, it is never read."""
 
@@ -110,11 +93,6 @@ else:
         def pointer(array):
             """With checks an array is its own pointer."""
             return array
-
-        @numba.njit
-        def pointers(arrays):
-            """With checks: the record as it is."""
-            return arrays
 
         @numba.njit
         def prefetch(array, k):
@@ -137,3 +115,18 @@ else:
             return builder.bitcast(args[0], context.get_value_type(types.float64))
 
         return types.float64(types.int64), codegen
+
+
+if PURE_PYTHON or CHECKED:
+
+    def handed_over(arrays):
+        """Return what a kernel takes: the record of arrays as it is."""
+        return Arrays(*map(pointer, arrays)) if PURE_PYTHON else arrays
+
+    @jit
+    def pointers(arrays):
+        """With checks, and in plain Python, arrays are their own pointers."""
+        return arrays
+
+else:
+    handed_over, pointers = addresses, pointers_at
