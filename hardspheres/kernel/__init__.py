@@ -63,7 +63,8 @@ goes to an overflow list (`overflow`). Between collisions nothing happens at all
 rebuilt many times for each collision of a dilute gas. A few large particles among small ones have a coarser
 grid of their own (`large`).
 
-**`simd`: how it is compiled.** `jit`, `pointers`, `vectors`. Arithmetic is strict wherever it enters the
+**`simd`: how it is compiled.** `jit`, `parts`, `pointers`, `vectors`. Kernels find the arrays by a table of
+their `addresses`. Arithmetic is strict wherever it enters the
 trajectory: only + - x / sqrt and integers, no fused or reordered operations, so one scene gives the same bits
 on every IEEE-754 machine. Only the filters of windows, whose margins cover their rounding, are coarser, and
 may be fused.

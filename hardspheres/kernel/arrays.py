@@ -1,72 +1,171 @@
-"""The engine's memory: the record of flat arrays that the kernels work on.
+"""The engine's memory: one table of all flat arrays, from which the record of them is made."""
 
-One class for all specialisations: Numba's quick look at an argument cannot tell records of equal fields
-apart, and with a class for each specialisation every call of the second one used in a process would take the
-slow way.
-"""
+from collections import namedtuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
-from typing import NamedTuple
+import numpy as np
+
+I4, U4, I8, F4, F8 = np.int32, np.uint32, np.int64, np.float32, np.float64
+
+Length = Callable[[Any, Any], int]
 
 
-class Arrays(NamedTuple):
-    """The arrays of a simulation, owned by `Engine`; kernels turn them into pointers on entry."""
+class Array(NamedTuple):
+    """One array, and the names under which kernels read it."""
 
-    row: object  # float64 ((n + 1) * ROW)
-    event: object  # int64 (n * EVENT)
-    event_float: object  # the same memory as float64
-    version: object  # int32 (n): how often a particle's row has changed through events
-    mass: object  # float64 (n), or one element where all are equal
-    image_counts: object  # int64 (n * DIM): how often the row was wrapped back into the box
-    flight: object  # float64 (n * FLIGHT): where FLIGHTS, when each particle's flight began
-    log: object  # float64 (LOG_ROOM * LOG_ROW): events that are still to be handed over
-    neighbours: object  # int32 (n * LIST_ROOM): ids, then n in all slots that are left
-    images: object  # int32 (n * LIST_ROOM * DIM): image index of each neighbour, where IMAGES
-    where: (
-        object  # int32 (n): slot in the cells; windows: slot of the segment, negative where there are several
-    )
-    cell_count: object  # int32 (cells + 1): particles in each cell; windows: the first segment of each cell
-    cell_places: object  # float32 (cells * CELL_COLUMNS * CELL_ROOM): seen from the corner
-    cell_ids: object  # the same memory as int32, for their ids
-    near: object  # int32 (AROUND * CELL_ROOM + LIST_ROOM + CELL_LANES): those within a cutoff
-    around: object  # float32 (CELL_COLUMNS * (AROUND * CELL_ROOM + CELL_LANES)): a cell and those around it
-    around_ids: object  # the same memory as int32
-    buckets: object  # int64 (BUCKETS + 1): first block of each bucket; the last is for later cycles
-    blocks: object  # int64 (blocks * BLOCK)
-    waiting_slot: object  # int64 (WAITING): buckets that entries wait for, -1: none
-    waiting_entry: object  # int64, the same
-    heap_time: object  # float64: binary heap of the current bucket's events
-    heap_key: object  # int64: lower id << 32 | higher id
-    heap_entry: object  # int64: id << 32 | stamp
-    scratch: object  # float64 (LANES * 16)
-    scratch_int: object  # the same memory as int64
-    order: (
-        object  # windows: int32 (n): the particles of the cells in the order in which they are gone through
-    )
-    large: object  # int32: those that are in the coarse grid
-    unsorted: object  # float32 (n * SEGMENT): segments before they are sorted
-    unsorted_words: object  # the same memory as int32
-    unsorted_boxes: object  # int64 (n)
-    segments: object  # float32 ((SEGMENT_ROOM + OVERFLOW_ROOM + 2) * SEGMENT): sorted; overflow; new
-    segment_words: object  # the same memory as int32
-    boxes: (
-        object  # int64 (SEGMENT_ROOM + OVERFLOW_ROOM + AT_ONCE): their quantised bounding boxes, see `layout`
-    )
-    cell_of_segment: object  # int32 (SEGMENT_ROOM)
-    image_shifts: object  # int64 (64): how far bounding boxes are shifted in each image
-    column: object  # int32 ((nx + 2) (nz + 2)): index of each column, and of those beyond the box
-    column_code: object  # int32, the same: the image in which the box is seen from there
-    places: object  # int64 (32): columns near a segment, as places in their table
-    pair_slot: (
-        object  # int32 (NEAR_ROOM + 2 * AT_ONCE): slots of segments whose boxes overlap that of another
-    )
-    pair_own: object  # uint32, the same: the slot of that other, and the image in which it is seen
-    own_slots: object  # int32 (EIGHT): such slots alone
-    pair_segments: object  # float32 (2 * SEGMENT * EIGHT): the segments of eight pairs, column by column
-    passed: object  # int32 (NEAR_ROOM + 2 * AT_ONCE): which pairs may touch
-    changed: object  # int64 (2 * CHANGED): particles that an event has changed, see `windows`
-    overflow_first: object  # int32: first node of each overflow list
-    overflow_next: object  # int32 (OVERFLOW_ROOM)
-    contacts: object  # int64 (CONTACT_ROOM * CONTACT), see `layout`
-    number: object  # float64: the numbers above
-    counter: object  # int64: the counters above
-    total: object  # float64: the sums above
+    name: str
+    dtype: type
+    length: Length  # from the slots `at` (`layout`) and the counters `c`; 0: the scene has no use for it
+    view: tuple[str, type] | None = None  # the same memory by another name, as another type
+    kept: str = ""  # its name in a checkpoint; what has none can be found again
+
+
+def around(at: Any, c: Any) -> int:
+    """Places in the table of a cell and those around it."""
+    return at.AROUND * int(c[at.CELL_ROOM]) + at.CELL_LANES if not at.SPARSE else 0
+
+
+def cells(at: Any, c: Any) -> int:
+    """Cells in the grid."""
+    return int(np.prod(c[at.CELLS : at.CELLS + 3]))
+
+
+def segments(at: Any, c: Any) -> int:
+    """Slots of the sorted segments, of those in overflow lists, and of two new ones."""
+    return int(c[at.SEGMENT_ROOM] + c[at.OVERFLOW_ROOM]) + 2 if at.SPARSE else 0
+
+
+def unsorted(at: Any, c: Any) -> int:
+    """Segments before they are sorted; they are written eight at a time."""
+    return int(c[at.N]) + 8 if at.SPARSE else 0
+
+
+def overflow_lists(at: Any, c: Any) -> int:
+    """Overflow lists: of each column, of the one that stands for all beyond walls, of the coarse cells."""
+    if not at.SPARSE:
+        return 0
+    nx, ny, nz = c[at.CELLS : at.CELLS + 3].tolist()
+    large = int(np.prod(c[at.LARGE_CELLS : at.LARGE_CELLS + 3]))
+    return int((nx * nz + 1) * -(-ny // at.CELLS_OF_OVERFLOW) + large)
+
+
+def columns(at: Any, c: Any) -> int:
+    """Columns of cells, and those one cell beyond the box."""
+    return int((c[at.CELLS] + 2) * (c[at.CELLS + 2] + 2)) if at.SPARSE else 0
+
+
+def near_pairs(at: Any, c: Any) -> int:
+    """Pairs of segments; vectors of 16 are written where the room ends."""
+    return int(c[at.NEAR_ROOM]) + 32 if at.SPARSE else 0
+
+
+OF_RUN = (  # These last as long as the simulation.
+    # Rows of the particles, and one of NaN; see `layout`.
+    Array("row", F8, lambda at, c: (c[at.N] + 1) * at.ROW, kept="row"),
+    # How often a particle's row has changed through events.
+    Array("version", I4, lambda at, c: c[at.N]),
+    # One element where all are equal.
+    Array("mass", F8, lambda at, c: c[at.N] if at.MASSES else 1),
+    # How often the row was wrapped back into the box.
+    Array("image_counts", I8, lambda at, c: c[at.N] * at.DIM, kept="turns"),
+    # When each particle's flight began.
+    Array("flight", F8, lambda at, c: c[at.N] * at.FLIGHT, kept="flight"),
+    # Events that are still to be handed over.
+    Array("log", F8, lambda at, c: c[at.LOG_ROOM] * at.LOG_ROW),
+    # A table of partners, or of segments, that vector instructions read; see `contact_times`, `segments`.
+    Array("scratch", F8, lambda at, c: at.LANES * 16, view=("scratch_int", I8)),
+    Array("number", F8, lambda at, c: at.NUMBERS + 3 * c[at.SPECIES_COUNT]),
+    Array(
+        "counter",
+        I8,
+        lambda at, c: at.COUNTERS + c[at.SPECIES_COUNT] * (at.FLIGHT_COUNT + c[at.SPECIES_COUNT]),
+    ),
+    Array("total", F8, lambda at, c: at.FLIGHT_SUMS + c[at.SPECIES_COUNT] * at.FLIGHT_SUM, kept="total"),
+)
+
+OF_SEARCH = (  # These are found again from the rows whenever room runs out or epochs get another length.
+    # Where a particle is in the cells; windows: slot of its segment, negative where there are several.
+    Array("where", I4, lambda at, c: c[at.N]),
+    # Bucket queue and event heap. First block of each bucket; the last bucket is for later cycles.
+    Array("buckets", I8, lambda at, c: c[at.BUCKETS] + 1),
+    Array("blocks", I8, lambda at, c: c[at.BLOCKS] * at.BLOCK),
+    # Binary heap of the current bucket's events: time; lower id << 32 | higher id; the entry of the queue.
+    Array("heap_time", F8, lambda at, c: c[at.HEAP_ROOM]),
+    Array("heap_key", I8, lambda at, c: c[at.HEAP_ROOM]),
+    Array("heap_entry", I8, lambda at, c: c[at.HEAP_ROOM]),
+    # Lists. A particle's next event.
+    Array("event", I8, lambda at, c: c[at.N] * at.EVENT, view=("event_float", F8)),
+    # Ids, then n in all slots that are left; the image index of each where IMAGES.
+    Array("neighbours", I4, lambda at, c: c[at.N] * c[at.LIST_ROOM]),
+    Array("images", I4, lambda at, c: c[at.N] * c[at.LIST_ROOM] * at.DIM * c[at.IMAGES]),
+    # Particles in each cell; windows: the first segment of each cell, and of a column beyond the last.
+    Array("cell_count", I4, lambda at, c: cells(at, c) + c[at.CELLS + 1] + 1),
+    # Reference positions in each cell, as seen from its corner, with their ids.
+    Array(
+        "cell_places", F4, lambda at, c: cells(at, c) * at.CELL_COLUMNS * c[at.CELL_ROOM], ("cell_ids", I4)
+    ),
+    # Ids of those within a cutoff, a table of those in a cell and around it.
+    Array("near", I4, lambda at, c: around(at, c) + c[at.LIST_ROOM]),
+    Array("around", F4, lambda at, c: at.CELL_COLUMNS * around(at, c), view=("around_ids", I4)),
+    # Buckets that entries wait for (-1: none), and the entries.
+    Array("waiting_slot", I8, lambda at, c: at.WAITING),
+    Array("waiting_entry", I8, lambda at, c: at.WAITING),
+    # Windows. The particles of the cells in the order in which they are gone through; the large ones.
+    Array("order", I4, lambda at, c: unsorted(at, c)),
+    Array("large", I4, lambda at, c: c[at.LARGE] + 1),
+    # Segments and their quantised bounding boxes before they are sorted, ...
+    Array("unsorted", F4, lambda at, c: unsorted(at, c) * at.SEGMENT, view=("unsorted_words", I4)),
+    Array("unsorted_boxes", I8, lambda at, c: unsorted(at, c)),
+    # ... and sorted, then those in overflow lists, then two new ones. Boxes are read 16 at a time.
+    Array("segments", F4, lambda at, c: segments(at, c) * at.SEGMENT, view=("segment_words", I4)),
+    Array("boxes", I8, lambda at, c: segments(at, c) + 16),
+    Array("cell_of_segment", I4, lambda at, c: c[at.SEGMENT_ROOM]),
+    # First node of each overflow list, and the node after each.
+    Array("overflow_first", I4, overflow_lists),
+    Array("overflow_next", I4, lambda at, c: c[at.OVERFLOW_ROOM]),
+    # How far bounding boxes are shifted in each image.
+    Array("image_shifts", I8, lambda at, c: 64),
+    # Index of each column, and of those beyond the box; the image in which the box is seen from there.
+    Array("column", I4, columns),
+    Array("column_code", I4, columns),
+    # Columns near each of the two new segments, as places in that table.
+    Array("places", I8, lambda at, c: 32),
+    # Slots of segments whose boxes overlap that of another; the slot of that other, and its image.
+    Array("pair_slot", I4, near_pairs),
+    Array("pair_own", U4, near_pairs),
+    # The segments of eight such pairs, column by column; which pairs may touch.
+    Array("own_slots", I4, lambda at, c: 8),
+    Array("pair_segments", F4, lambda at, c: 2 * at.SEGMENT * 8),
+    Array("passed", I4, near_pairs),
+    # Particles that an event has changed, see `dilute.windows`.
+    Array("changed", I8, lambda at, c: 16),
+    Array("contacts", I8, lambda at, c: c[at.CONTACT_ROOM] * at.CONTACT),
+)
+
+TYPES = {a.name: a.dtype for a in OF_RUN + OF_SEARCH} | dict(a.view for a in OF_RUN + OF_SEARCH if a.view)
+Arrays = namedtuple("Arrays", TYPES)  # type: ignore[misc]
+
+
+def allocated(table: tuple[Array, ...], at: Any, counter: Any) -> dict[str, Any]:
+    """Return arrays of zeros, each with the line of a cache at its beginning."""
+    made: dict[str, Any] = {}
+    for array in table:
+        length = max(int(array.length(at, counter)), 1)
+        size = length * np.dtype(array.dtype).itemsize
+        raw = np.zeros(size + 64, dtype=np.uint8)
+        start = -raw.ctypes.data % 64
+        made[array.name] = raw[start : start + size].view(array.dtype)
+        if array.view:
+            made[array.view[0]] = made[array.name].view(array.view[1])
+    return made
+
+
+def bytes_of(table: tuple[Array, ...], at: Any, counter: Any) -> int:
+    """Memory of arrays, in bytes."""
+    return sum(int(a.length(at, counter)) * np.dtype(a.dtype).itemsize for a in table)
+
+
+def record(arrays: dict[str, Any]) -> Any:
+    """Return the record of all arrays that kernels work on."""
+    return Arrays(**arrays)

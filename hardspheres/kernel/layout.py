@@ -1,10 +1,22 @@
-"""The slots of the engine's flat arrays, by name."""
+"""The slots of the engine's flat arrays, by name: kernels import this module as `at` and read `at.PAIRS`.
 
-from hardspheres.kernel.arrays import Arrays
+The arrays themselves are listed in `arrays`.
+"""
 
-from .flags import DIM, FLIGHTS, SIZES, SPARSE
-from .simd.jit import jit
-from .simd.pointers import pointer
+from .flags import DIM, FLIGHTS, MASSES, SIZES, SPARSE  # noqa: F401  `arrays` reads MASSES
+
+
+class Slots:
+    """The slots of an array, handed out one after the other."""
+
+    def __init__(self, first=0):
+        self.end = first
+
+    def __call__(self, slots=1):
+        """Return the first of so many slots."""
+        first, self.end = self.end, self.end + slots
+        return first
+
 
 # A particle's row, 8 float64 (one cache line): the canonical state. One more row, of NaN, is the null
 # particle, which collides with nothing.
@@ -26,97 +38,108 @@ REBUILD = -1  # the particle is at its displacement threshold: a new neighbour l
 NOTHING = -2  # no event before the epoch ends
 
 # Numbers, float64.
-BOX = 0  # edge lengths, 3 slots
-INVERSE = 3  # 1/edge on periodic axes, 0 on wall axes
-EPOCH_LENGTH = 6  # length of an epoch in time
-DISPLACEMENT_THRESHOLD = 7  # how far a particle may go from REFERENCE before its list is rebuilt
-CUTOFF = 8  # neighbours' reference positions are closer (plus both radii, where radii differ)
-SIGMA2 = 9  # squared contact distance, where all radii are equal
-COMMON_RADIUS = 10  # radius, where all radii are equal
-REDUCED = 11  # reduced mass of a pair, where all masses are equal
-MASS = 12  # mass, where all are equal
-INVERSE_WIDTH = 13  # 1/width of a calendar bucket
-CELL_DENSITY = 14  # cells per length, 3 slots
-NOW = 17  # time of the last event, relative to the epoch
-ORDER_TOLERANCE = 18  # an event is out of order if predicted more than this before NOW
-LAST_ADVANCE = 19  # NOW when time last advanced
-HALF_WINDOW = 20  # windows: half their length in time
-HALF_LENGTH = 21  # how far a segment reaches from its middle, at most
-SEGMENT_UNIT = 22  # 1 / the longest edge of a cell
-SEGMENT_MARGIN = 23  # added to the radius, for rounding
-CELL_EDGE = 24  # edges of a cell, 3 slots
-MIDDLE = 27  # time at the middle of the window
-SCALE = 28  # growth: at the epoch's start all radii are this many times those given
-GROWTH = 29  # how much that grows in a unit of time
-SMALL_RADIUS = 30  # windows: particles with a larger radius are in the coarse grid
-LARGEST = 31  # largest radius
-LARGE_DENSITY = 32  # coarse cells per length, 3 slots
-MEAN_SQUARE = 35  # mean square speed when this epoch began, where masses differ
-UPPER_MEAN_SQUARE = 36  # from this mean square speed on epochs are too long
-LOWER_MEAN_SQUARE = 37  # below this one they are too short
-UNIT_DENSITY = 38  # windows: units of bounding boxes per length, 3 slots
-SEGMENT_OVERHANG = 41  # how far a segment may reach beyond its cell, 3 slots
-LEAD = 44  # lists: how far in time a reference position is ahead of its particle
-NUMBERS = 45
+slot = Slots()
+BOX = slot(3)  # edge lengths
+INVERSE = slot(3)  # 1/edge on periodic axes, 0 on wall axes
+EPOCH_LENGTH = slot()  # length of an epoch in time
+SIGMA2 = slot()  # squared contact distance, where all radii are equal
+COMMON_RADIUS = slot()  # radius, where all radii are equal
+REDUCED = slot()  # reduced mass of a pair, where all masses are equal
+MASS = slot()  # mass, where all are equal
+SCALE = slot()  # growth: at the epoch's start all radii are this many times those given
+GROWTH = slot()  # how much that grows in a unit of time
+NOW = slot()  # time of the last event, relative to the epoch
+LAST_ADVANCE = slot()  # NOW when time last advanced
+ORDER_TOLERANCE = slot()  # an event is out of order if predicted more than this before NOW
+MEAN_SQUARE = slot()  # mean square speed when this epoch began, where masses differ
+UPPER_MEAN_SQUARE = slot()  # from this mean square speed on epochs are too long
+LOWER_MEAN_SQUARE = slot()  # below this one they are too short
+INVERSE_WIDTH = slot()  # 1/width of a bucket in time
+CELL_DENSITY = slot(3)  # cells per length
+CELL_EDGE = slot(3)  # edges of a cell
+DISPLACEMENT_THRESHOLD = slot()  # lists: how far a particle may go from REFERENCE before its list is rebuilt
+CUTOFF = slot()  # neighbours' reference positions are closer (plus both radii, where radii differ)
+LEAD = slot()  # how far in time a reference position is ahead of its particle
+HALF_WINDOW = slot()  # windows: half their length in time
+MIDDLE = slot()  # time at the middle of the window
+HALF_LENGTH = slot()  # how far a segment reaches from its middle, at most
+SEGMENT_UNIT = slot()  # 1 / the unit of length of segments
+SEGMENT_MARGIN = slot()  # added to the radius, for rounding
+UNIT_DENSITY = slot(3)  # units of bounding boxes per length
+SEGMENT_OVERHANG = slot(3)  # how far a segment may reach beyond its cell
+SMALL_RADIUS = slot()  # particles with a larger radius are in the coarse grid
+LARGEST = slot()  # largest radius
+LARGE_DENSITY = slot(3)  # coarse cells per length
+NUMBERS = slot.end
 FLIGHT_UNITS = NUMBERS  # where FLIGHTS, of each species: 1 / the units of its paths, times, and bins of speed
 
-# Sums since the tallies were reset, float64.
-VIRIAL = 0  # sum of r_a dp_b over pair collisions: xx, yy, zz, xy, xz, yz
-STRESS = 6  # sum of d(m v_a v_b) over events, same order; with its moment: the integral of the kinetic part
-STRESS_MOMENT = 12  # sum of (time within the epoch) d(m v_a v_b)
-STRESS_EPOCHS = 18  # sum of (epoch) d(m v_a v_b) of earlier epochs
-WALL_IMPULSE = 24  # momentum given to the wall, per axis: lower, upper
-WALL_RADIUS_IMPULSE = 30  # the same times the particle's radius
-SUMS = 36  # how many begin anew with the tallies
-LEDGER = (
-    36  # net momentum given to the walls since the start, 3 slots: it stays small and so exact to rounding
-)
+# Sums since the tallies were reset, float64; symmetric tensors as xx, yy, zz, xy, xz, yz.
+slot = Slots()
+VIRIAL = slot(6)  # sum of r_a dp_b over pair collisions
+STRESS = slot(6)  # sum of d(m v_a v_b) over events; with its moment: the integral of the kinetic part
+STRESS_MOMENT = slot(6)  # sum of (time within the epoch) d(m v_a v_b)
+STRESS_EPOCHS = slot(6)  # sum of (epoch) d(m v_a v_b) of earlier epochs
+WALL_IMPULSE = slot(6)  # momentum given to the wall, per axis: lower, upper
+WALL_RADIUS_IMPULSE = slot(6)  # the same times the particle's radius
+SUMS = slot.end  # how many begin anew with the tallies
+LEDGER = slot(3)  # net momentum given to the walls since the start: it stays small, so exact to rounding
+FLIGHT_SUMS = slot.end
 
 # Counters, int64.
-N = 0
-CELLS = 1  # cells per axis, 3 slots
-CELL_ROOM = 4  # particles that a cell can hold
-LIST_ROOM = 5  # slots in a neighbour list, a multiple of LANES
-IMAGES = 6  # 1: lists store the image index, as the nearest image may not be the one meant
-BUCKETS = 7  # buckets in a cycle of the calendar, a power of two
-BUCKET = 8  # the calendar's current bucket, counted from the epoch's start
-EPOCH = 9
-PAIRS = 10  # pair collisions
-WALL_HITS = 11
-OUT_OF_ORDER = 12
-STALE = 13
-REBUILDS = 14
-INSTANT_EVENTS = 15  # events at one instant: since time last advanced
-FREE_BLOCK = 16  # head of the list of free blocks
-HEAP_LENGTH = 18
-HEAP_ROOM = 19
-SHORT_LISTS = 20  # set where room ran out: the run stops, makes room, and searches again from the rows
-SHORT_CELLS = 21
-SHORT_QUEUE = 22
-LAST_PAIR_EPOCH = 23  # epoch of the last pair collision
-WINDOW_BUCKETS = 24  # buckets in a window; 0 for lists
-SEGMENT_ROOM = 25  # windows: segments that the cells can hold
-OVERFLOWED = 26  # new segments of this window in overflow lists
-REGISTERED = 27  # segments at the beginning of this window
-CONTACT_ROOM = 28
-CONTACTS = 29  # contacts predicted in this window
-OVERFLOW_ROOM = 30
-EPOCH_BUCKETS = 33  # buckets in an epoch
-LARGE = 34  # windows: how many particles are in the coarse grid
-LARGE_CELLS = 35  # coarse cells per axis, 3 slots
-BEYOND_CACHE = 38  # 1: the gas is larger than a core's caches, so what is needed soon is fetched ahead
-LOGGED = 39  # events in the log's buffer
-LOG_ROOM = 40  # how many it can hold; 0: there is no log
-SPECIES_COUNT = 41  # species that flights are told apart by
-NEAR_ROOM = 31  # windows: pairs with overlapping bounding boxes that the table can hold
-WIDTH = 42  # of a cell in the units of bounding boxes, 3 slots
-OVERHANG = 45  # how far a segment may reach beyond its cell in these units, 3 slots
-REBUILD_THRESHOLD = 48  # lists: single rebuilds after which all are rebuilt at once
-REBUILD_ALL_DUE = 49  # how many single rebuilds there have been then
-REBUILDS_OF_ALL = 50  # how often all lists were rebuilt at once
-WAITS = 51  # which of those that wait for their bucket is the next
-BEYOND_ALL = 52  # 1: it is larger than those that cores share, too
-COUNTERS = 53
+slot = Slots()
+N = slot()
+EPOCH = slot()
+PAIRS = slot()  # pair collisions
+WALL_HITS = slot()
+OUT_OF_ORDER = slot()
+STALE = slot()
+INSTANT_EVENTS = slot()  # events at one instant: since time last advanced
+LAST_PAIR_EPOCH = slot()  # epoch of the last pair collision
+LOGGED = slot()  # events in the log's buffer
+LOG_ROOM = slot()  # how many it can hold; 0: there is no log
+SPECIES_COUNT = slot()  # species that flights are told apart by
+BEYOND_CACHE = slot()  # 1: the gas is larger than a core's caches, so what is needed soon is prefetched
+BEYOND_ALL = slot()  # 1: it is larger than those that cores share, too
+SHORT_LISTS = slot()  # set where room ran out: the run stops, makes room, and searches again from the rows
+SHORT_CELLS = slot()
+SHORT_QUEUE = slot()
+BUCKETS = slot()  # buckets in a cycle of the calendar, or in a window: a power of two
+EPOCH_BUCKETS = slot()  # buckets in an epoch
+BUCKET = slot()  # the current bucket, counted from the epoch's start
+BLOCKS = slot()  # blocks of buckets
+FREE_BLOCK = slot()  # head of the list of free blocks
+HEAP_LENGTH = slot()
+HEAP_ROOM = slot()
+CELLS = slot(3)  # cells per axis
+CELL_ROOM = slot()  # lists: particles that a cell can hold
+LIST_ROOM = slot()  # slots in a neighbour list, a multiple of LANES
+IMAGES = slot()  # 1: lists store the image index, as the nearest image may not be the one meant
+REBUILDS = slot()
+REBUILD_THRESHOLD = slot()  # single rebuilds after which all are rebuilt at once
+REBUILD_ALL_DUE = slot()  # how many single rebuilds there have been then
+REBUILDS_OF_ALL = slot()  # how often all lists were rebuilt at once
+WAITS = slot()  # which of those that wait for their bucket is the next
+WINDOW_BUCKETS = slot()  # buckets in a window; 0 for lists
+SEGMENT_ROOM = slot()  # windows: segments that the cells can hold
+REGISTERED = slot()  # segments at the beginning of this window
+OVERFLOW_ROOM = slot()
+OVERFLOWED = slot()  # new segments of this window in overflow lists
+CONTACT_ROOM = slot()
+CONTACTS = slot()  # contacts predicted in this window
+NEAR_ROOM = slot()  # pairs with overlapping bounding boxes that the table can hold
+WIDTH = slot(3)  # of a cell in the units of bounding boxes
+OVERHANG = slot(3)  # how far a segment may reach beyond its cell in these units
+LARGE = slot()  # how many particles are in the coarse grid
+LARGE_CELLS = slot(3)  # coarse cells per axis
+COUNTERS = slot.end
+FLIGHT_COUNTS = COUNTERS
+
+# What is doubled where room ran out.
+ROOMS = {
+    SHORT_LISTS: [LIST_ROOM, SEGMENT_ROOM, OVERFLOW_ROOM],
+    SHORT_CELLS: [CELL_ROOM],
+    SHORT_QUEUE: [HEAP_ROOM, BLOCKS, CONTACT_ROOM, NEAR_ROOM],
+}
 
 # Flights, where FLIGHTS. Of a particle, float64:
 FLIGHT = 4 if FLIGHTS else 0
@@ -133,37 +156,36 @@ FLIGHT_BINS = (OCTAVES << OCTAVE_BITS) + 2
 SPEED_BINS = 129
 
 # What the flights of a species have added up, float64 after the sums.
-FLIGHT_SUMS = LEDGER + 3
-FIRST_PATH = 0  # paths from the start of the simulation to first collisions
-PATHS = 1  # sums of path, its square, its cube
-TIMES = 4  # the same of free times
-SPEED_PATHS = 7  # sums of path, by speed
-SPEED_TIMES = SPEED_PATHS + SPEED_BINS  # sums of free time, by speed
-FLIGHT_SUM = SPEED_TIMES + SPEED_BINS
+slot = Slots()
+FIRST_PATH = slot()  # paths from the start of the simulation to first collisions
+PATHS = slot(3)  # sums of path, its square, its cube
+TIMES = slot(3)  # the same of free times
+SPEED_PATHS = slot(SPEED_BINS)  # sums of path, by speed
+SPEED_TIMES = slot(SPEED_BINS)  # sums of free time, by speed
+FLIGHT_SUM = slot.end
 
 # How many, int64 after the counters.
-FLIGHT_COUNTS = COUNTERS
-FIRST_FLIGHTS = 0  # flights that were under way when the simulation began; they count nowhere else
-FLIGHTS_ENDED = 1
-PATH_BINS = 2
-TIME_BINS = PATH_BINS + FLIGHT_BINS
-SPEED_COUNTS = TIME_BINS + FLIGHT_BINS
-FLIGHT_COUNT = SPEED_COUNTS + SPEED_BINS
+slot = Slots()
+FIRST_FLIGHTS = slot()  # flights that were under way when the simulation began; they count nowhere else
+FLIGHTS_ENDED = slot()
+PATH_BINS = slot(FLIGHT_BINS)
+TIME_BINS = slot(FLIGHT_BINS)
+SPEED_COUNTS = slot(SPEED_BINS)
+FLIGHT_COUNT = slot.end
 # After the last species: SPECIES_COUNT * SPECIES_COUNT numbers of collisions between species.
 
 # An event in the log, float64.
-LOG_TIME = 0  # since the start of the simulation
-LOG_FIRST, LOG_SECOND = 1, 2  # lower and higher id
-LOG_IMPULSE = 3
-LOG_PATHS = 4  # of both
-LOG_NORMAL = 6  # DIM numbers
-LOG_ROW = LOG_NORMAL + DIM
+slot = Slots()
+LOG_TIME = slot()  # since the start of the simulation
+LOG_FIRST = slot()  # lower and higher id
+LOG_SECOND = slot()
+LOG_IMPULSE = slot()
+LOG_PATHS = slot(2)  # of both
+LOG_NORMAL = slot(DIM)
+LOG_ROW = slot.end
 
-# What a checkpoint keeps of the arrays, numbers and counters. All else follows from these and the scene.
-# Arrays by their names in a checkpoint.
-STATE_ARRAYS = {"row": "row", "turns": "image_counts", "total": "total"} | (
-    {"flight": "flight"} if FLIGHTS else {}
-)
+# What a checkpoint keeps of the numbers and counters, besides the arrays that `arrays` says. All else follows
+# from these and the scene.
 STATE_NUMBERS = (NOW, LAST_ADVANCE)
 STATE_COUNTERS = (EPOCH, PAIRS, WALL_HITS, OUT_OF_ORDER, STALE, REBUILDS, INSTANT_EVENTS, LAST_PAIR_EPOCH)
 
@@ -173,23 +195,19 @@ BLOCK = 8
 STAMP_BITS = 0xFFFFFFFF
 WAITING = 4  # entries that wait for their bucket to come into the cache
 
-CONTACT = 4  # int64 in a predicted contact
-CELLS_OF_OVERFLOW = 16  # windows: cells along y that share an overflow list
-# The image of one segment in which another is compared with it: 1, plus or minus a box, for each axis.
-IMAGE = (1, 4, 16)
-SAME = 21
-
 LANES = 16  # neighbours that one pass of the prediction handles
 CELL_LANES = 8  # reference positions that one step in a cell handles
 AROUND = 27 if DIM == 3 else 9  # cells where a particle's neighbours may be
 CELL_COLUMNS = DIM + 2 if SIZES else DIM + 1  # of a cell: id, place as seen from its corner, radius
 
-# A predicted contact.
+# A predicted contact, 4 int64.
+CONTACT = 4
 CONTACT_TIME = 0  # bits of its time
 CONTACT_PAIR = 1  # lower id << 32 | higher id
 CONTACT_VERSIONS = 2  # of both, when the contact was computed
 
-SEGMENT = 8  # float32 in a segment
+# A segment, 8 float32.
+SEGMENT = 8
 MIDPOINT = 0  # at the middle of the window
 HALF_DISPLACEMENT = 3  # in the window
 PADDED_RADIUS = 6  # radius and margin
@@ -204,60 +222,7 @@ NEAR_SHIFT = 48
 BEFORE_X, BEFORE_Z, AFTER_X, AFTER_Z = 1, 2, 16, 32  # bits of that byte: one cell
 BEFORE_Y, AFTER_Y = 2, 6  # of two bits each: up to three, the first of them
 
-
-@jit
-def pointers(a):
-    """Return the same record with a raw pointer in place of each array."""
-    return Arrays(
-        pointer(a.row),
-        pointer(a.event),
-        pointer(a.event_float),
-        pointer(a.version),
-        pointer(a.mass),
-        pointer(a.image_counts),
-        pointer(a.flight),
-        pointer(a.log),
-        pointer(a.neighbours),
-        pointer(a.images),
-        pointer(a.where),
-        pointer(a.cell_count),
-        pointer(a.cell_places),
-        pointer(a.cell_ids),
-        pointer(a.near),
-        pointer(a.around),
-        pointer(a.around_ids),
-        pointer(a.buckets),
-        pointer(a.blocks),
-        pointer(a.waiting_slot),
-        pointer(a.waiting_entry),
-        pointer(a.heap_time),
-        pointer(a.heap_key),
-        pointer(a.heap_entry),
-        pointer(a.scratch),
-        pointer(a.scratch_int),
-        pointer(a.order),
-        pointer(a.large),
-        pointer(a.unsorted),
-        pointer(a.unsorted_words),
-        pointer(a.unsorted_boxes),
-        pointer(a.segments),
-        pointer(a.segment_words),
-        pointer(a.boxes),
-        pointer(a.cell_of_segment),
-        pointer(a.image_shifts),
-        pointer(a.column),
-        pointer(a.column_code),
-        pointer(a.places),
-        pointer(a.pair_slot),
-        pointer(a.pair_own),
-        pointer(a.own_slots),
-        pointer(a.pair_segments),
-        pointer(a.passed),
-        pointer(a.changed),
-        pointer(a.overflow_first),
-        pointer(a.overflow_next),
-        pointer(a.contacts),
-        pointer(a.number),
-        pointer(a.counter),
-        pointer(a.total),
-    )
+# The image of one segment in which another is compared with it: 1, plus or minus a box, for each axis.
+IMAGE = (1, 4, 16)
+SAME = 21
+CELLS_OF_OVERFLOW = 16  # cells along y that share an overflow list

@@ -15,7 +15,7 @@ sys.path.insert(0, {tests!r})
 from scenes import KINDS, gas
 import numpy as np
 import hardspheres as hs
-from hardspheres import engine, tuning
+from hardspheres import engine, lists
 """
 
 EVERY_KIND = """
@@ -23,7 +23,7 @@ seen = {{}}
 for kind, cached in [(kind, cached) for kind in {kinds} for cached in (0, 1000)]:
     engine.CACHED = engine.CACHED_AT_ALL = cached
     for n, eta, search, wanted in ((10, 0.2, "lists", 12), (30, 0.02, "lists", 1), (10, 0.02, "windows", 0)):
-        tuning.NEIGHBOURS_WANTED = {{2: wanted, 3: wanted}}
+        lists.NEIGHBOURS_WANTED = {{2: wanted, 3: wanted}}
         sim = hs.Simulation(gas(kind, n, eta, seed=3), search=search)
         sim.run(collisions={collisions})
         seen[kind, cached, n, eta, sim.status()["method"]] = [sim.collisions, float(abs(sim.energy_drift))]
@@ -40,8 +40,8 @@ for search in ("lists", "windows"):
         small = {at.HEAP_ROOM: 2, at.SEGMENT_ROOM: 10, at.CONTACT_ROOM: 2, at.OVERFLOW_ROOM: 7, at.NEAR_ROOM: 1}
     for slot, room in small.items():
         e.arrays.counter[slot] = room
-    e.blocks = min(e.blocks, 4)
-    e.arrays = e.arrays._replace(**e._searching_arrays(e.arrays.counter, e.blocks))
+    e.arrays.counter[at.BLOCKS] = 4
+    e.arrays = e.arrays._replace(**e._searching_arrays(e.arrays.counter))
     sim.run(collisions=20)
     grown.append(sum(int(e.arrays.counter[slot]) > room for slot, room in small.items()))
 print(json.dumps(grown))
@@ -79,7 +79,7 @@ print(json.dumps(short))
 FITS = """
 from types import SimpleNamespace
 from hardspheres.kernel import specialise
-at = specialise(2, False, False, False, True).layout
+at = specialise(2, False, False, False, True).at
 fits = sys.modules["hardspheres.kernel.2d_sparse.dilute.grid"].fits
 wrong = 0
 for cells in range(1, 7):

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scenes import KINDS, SEARCHES, gas, state
 
 import hardspheres as hs
-from hardspheres import engine, tuning
+from hardspheres import engine, lists, tuning, windows
 
 COLLISIONS = 3000
 
@@ -79,7 +79,7 @@ def test_any_set_of_stops_gives_the_same_bits(cuts):
 @pytest.mark.parametrize("wanted", [4.0, 30.0])
 def test_the_width_of_the_shells_changes_nothing(scene, expected, wanted, monkeypatch):
     usual = hs.Simulation(scene, search="lists").status()["shell"]
-    monkeypatch.setattr(tuning, "NEIGHBOURS_WANTED", {2: wanted, 3: wanted})
+    monkeypatch.setattr(lists, "NEIGHBOURS_WANTED", {2: wanted, 3: wanted})
     sim = run(scene, search="lists")
     assert state(sim) == expected
     assert sim.status()["shell"] != usual
@@ -88,7 +88,7 @@ def test_the_width_of_the_shells_changes_nothing(scene, expected, wanted, monkey
 @pytest.mark.parametrize(("patience", "often"), [(1e-9, True), (1e6, False)])
 def test_renewing_all_lists_at_once_changes_nothing(scene, expected, patience, often, monkeypatch):
     """Whenever one list has been renewed, or, sibling, at the beginning of epochs only."""
-    monkeypatch.setattr(engine, "PATIENCE", patience)
+    monkeypatch.setattr(lists, "REBUILT_SINGLY", patience)
     sim = hs.Simulation(scene, search="lists")
     for _ in range(5):
         sim.run(collisions=COLLISIONS // 5)
@@ -101,9 +101,10 @@ def test_renewing_all_lists_at_once_changes_nothing(scene, expected, patience, o
 @pytest.mark.parametrize("speeds", [0.7, 5.0])
 def test_the_length_of_the_pieces_changes_nothing(scene, expected, speeds, monkeypatch):
     """Flights registered in many pieces, or in ones so long that others lie many cells away."""
-    usual = tuning.window_plan(scene, tuning.epoch_length(scene), "windows")
-    monkeypatch.setattr(tuning, "THERMAL_SPEED", speeds)
-    assert tuning.window_plan(scene, tuning.epoch_length(scene), "windows") != usual
+    length = tuning.epoch_length(scene)
+    usual = windows.windows_for(scene, length, "windows").half_length
+    monkeypatch.setattr(windows, "THERMAL_SPEED", speeds)
+    assert windows.windows_for(scene, length, "windows").half_length != usual
     assert state(run(scene, search="windows")) == expected
 
 
@@ -113,7 +114,7 @@ def test_naming_the_image_changes_nothing(scene, expected):
     at, e = sim._at, sim._engine
     assert e.arrays.counter[at.IMAGES] == 0
     e.arrays.counter[at.IMAGES] = 1
-    e.arrays = e.arrays._replace(**e._searching_arrays(e.arrays.counter, e.blocks))
+    e.arrays = e.arrays._replace(**e._searching_arrays(e.arrays.counter))
     sim.run(collisions=COLLISIONS)
     assert state(sim) == expected
 
@@ -130,8 +131,8 @@ def test_running_out_of_room_changes_nothing(scene, expected, search):
     small |= {at.HEAP_ROOM: 2}
     for slot, room in small.items():
         e.arrays.counter[slot] = room
-    e.blocks = min(e.blocks, 4)
-    e.arrays = e.arrays._replace(**e._searching_arrays(e.arrays.counter, e.blocks))
+    e.arrays.counter[at.BLOCKS] = 4
+    e.arrays = e.arrays._replace(**e._searching_arrays(e.arrays.counter))
     sim.run(collisions=COLLISIONS)
     assert state(sim) == expected
     grown = {slot for slot, room in small.items() if e.arrays.counter[slot] > room}

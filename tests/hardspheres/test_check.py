@@ -5,7 +5,7 @@ import pytest
 from scenes import KINDS, SEARCHES, everything, gas, state
 
 import hardspheres as hs
-from hardspheres import tuning
+from hardspheres import lists
 from hardspheres.engine import Engine
 
 
@@ -258,33 +258,30 @@ def test_a_box_of_a_hundred_million_diameters():
         ("lists", "LIST_ROOM", 16),
         ("lists", "CELL_ROOM", 16),
         ("lists", "HEAP_ROOM", 1),
-        ("lists", "blocks", 1),
+        ("lists", "BLOCKS", 1),
         ("windows", "SEGMENT_ROOM", 1),
         ("windows", "OVERFLOW_ROOM", 1),
         ("windows", "CONTACT_ROOM", 1),
         ("windows", "NEAR_ROOM", 1),
         ("windows", "HEAP_ROOM", 1),
-        ("windows", "blocks", 1),
+        ("windows", "BLOCKS", 1),
     ],
 )
 def test_any_room_may_run_out(search, room, least, monkeypatch):
     """Each capacity alone begins at next to nothing, grows by itself, and the bits stay."""
     if room == "CELL_ROOM":
-        monkeypatch.setattr(tuning, "NEIGHBOURS_WANTED", {2: 60.0, 3: 60.0})  # few large cells
+        monkeypatch.setattr(lists, "NEIGHBOURS_WANTED", {2: 60.0, 3: 60.0})  # few large cells
     scene = gas("3d", 500, 0.2, seed=5)
     usual, sim = (hs.Simulation(scene, search=search) for _ in range(2))
     at, engine = sim._at, sim._engine
-    if room == "blocks":
-        engine.blocks = least
-    else:
-        engine.arrays.counter[getattr(at, room)] = least
-    engine.arrays = engine.arrays._replace(**engine._searching_arrays(engine.arrays.counter, engine.blocks))
+    engine.arrays.counter[getattr(at, room)] = least
+    engine.arrays = engine.arrays._replace(**engine._searching_arrays(engine.arrays.counter))
     for each in (usual, sim):
         each.run(collisions=1500)
         each.check()
     assert state(sim) == state(usual)
     if room != "OVERFLOW_ROOM":  # where this runs out a new search clears it
-        assert (engine.blocks if room == "blocks" else engine.arrays.counter[getattr(at, room)]) > least
+        assert engine.arrays.counter[getattr(at, room)] > least
 
 
 # Counters past 2^32, by presetting them.

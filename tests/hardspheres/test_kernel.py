@@ -11,14 +11,17 @@ from pathlib import Path
 import pytest
 
 import hardspheres as hs
+from hardspheres.kernel.arrays import TYPES
 
 PROGRAM = """
-import json, re
+import json, re, sys
 import hardspheres as hs
 sim = hs.Simulation(hs.lattice_gas(n=108, packing_fraction=0.3, seed=1))
 sim.run(collisions=10)
 run = sim._engine.kernels.run
 asm = "".join(run.inspect_asm().values()) if not run.stats.cache_hits else ""
+tallies = sys.modules[sim._engine.kernels.__name__.replace("loop", "common.tallies")]
+parts = list(tallies.tally_stress.overloads.values())
 print(json.dumps({
     "hits": sum(run.stats.cache_hits.values()),
     "misses": sum(run.stats.cache_misses.values()),
@@ -26,6 +29,8 @@ print(json.dumps({
     "vector_roots": len(re.findall("vsqrtpd|fsqrt|sqrtpd", asm)),
     "fused": len(re.findall("vfm(add|sub)|fmadd|fmla", asm)),
     "calls_for_roots": len(re.findall(r"call\\S*\\s+sqrt", asm)),
+    "parts": len(parts),
+    "executable_parts": sum(hasattr(part.library, "get_pointer_to_function") for part in parts),
 }))
 """
 
@@ -57,7 +62,7 @@ def compiled(cache):
 def test_no_reference_counts_and_vector_arithmetic(compiled):
     """Only the entry holds references to its arguments; the prediction takes its square roots in vectors, nothing is fused."""
     assert compiled["misses"] == 1
-    assert compiled["references"] <= 60
+    assert compiled["references"] <= 2
     assert compiled["vector_roots"] >= 1
     assert compiled["calls_for_roots"] == 0
     assert compiled["fused"] == 0
@@ -146,3 +151,18 @@ def test_another_packages_cache_is_left_alone():
     before = numba.config.CACHE_DIR
     specialise(3, False, False, False, False)
     assert before == numba.config.CACHE_DIR
+
+
+def test_parts_are_compiled_once_and_only_into_the_kernel(compiled):
+    """One part is called with six constants: no code for each, and none outside of the kernel."""
+    assert compiled["parts"] == 1
+    assert compiled["executable_parts"] == 0
+
+
+@pytest.mark.parametrize("search", ["lists", "windows"])
+def test_arrays_have_the_types_that_kernels_take_them_for(search):
+    """Kernels know only where an array is, and trust the record for its type."""
+    sim = hs.Simulation(hs.lattice_gas(n=108, packing_fraction=0.05, seed=1), search=search, free_paths=True)
+    arrays = sim._engine.arrays
+    assert {name: array.dtype.type for name, array in arrays._asdict().items()} == TYPES
+    assert all(array.flags.c_contiguous and array.flags.aligned for array in arrays)

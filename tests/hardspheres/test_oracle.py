@@ -6,7 +6,7 @@ import pytest
 from scenes import KINDS, gas, one_to_ten
 
 import hardspheres as hs
-from hardspheres import tuning
+from hardspheres import windows
 from hardspheres.reference import ReferenceSimulation
 
 # Collisions per particle for which the two must agree: a third of the horizon 32 / lambda at which chaos has amplified
@@ -61,8 +61,8 @@ def test_same_events_as_the_oracle(kind, eta):
 
 @pytest.mark.parametrize(("kind", "eta"), [("3d_mixture", 0.01), ("2d_mixture_walls", 0.1)])
 def test_large_among_small(kind, eta, monkeypatch):
-    splits = tuning.splits
-    monkeypatch.setattr(tuning, "splits", lambda scene: splits(scene)[:1])
+    splits = windows.splits
+    monkeypatch.setattr(windows, "splits", lambda scene: splits(scene)[:1])
     scene = one_to_ten(kind, n=60, large=2, packing_fraction=eta)
     sim = hs.Simulation(scene)
     assert sim._engine.arrays.counter[sim._at.LARGE] == 2

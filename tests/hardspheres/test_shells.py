@@ -23,7 +23,7 @@ def kernel(request, monkeypatch):
     module = sys.modules[loop.__name__.rpartition(".")[0] + ".dense.prediction"]
     for name in ("discriminant_2d", "discriminant_3d"):
         monkeypatch.setattr(module, name, getattr(collision, name))
-    return getattr(module.threshold_crossing, "py_func", module.threshold_crossing), loop.layout
+    return getattr(module.threshold_crossing, "py_func", module.threshold_crossing), loop.at
 
 
 def off(kernel, distance, offset, rng, cancelling=False):

@@ -9,7 +9,8 @@ import pytest
 from scenes import one_to_ten, state
 
 import hardspheres as hs
-from hardspheres import tuning
+from hardspheres import windows
+from hardspheres.tuning import epoch_length
 
 COLLISIONS = 4000
 UNEQUAL = {
@@ -50,8 +51,8 @@ def test_the_large_have_their_own_grid_by_themselves(scene, expected):
 
 
 def test_one_grid_for_all_gives_the_same_bits(scene, expected, monkeypatch):
-    splits = tuning.splits
-    monkeypatch.setattr(tuning, "splits", lambda scene: splits(scene)[-1:])
+    splits = windows.splits
+    monkeypatch.setattr(windows, "splits", lambda scene: splits(scene)[-1:])
     sim = run(scene, "windows")
     assert "windows" in sim.status()["method"]
     assert large_ones(sim) == 0
@@ -61,7 +62,7 @@ def test_one_grid_for_all_gives_the_same_bits(scene, expected, monkeypatch):
 def test_without_the_second_grid_spheres_overlap(scene, expected):
     """Sibling: the large ones left out of the comparison are flown through."""
     sim = hs.Simulation(scene)
-    sim._engine.arrays.large[1:] = sim._engine.large[0]  # of all large ones only the first is compared
+    sim._engine.arrays.large[1:] = sim._engine.search.large[0]  # of all large ones only the first is compared
     sim.run(collisions=COLLISIONS)
     assert state(sim) != expected
     with pytest.raises(hs.InvariantError, match="overlap"):
@@ -70,7 +71,7 @@ def test_without_the_second_grid_spheres_overlap(scene, expected):
 
 @pytest.mark.parametrize("speeds", [0.7, 5.0])
 def test_pieces_of_flights_change_nothing(scene, expected, speeds, monkeypatch):
-    monkeypatch.setattr(tuning, "THERMAL_SPEED", speeds)
+    monkeypatch.setattr(windows, "THERMAL_SPEED", speeds)
     sim = run(scene)
     assert large_ones(sim) == 15
     assert state(sim) == expected
@@ -81,7 +82,7 @@ def test_too_little_room_changes_nothing(scene, expected):
     sim = hs.Simulation(scene)
     e, at = sim._engine, sim._at
     e.arrays.counter[at.OVERFLOW_ROOM], e.arrays.counter[at.NEAR_ROOM] = 3, 1
-    e.arrays = e.arrays._replace(**e._searching_arrays(e.arrays.counter, e.blocks))
+    e.arrays = e.arrays._replace(**e._searching_arrays(e.arrays.counter))
     sim.run(collisions=COLLISIONS)
     assert e.arrays.counter[at.OVERFLOW_ROOM] >= 15
     assert state(sim) == expected
@@ -108,7 +109,7 @@ def test_a_spread_of_sizes_is_divided_too():
 def test_equal_or_nearly_equal_sizes_are_not_divided():
     for radii in (0.5, np.where(np.arange(1000) % 2, 0.5, 0.45)):
         scene = hs.random_gas(n=1000, packing_fraction=0.05, radii=radii, seed=2)
-        plan = tuning.window_plan(scene, tuning.epoch_length(scene))
+        plan = windows.windows_for(scene, epoch_length(scene))
         assert plan.small_radius == scene.radii.max()
 
 
@@ -116,10 +117,10 @@ PLAIN_PYTHON = """
 import hashlib, sys
 sys.path.insert(0, {tests!r})
 import hardspheres as hs
-from hardspheres import tuning
+from hardspheres import windows
 from scenes import one_to_ten
-splits = tuning.splits
-tuning.splits = lambda scene: splits(scene)[:1]
+splits = windows.splits
+windows.splits = lambda scene: splits(scene)[:1]
 digest = hashlib.sha256()
 for kind, eta in (("3d_mixture", 0.01), ("2d_mixture_walls", 0.1)):
     sim = hs.Simulation(one_to_ten(kind, n=60, large=2, packing_fraction=eta))

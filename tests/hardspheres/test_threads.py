@@ -100,7 +100,7 @@ def test_threads_that_load_kernels_at_once(monkeypatch):
         assert module is again
         own = sys.modules[module.__name__.replace("loop", "flags")]
         assert (own.DIM, own.WALLS, own.SIZES, own.MASSES, own.SPARSE) == flag
-        assert module.layout.DIM == flag[0]
+        assert module.at.DIM == flag[0]
         if module.run.stats.cache_path:
             assert Path(module.run.stats.cache_path).parent.name == module.__name__.split(".")[2]
 

@@ -59,3 +59,18 @@ def test_what_a_scene_keeps_is_right_and_not_carried_over():
     assert faster.thermal_energy == 4.0 * scene.thermal_energy
     larger = scene.with_state(scene.positions, scene.velocities, 0.5 * scene.radii)
     assert larger.packing_fraction == scene.packing_fraction / 8.0
+
+
+@pytest.mark.parametrize(("kind", "eta"), [("3d", 0.01), ("3d", 0.1), ("2d", 0.2)])
+def test_the_grid_of_windows_says_how_many_pairs_it_compares(kind, eta):
+    """Counted: each segment names, in its bounding box, the cells that it is compared with."""
+    sim = hs.Simulation(gas(kind, 3000, eta), search="windows")
+    sim.run(time=0.0)
+    at, a = sim._at, sim._engine.arrays
+    near = a.boxes[: a.counter[at.REGISTERED]] >> at.NEAR_SHIFT
+    along_x = 1 + (near & at.BEFORE_X > 0) + (near & at.AFTER_X > 0)
+    along_z = 1 + (near & at.BEFORE_Z > 0) + (near & at.AFTER_Z > 0)
+    along_y = 1 + (near >> at.BEFORE_Y & 3) + (near >> at.AFTER_Y & 3)
+    in_a_cell = sim.scene.n / np.prod(a.counter[at.CELLS : at.CELLS + 3])
+    counted = 0.5 * in_a_cell * float(np.sum(along_x * along_y * (along_z if sim.scene.dim == 3 else 1)))
+    assert sim.status()["pairs_compared"] == pytest.approx(counted, rel=0.1)

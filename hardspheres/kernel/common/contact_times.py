@@ -4,24 +4,8 @@ import math
 
 from hardspheres import collision, growth
 
+from .. import layout as at
 from ..flags import DIM, GROWS, SIZES
-from ..layout import (
-    BOX,
-    COMMON_RADIUS,
-    GROWTH,
-    IMAGES,
-    INVERSE,
-    LANES,
-    NOTHING,
-    RADIUS,
-    ROW,
-    SCALE,
-    SIGMA2,
-    N,
-    T,
-    V,
-    X,
-)
 from ..simd.jit import jit
 from ..simd.pointers import bits, from_bits
 
@@ -36,24 +20,24 @@ NO_TIME = 0x7FF0000000000000  # the bits of infinity: non-negative times order a
 NO_PARTICLE = 0x7FFFFFFF
 
 # Columns of the table of partners: their rows as they are, and the contact times found.
-PLACE = X * LANES
-VEL = V * LANES
-SINCE = T * LANES
-SIZE = RADIUS * LANES
-WHEN = ROW * LANES
-SHIFT = 9 * LANES
+PLACE = at.X * at.LANES
+VEL = at.V * at.LANES
+SINCE = at.T * at.LANES
+SIZE = at.RADIUS * at.LANES
+WHEN = at.ROW * at.LANES
+SHIFT = 9 * at.LANES
 
 
 @jit
 def copy_row(s, k, j):
     """Copy the row of j to line k of the table."""
-    rj = j * ROW
+    rj = j * at.ROW
     for d in range(DIM):
-        s.scratch[PLACE + d * LANES + k] = s.row[rj + X + d]
-        s.scratch[VEL + d * LANES + k] = s.row[rj + V + d]
-    s.scratch[SINCE + k] = s.row[rj + T]
+        s.scratch[PLACE + d * at.LANES + k] = s.row[rj + at.X + d]
+        s.scratch[VEL + d * at.LANES + k] = s.row[rj + at.V + d]
+    s.scratch[SINCE + k] = s.row[rj + at.T]
     if SIZES:
-        s.scratch[SIZE + k] = s.row[rj + RADIUS]
+        s.scratch[SIZE + k] = s.row[rj + at.RADIUS]
 
 
 @jit
@@ -65,38 +49,38 @@ def solve(s, i, now, m):
     and on wall axes, INVERSE is 0 here.
     """
     scratch, row = s.scratch, s.row
-    ri = i * ROW
-    px, py, pz = row[ri + X], row[ri + X + 1], row[ri + X + 2]
-    pu, pv, pw = row[ri + V], row[ri + V + 1], row[ri + V + 2]
-    ti = row[ri + T]
-    lx, ly, lz = s.number[BOX], s.number[BOX + 1], s.number[BOX + 2]
-    ix, iy, iz = s.number[INVERSE], s.number[INVERSE + 1], s.number[INVERSE + 2]
-    named = s.counter[IMAGES] == 1
-    sigma2 = s.number[SIGMA2]
-    radius = row[ri + RADIUS]
-    full = 2.0 * s.number[COMMON_RADIUS]
-    scale, rate = s.number[SCALE], s.number[GROWTH]
+    ri = i * at.ROW
+    px, py, pz = row[ri + at.X], row[ri + at.X + 1], row[ri + at.X + 2]
+    pu, pv, pw = row[ri + at.V], row[ri + at.V + 1], row[ri + at.V + 2]
+    ti = row[ri + at.T]
+    lx, ly, lz = s.number[at.BOX], s.number[at.BOX + 1], s.number[at.BOX + 2]
+    ix, iy, iz = s.number[at.INVERSE], s.number[at.INVERSE + 1], s.number[at.INVERSE + 2]
+    named = s.counter[at.IMAGES] == 1
+    sigma2 = s.number[at.SIGMA2]
+    radius = row[ri + at.RADIUS]
+    full = 2.0 * s.number[at.COMMON_RADIUS]
+    scale, rate = s.number[at.SCALE], s.number[at.GROWTH]
     soonest = NO_TIME
     for k in range(m):
         tj = scratch[SINCE + k]
         later = max(ti, tj)
         dti, dtj = later - ti, later - tj
         ago = now - later
-        vx, vy = scratch[VEL + k], scratch[VEL + LANES + k]
+        vx, vy = scratch[VEL + k], scratch[VEL + at.LANES + k]
         u, v = pu - vx, pv - vy
         x = (px + pu * dti) - (scratch[PLACE + k] + vx * dtj)
-        y = (py + pv * dti) - (scratch[PLACE + LANES + k] + vy * dtj)
+        y = (py + pv * dti) - (scratch[PLACE + at.LANES + k] + vy * dtj)
         x -= lx * (scratch[SHIFT + k] if named else rint((x + u * ago) * ix))
-        y -= ly * (scratch[SHIFT + LANES + k] if named else rint((y + v * ago) * iy))
+        y -= ly * (scratch[SHIFT + at.LANES + k] if named else rint((y + v * ago) * iy))
         if SIZES:
             full = radius + scratch[SIZE + k]
             sigma2 = full * full
         z, w = 0.0, 0.0
         if DIM == 3:
-            vz = scratch[VEL + 2 * LANES + k]
+            vz = scratch[VEL + 2 * at.LANES + k]
             w = pw - vz
-            z = (pz + pw * dti) - (scratch[PLACE + 2 * LANES + k] + vz * dtj)
-            z -= lz * (scratch[SHIFT + 2 * LANES + k] if named else rint((z + w * ago) * iz))
+            z = (pz + pw * dti) - (scratch[PLACE + 2 * at.LANES + k] + vz * dtj)
+            z -= lz * (scratch[SHIFT + 2 * at.LANES + k] if named else rint((z + w * ago) * iz))
             b = x * u + y * v + z * w
             rr = x * x + y * y + z * z
             d = discriminant_3d(x, y, z, u, v, w, sigma2)
@@ -128,8 +112,8 @@ def growing_contact(x, y, z, u, v, w, sigma, g):
 def full_contact(s, i, j):
     """Contact distance of i and j where the scale is 1."""
     if SIZES:
-        return s.row[i * ROW + RADIUS] + s.row[j * ROW + RADIUS]
-    return 2.0 * s.number[COMMON_RADIUS]
+        return s.row[i * at.ROW + at.RADIUS] + s.row[j * at.ROW + at.RADIUS]
+    return 2.0 * s.number[at.COMMON_RADIUS]
 
 
 @jit
@@ -142,39 +126,39 @@ def rint(x):
 def wall_contact(s, i):
     """Time and wall (n + 2 axis + side) of i's next wall; never, where no wall lies ahead."""
     row = s.row
-    ri = i * ROW
+    ri = i * at.ROW
     time = NEVER
-    wall = NOTHING
-    radius = row[ri + RADIUS] if SIZES else s.number[COMMON_RADIUS]
+    wall = at.NOTHING
+    radius = row[ri + at.RADIUS] if SIZES else s.number[at.COMMON_RADIUS]
     for d in range(DIM):
-        v = row[ri + V + d]
-        lower, upper = row[ri + X + d] - radius, (s.number[BOX + d] - radius) - row[ri + X + d]
-        t = row[ri + T] + max(upper if v > 0.0 else lower, 0.0) / abs(v)
-        sooner = (s.number[INVERSE + d] == 0.0) & (v != 0.0) & (t < time)
+        v = row[ri + at.V + d]
+        lower, upper = row[ri + at.X + d] - radius, (s.number[at.BOX + d] - radius) - row[ri + at.X + d]
+        t = row[ri + at.T] + max(upper if v > 0.0 else lower, 0.0) / abs(v)
+        sooner = (s.number[at.INVERSE + d] == 0.0) & (v != 0.0) & (t < time)
         time = t if sooner else time
-        wall = s.counter[N] + 2 * d + (1 if v > 0.0 else 0) if sooner else wall
+        wall = s.counter[at.N] + 2 * d + (1 if v > 0.0 else 0) if sooner else wall
     return time, wall
 
 
 @jit
 def growing_wall_contact(s, i):
     """As `wall_contact` for a sphere that grows: it may touch the wall that it flies away from."""
-    ri = i * ROW
+    ri = i * at.ROW
     time = NEVER
-    wall = NOTHING
-    full = s.row[ri + RADIUS] if SIZES else s.number[COMMON_RADIUS]
-    radius = full * (s.number[SCALE] + s.number[GROWTH] * s.row[ri + T])
+    wall = at.NOTHING
+    full = s.row[ri + at.RADIUS] if SIZES else s.number[at.COMMON_RADIUS]
+    radius = full * (s.number[at.SCALE] + s.number[at.GROWTH] * s.row[ri + at.T])
     for d in range(DIM):
-        if s.number[INVERSE + d] == 0.0:
-            x, v = s.row[ri + X + d], s.row[ri + V + d]
+        if s.number[at.INVERSE + d] == 0.0:
+            x, v = s.row[ri + at.X + d], s.row[ri + at.V + d]
             for side in range(2):
-                approach = full * s.number[GROWTH] + (v if side else -v)
-                gap = (s.number[BOX + d] - radius) - x if side else x - radius
+                approach = full * s.number[at.GROWTH] + (v if side else -v)
+                gap = (s.number[at.BOX + d] - radius) - x if side else x - radius
                 if approach > 0.0:
-                    t = s.row[ri + T] + max(gap, 0.0) / approach
+                    t = s.row[ri + at.T] + max(gap, 0.0) / approach
                     if t < time:
                         time = t
-                        wall = s.counter[N] + 2 * d + side
+                        wall = s.counter[at.N] + 2 * d + side
     return time, wall
 
 

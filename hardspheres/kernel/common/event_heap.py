@@ -1,6 +1,6 @@
 """The event heap: the events of the current bucket, ordered by time, lower id, higher id."""
 
-from ..layout import HEAP_LENGTH, HEAP_ROOM, SHORT_QUEUE
+from .. import layout as at
 from ..simd.jit import jit
 
 
@@ -27,11 +27,11 @@ def swap(s, a, b):
 @jit
 def push_event(s, time, key, entry):
     """Enter an event."""
-    a = s.counter[HEAP_LENGTH]
-    if a == s.counter[HEAP_ROOM]:
-        s.counter[SHORT_QUEUE] = 1
+    a = s.counter[at.HEAP_LENGTH]
+    if a == s.counter[at.HEAP_ROOM]:
+        s.counter[at.SHORT_QUEUE] = 1
         return
-    s.counter[HEAP_LENGTH] = a + 1
+    s.counter[at.HEAP_LENGTH] = a + 1
     s.heap_time[a] = time
     s.heap_key[a] = key
     s.heap_entry[a] = entry
@@ -46,8 +46,8 @@ def push_event(s, time, key, entry):
 @jit
 def pop_event(s):
     """Remove the first entry of the heap."""
-    last = s.counter[HEAP_LENGTH] - 1
-    s.counter[HEAP_LENGTH] = last
+    last = s.counter[at.HEAP_LENGTH] - 1
+    s.counter[at.HEAP_LENGTH] = last
     s.heap_time[0], s.heap_key[0], s.heap_entry[0] = (
         s.heap_time[last],
         s.heap_key[last],

@@ -7,75 +7,48 @@ read by the dynamics.
 
 import math
 
+from .. import layout as at
 from ..flags import DIM, MASSES, SIZES
-from ..layout import (
-    BEGAN,
-    BEGAN_EPOCH,
-    EPOCH,
-    EPOCH_LENGTH,
-    FIRST_FLIGHTS,
-    FIRST_PATH,
-    FLIGHT,
-    FLIGHT_BINS,
-    FLIGHT_COUNT,
-    FLIGHT_COUNTS,
-    FLIGHT_SUM,
-    FLIGHT_SUMS,
-    FLIGHT_UNITS,
-    FLIGHTS_ENDED,
-    LEAST_OCTAVE,
-    OCTAVE_BITS,
-    PATH_BINS,
-    PATHS,
-    ROW,
-    SPECIES,
-    SPECIES_COUNT,
-    SPEED_BINS,
-    SPEED_COUNTS,
-    SPEED_PATHS,
-    SPEED_TIMES,
-    TIME_BINS,
-    TIMES,
-    V,
-)
 from ..simd.jit import jit
 from ..simd.pointers import bits
 
-BELOW = ((1023 + LEAST_OCTAVE) << OCTAVE_BITS) - 1  # leading bits of the largest number in the first bin
+BELOW = (
+    (1023 + at.LEAST_OCTAVE) << at.OCTAVE_BITS
+) - 1  # leading bits of the largest number in the first bin
 
 
 @jit
 def species_of(s, i):
     """Species of i."""
-    return int(s.flight[i * FLIGHT + SPECIES]) if SIZES or MASSES else 0
+    return int(s.flight[i * at.FLIGHT + at.SPECIES]) if SIZES or MASSES else 0
 
 
 @jit
 def speed_of(s, i):
     """Speed of i."""
-    vv = s.row[i * ROW + V] * s.row[i * ROW + V]
+    vv = s.row[i * at.ROW + at.V] * s.row[i * at.ROW + at.V]
     for d in range(1, DIM):
-        vv += s.row[i * ROW + V + d] * s.row[i * ROW + V + d]
+        vv += s.row[i * at.ROW + at.V + d] * s.row[i * at.ROW + at.V + d]
     return math.sqrt(vv)
 
 
 @jit
 def flown_for(s, i, t):
     """How long i has been flying at time t; from the start of the simulation if it has not collided yet."""
-    epochs = s.counter[EPOCH] - s.flight[i * FLIGHT + BEGAN_EPOCH]
-    return epochs * s.number[EPOCH_LENGTH] + (t - s.flight[i * FLIGHT + BEGAN])
+    epochs = s.counter[at.EPOCH] - s.flight[i * at.FLIGHT + at.BEGAN_EPOCH]
+    return epochs * s.number[at.EPOCH_LENGTH] + (t - s.flight[i * at.FLIGHT + at.BEGAN])
 
 
 @jit
 def began_here(s, i):
     """Whether the beginning of i's flight is known."""
-    return s.flight[i * FLIGHT + BEGAN_EPOCH] >= 0.0
+    return s.flight[i * at.FLIGHT + at.BEGAN_EPOCH] >= 0.0
 
 
 @jit
 def octave_bin(x):
     """Bin of a path or time in its unit: the leading bits of a double are a piecewise linear logarithm."""
-    return max(0, min((bits(x) >> (52 - OCTAVE_BITS)) - BELOW, FLIGHT_BINS - 1))
+    return max(0, min((bits(x) >> (52 - at.OCTAVE_BITS)) - BELOW, at.FLIGHT_BINS - 1))
 
 
 @jit
@@ -84,36 +57,39 @@ def end_flight(s, i, t):
     time, speed = flown_for(s, i, t), speed_of(s, i)
     path = speed * time
     known = began_here(s, i)
-    s.flight[i * FLIGHT + BEGAN] = t
-    s.flight[i * FLIGHT + BEGAN_EPOCH] = s.counter[EPOCH]
+    s.flight[i * at.FLIGHT + at.BEGAN] = t
+    s.flight[i * at.FLIGHT + at.BEGAN_EPOCH] = s.counter[at.EPOCH]
     species = species_of(s, i)
-    sums = FLIGHT_SUMS + species * FLIGHT_SUM
-    counts = FLIGHT_COUNTS + species * FLIGHT_COUNT
+    sums = at.FLIGHT_SUMS + species * at.FLIGHT_SUM
+    counts = at.FLIGHT_COUNTS + species * at.FLIGHT_COUNT
     if not known:
-        s.total[sums + FIRST_PATH] += path
-        s.counter[counts + FIRST_FLIGHTS] += 1
+        s.total[sums + at.FIRST_PATH] += path
+        s.counter[counts + at.FIRST_FLIGHTS] += 1
         return math.nan
-    s.counter[counts + FLIGHTS_ENDED] += 1
-    s.total[sums + PATHS] += path
-    s.total[sums + PATHS + 1] += path * path
-    s.total[sums + PATHS + 2] += path * path * path
-    s.total[sums + TIMES] += time
-    s.total[sums + TIMES + 1] += time * time
-    s.total[sums + TIMES + 2] += time * time * time
-    units = FLIGHT_UNITS + 3 * species
-    s.counter[counts + PATH_BINS + octave_bin(path * s.number[units])] += 1
-    s.counter[counts + TIME_BINS + octave_bin(time * s.number[units + 1])] += 1
-    k = int(min(speed * s.number[units + 2], SPEED_BINS - 1.0))
-    s.counter[counts + SPEED_COUNTS + k] += 1
-    s.total[sums + SPEED_PATHS + k] += path
-    s.total[sums + SPEED_TIMES + k] += time
+    s.counter[counts + at.FLIGHTS_ENDED] += 1
+    s.total[sums + at.PATHS] += path
+    s.total[sums + at.PATHS + 1] += path * path
+    s.total[sums + at.PATHS + 2] += path * path * path
+    s.total[sums + at.TIMES] += time
+    s.total[sums + at.TIMES + 1] += time * time
+    s.total[sums + at.TIMES + 2] += time * time * time
+    units = at.FLIGHT_UNITS + 3 * species
+    s.counter[counts + at.PATH_BINS + octave_bin(path * s.number[units])] += 1
+    s.counter[counts + at.TIME_BINS + octave_bin(time * s.number[units + 1])] += 1
+    k = int(min(speed * s.number[units + 2], at.SPEED_BINS - 1.0))
+    s.counter[counts + at.SPEED_COUNTS + k] += 1
+    s.total[sums + at.SPEED_PATHS + k] += path
+    s.total[sums + at.SPEED_TIMES + k] += time
     return path
 
 
 @jit
 def tally_encounter(s, i, j):
     """Count a collision between the species of i and j."""
-    species_count = s.counter[SPECIES_COUNT]
+    species_count = s.counter[at.SPECIES_COUNT]
     s.counter[
-        FLIGHT_COUNTS + species_count * FLIGHT_COUNT + species_of(s, i) * species_count + species_of(s, j)
+        at.FLIGHT_COUNTS
+        + species_count * at.FLIGHT_COUNT
+        + species_of(s, i) * species_count
+        + species_of(s, j)
     ] += 1

@@ -2,19 +2,8 @@
 
 import math
 
+from .. import layout as at
 from ..flags import DIM
-from ..layout import (
-    EPOCH,
-    EPOCH_LENGTH,
-    LOG_FIRST,
-    LOG_IMPULSE,
-    LOG_NORMAL,
-    LOG_PATHS,
-    LOG_ROW,
-    LOG_SECOND,
-    LOG_TIME,
-    LOGGED,
-)
 from ..simd.jit import jit
 from .flights import began_here, flown_for, speed_of
 
@@ -22,15 +11,15 @@ from .flights import began_here, flown_for, speed_of
 @jit
 def log_event(s, i, j, t, impulse, path_i, path_j):
     """Write an event down but for its normal; returns where that goes."""
-    row = s.counter[LOGGED] * LOG_ROW
-    s.counter[LOGGED] += 1
-    s.log[row + LOG_TIME] = s.counter[EPOCH] * s.number[EPOCH_LENGTH] + t
-    s.log[row + LOG_FIRST] = i
-    s.log[row + LOG_SECOND] = j
-    s.log[row + LOG_IMPULSE] = impulse
-    s.log[row + LOG_PATHS] = path_i
-    s.log[row + LOG_PATHS + 1] = path_j
-    return row + LOG_NORMAL
+    row = s.counter[at.LOGGED] * at.LOG_ROW
+    s.counter[at.LOGGED] += 1
+    s.log[row + at.LOG_TIME] = s.counter[at.EPOCH] * s.number[at.EPOCH_LENGTH] + t
+    s.log[row + at.LOG_FIRST] = i
+    s.log[row + at.LOG_SECOND] = j
+    s.log[row + at.LOG_IMPULSE] = impulse
+    s.log[row + at.LOG_PATHS] = path_i
+    s.log[row + at.LOG_PATHS + 1] = path_j
+    return row + at.LOG_NORMAL
 
 
 @jit

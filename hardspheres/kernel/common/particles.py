@@ -4,33 +4,8 @@ import math
 
 from hardspheres import collision, growth
 
+from .. import layout as at
 from ..flags import DIM, FLIGHTS, GROWS, MASSES, SIZES
-from ..layout import (
-    BOX,
-    COMMON_RADIUS,
-    EPOCH,
-    EPOCH_LENGTH,
-    GROWTH,
-    INVERSE,
-    LAST_ADVANCE,
-    LAST_PAIR_EPOCH,
-    LOG_ROOM,
-    LOWER_MEAN_SQUARE,
-    MASS,
-    MEAN_SQUARE,
-    NOW,
-    PAIRS,
-    RADIUS,
-    REDUCED,
-    ROW,
-    SCALE,
-    UPPER_MEAN_SQUARE,
-    WALL_HITS,
-    N,
-    T,
-    V,
-    X,
-)
 from ..simd.jit import called, jit
 from ..simd.pointers import bits, from_bits
 from .contact_times import full_contact, rint
@@ -67,11 +42,11 @@ def stretch(sigma):
 @jit
 def fly(s, i, t):
     """Free flight of row i to time t."""
-    ri = i * ROW
-    dt = t - s.row[ri + T]
+    ri = i * at.ROW
+    dt = t - s.row[ri + at.T]
     for d in range(DIM):
-        s.row[ri + X + d] += s.row[ri + V + d] * dt
-    s.row[ri + T] = t
+        s.row[ri + at.X + d] += s.row[ri + at.V + d] * dt
+    s.row[ri + at.T] = t
 
 
 @jit
@@ -85,77 +60,77 @@ def collide_pair(s, i, j, t):
     if FLIGHTS:
         path_low, path_high = end_flight(s, low, t), end_flight(s, high, t)
         tally_encounter(s, low, high)
-    ri, rj = i * ROW, j * ROW
+    ri, rj = i * at.ROW, j * at.ROW
     factor = stretch(full_contact(s, i, j))
-    x = factor * nearest(s, 0, row[ri + X] - row[rj + X])
-    y = factor * nearest(s, 1, row[ri + X + 1] - row[rj + X + 1])
-    u = row[ri + V] - row[rj + V]
-    v = row[ri + V + 1] - row[rj + V + 1]
+    x = factor * nearest(s, 0, row[ri + at.X] - row[rj + at.X])
+    y = factor * nearest(s, 1, row[ri + at.X + 1] - row[rj + at.X + 1])
+    u = row[ri + at.V] - row[rj + at.V]
+    v = row[ri + at.V + 1] - row[rj + at.V + 1]
     b = x * u + y * v
     rr = x * x + y * y
     z, w = 0.0, 0.0
     if DIM == 3:
-        z = factor * nearest(s, 2, row[ri + X + 2] - row[rj + X + 2])
-        w = row[ri + V + 2] - row[rj + V + 2]
+        z = factor * nearest(s, 2, row[ri + at.X + 2] - row[rj + at.X + 2])
+        w = row[ri + at.V + 2] - row[rj + at.V + 2]
         b += z * w
         rr += z * z
     if GROWS:
-        b -= math.sqrt(rr) * (full_contact(s, i, j) * s.number[GROWTH])
+        b -= math.sqrt(rr) * (full_contact(s, i, j) * s.number[at.GROWTH])
     if MASSES:
         mi, mj = s.mass[i], s.mass[j]
         push = impulse_of_masses(b, rr, mi, mj)
     else:
-        mi, mj = s.number[MASS], s.number[MASS]
-        push = impulse(b, rr, s.number[REDUCED])
-    if FLIGHTS and s.counter[LOG_ROOM] > 0:
+        mi, mj = s.number[at.MASS], s.number[at.MASS]
+        push = impulse(b, rr, s.number[at.REDUCED])
+    if FLIGHTS and s.counter[at.LOG_ROOM] > 0:
         sign = 1.0 if i == low else -1.0
         log_pair(s, low, high, t, push, rr, sign * x, sign * y, sign * z, path_low, path_high)
     pi, pj = push / mi, push / mj
-    row[ri + V] += pi * x
-    row[rj + V] -= pj * x
-    row[ri + V + 1] += pi * y
-    row[rj + V + 1] -= pj * y
+    row[ri + at.V] += pi * x
+    row[rj + at.V] -= pj * x
+    row[ri + at.V + 1] += pi * y
+    row[rj + at.V + 1] -= pj * y
     if DIM == 3:
-        row[ri + V + 2] += pi * z
-        row[rj + V + 2] -= pj * z
-        w += row[ri + V + 2] - row[rj + V + 2]
-    u += row[ri + V] - row[rj + V]
-    v += row[ri + V + 1] - row[rj + V + 1]
+        row[ri + at.V + 2] += pi * z
+        row[rj + at.V + 2] -= pj * z
+        w += row[ri + at.V + 2] - row[rj + at.V + 2]
+    u += row[ri + at.V] - row[rj + at.V]
+    v += row[ri + at.V + 1] - row[rj + at.V + 1]
     tally_pair(s, push, t, x, y, z, u, v, w, 1.0 if factor == 1.0 else 1.0 / THREE_QUARTERS)
     s.version[i] += 1
     s.version[j] += 1
-    s.counter[PAIRS] += 1
-    s.counter[LAST_PAIR_EPOCH] = s.counter[EPOCH]
+    s.counter[at.PAIRS] += 1
+    s.counter[at.LAST_PAIR_EPOCH] = s.counter[at.EPOCH]
 
 
 @jit
 def nearest(s, d, separation):
     """Separation along axis d of the nearest images; no box is under two diameters."""
-    return separation - s.number[BOX + d] * rint(separation * s.number[INVERSE + d])
+    return separation - s.number[at.BOX + d] * rint(separation * s.number[at.INVERSE + d])
 
 
 @jit
 def hit_wall(s, i, wall, t):
     """Specular reflection of i at a wall at time t."""
     fly(s, i, t)
-    axis = (wall - s.counter[N]) >> 1
-    side = (wall - s.counter[N]) & 1
-    ri = i * ROW
-    mass = s.mass[i] if MASSES else s.number[MASS]
-    radius = s.row[ri + RADIUS] if SIZES else s.number[COMMON_RADIUS]
-    v = s.row[ri + V + axis]
-    s.row[ri + V + axis] = -v
+    axis = (wall - s.counter[at.N]) >> 1
+    side = (wall - s.counter[at.N]) & 1
+    ri = i * at.ROW
+    mass = s.mass[i] if MASSES else s.number[at.MASS]
+    radius = s.row[ri + at.RADIUS] if SIZES else s.number[at.COMMON_RADIUS]
+    v = s.row[ri + at.V + axis]
+    s.row[ri + at.V + axis] = -v
     tally_wall(s, axis, side, 2.0 * mass * abs(v), radius)
-    if FLIGHTS and s.counter[LOG_ROOM] > 0:
+    if FLIGHTS and s.counter[at.LOG_ROOM] > 0:
         log_wall(s, i, wall, t, axis, side, 2.0 * mass * abs(v))
     if GROWS:  # the sums of walls are then those of the flight alone
         outward = -1.0 if side else 1.0
-        s.row[ri + V + axis] = outward * rebound_from_wall(-outward * v, radius * s.number[GROWTH])
+        s.row[ri + at.V + axis] = outward * rebound_from_wall(-outward * v, radius * s.number[at.GROWTH])
     for d in range(DIM):
         if d != axis:
-            tally_stress(s, d + axis + 2, -2.0 * mass * v * s.row[ri + V + d], t)
+            tally_stress(s, d + axis + 2, -2.0 * mass * v * s.row[ri + at.V + d], t)
     s.version[i] += 1
-    s.counter[WALL_HITS] += 1
+    s.counter[at.WALL_HITS] += 1
 
 
 @called
@@ -166,41 +141,41 @@ def begin_epoch(s):
     the scene and the rows decide, so the trajectory depends on neither the search for neighbours nor on who
     looks at it.
     """
-    length = s.number[EPOCH_LENGTH]
-    for i in range(s.counter[N]):
-        ri = i * ROW
+    length = s.number[at.EPOCH_LENGTH]
+    for i in range(s.counter[at.N]):
+        ri = i * at.ROW
         fly(s, i, length)
-        s.row[ri + T] = 0.0
+        s.row[ri + at.T] = 0.0
         for d in range(DIM):
-            if s.number[INVERSE + d] > 0.0:
-                wraps = math.floor(s.row[ri + X + d] * s.number[INVERSE + d])
-                shift = s.number[BOX + d] * wraps
-                s.row[ri + X + d] -= shift
+            if s.number[at.INVERSE + d] > 0.0:
+                wraps = math.floor(s.row[ri + at.X + d] * s.number[at.INVERSE + d])
+                shift = s.number[at.BOX + d] * wraps
+                s.row[ri + at.X + d] -= shift
                 s.image_counts[i * DIM + d] += int(wraps)
     if GROWS:
-        s.number[SCALE] += s.number[GROWTH] * length
-    s.counter[EPOCH] += 1
-    s.number[NOW] -= length
-    s.number[LAST_ADVANCE] -= length
+        s.number[at.SCALE] += s.number[at.GROWTH] * length
+    s.counter[at.EPOCH] += 1
+    s.number[at.NOW] -= length
+    s.number[at.LAST_ADVANCE] -= length
     if MASSES and not GROWS:
-        s.number[MEAN_SQUARE] = mean_square(s)
+        s.number[at.MEAN_SQUARE] = mean_square(s)
 
 
 @jit
 def mean_square(s):
     """Mean square speed; equal masses keep it."""
     total = 0.0
-    for i in range(s.counter[N]):
+    for i in range(s.counter[at.N]):
         for d in range(DIM):
-            v = s.row[i * ROW + V + d]
+            v = s.row[i * at.ROW + at.V + d]
             total += v * v
-    return total / s.counter[N]
+    return total / s.counter[at.N]
 
 
 @jit
 def epoch_length_due(s):
     """Whether another length of epochs is due (`hardspheres.tuning`), a longer one at every 16th only."""
-    v2 = s.number[MEAN_SQUARE]
-    return v2 >= s.number[UPPER_MEAN_SQUARE] or (
-        v2 < s.number[LOWER_MEAN_SQUARE] and (s.counter[EPOCH] & 15) == 0
+    v2 = s.number[at.MEAN_SQUARE]
+    return v2 >= s.number[at.UPPER_MEAN_SQUARE] or (
+        v2 < s.number[at.LOWER_MEAN_SQUARE] and (s.counter[at.EPOCH] & 15) == 0
     )

@@ -1,40 +1,31 @@
 """What each event adds to the sums: virial, kinetic stress, wall impulses."""
 
+from .. import layout as at
 from ..flags import DIM
-from ..layout import (
-    EPOCH,
-    LEDGER,
-    STRESS,
-    STRESS_EPOCHS,
-    STRESS_MOMENT,
-    VIRIAL,
-    WALL_IMPULSE,
-    WALL_RADIUS_IMPULSE,
-)
 from ..simd.jit import jit
 
 
 @jit
 def tally_stress(s, k, change, t):
     """Add a change, at time t, of component k of sum m v_a v_b, the kinetic part of the pressure."""
-    s.total[STRESS + k] += change
-    s.total[STRESS_MOMENT + k] += change * t
-    s.total[STRESS_EPOCHS + k] += change * s.counter[EPOCH]
+    s.total[at.STRESS + k] += change
+    s.total[at.STRESS_MOMENT + k] += change * t
+    s.total[at.STRESS_EPOCHS + k] += change * s.counter[at.EPOCH]
 
 
 @jit
 def tally_pair(s, push, t, x, y, z, u, v, w, scale):
     """Add a collision with impulse push (x, y, z), scale (x, y, z) apart; (u, v, w): old plus new v_ij."""
-    s.total[VIRIAL] += scale * push * x * x
-    s.total[VIRIAL + 1] += scale * push * y * y
-    s.total[VIRIAL + 3] += scale * push * x * y
+    s.total[at.VIRIAL] += scale * push * x * x
+    s.total[at.VIRIAL + 1] += scale * push * y * y
+    s.total[at.VIRIAL + 3] += scale * push * x * y
     tally_stress(s, 0, push * x * u, t)
     tally_stress(s, 1, push * y * v, t)
     tally_stress(s, 3, 0.5 * push * (x * v + y * u), t)
     if DIM == 3:
-        s.total[VIRIAL + 2] += scale * push * z * z
-        s.total[VIRIAL + 4] += scale * push * x * z
-        s.total[VIRIAL + 5] += scale * push * y * z
+        s.total[at.VIRIAL + 2] += scale * push * z * z
+        s.total[at.VIRIAL + 4] += scale * push * x * z
+        s.total[at.VIRIAL + 5] += scale * push * y * z
         tally_stress(s, 2, push * z * w, t)
         tally_stress(s, 4, 0.5 * push * (x * w + z * u), t)
         tally_stress(s, 5, 0.5 * push * (y * w + z * v), t)
@@ -43,6 +34,6 @@ def tally_pair(s, push, t, x, y, z, u, v, w, scale):
 @jit
 def tally_wall(s, axis, side, impulse, radius):
     """Add the momentum that a particle gave to a wall (positive: outwards)."""
-    s.total[LEDGER + axis] += impulse if side else -impulse
-    s.total[WALL_IMPULSE + 2 * axis + side] += impulse
-    s.total[WALL_RADIUS_IMPULSE + 2 * axis + side] += impulse * radius
+    s.total[at.LEDGER + axis] += impulse if side else -impulse
+    s.total[at.WALL_IMPULSE + 2 * axis + side] += impulse
+    s.total[at.WALL_RADIUS_IMPULSE + 2 * axis + side] += impulse * radius

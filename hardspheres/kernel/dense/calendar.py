@@ -6,26 +6,10 @@ in one further bucket; events after the epoch are not entered at all, since the 
 again.
 """
 
+from .. import layout as at
 from ..common.bucket_queue import clear_buckets, push_bucket, release_block
 from ..common.event_heap import push_event
 from ..common.prefetch import prefetch_event, prefetch_events
-from ..layout import (
-    BEYOND_CACHE,
-    BLOCK,
-    BUCKET,
-    BUCKETS,
-    EPOCH_LENGTH,
-    EVENT,
-    HEAP_LENGTH,
-    INVERSE_WIDTH,
-    PARTNER,
-    SHORT_QUEUE,
-    STAMP,
-    STAMP_BITS,
-    TIME,
-    WAITING,
-    WAITS,
-)
 from ..simd.jit import called, jit
 from ..simd.pointers import prefetch
 
@@ -41,19 +25,19 @@ def tie_key(i, partner):
 @jit
 def insert_event(s, i):
     """Insert i's event, just predicted, into the calendar."""
-    time = s.event_float[i * EVENT + TIME]
-    if time >= s.number[EPOCH_LENGTH]:
+    time = s.event_float[i * at.EVENT + at.TIME]
+    if time >= s.number[at.EPOCH_LENGTH]:
         return
-    bucket = int(max(time, 0.0) * s.number[INVERSE_WIDTH])
-    now = s.counter[BUCKET]
-    entry = i << 32 | s.event[i * EVENT + STAMP]
+    bucket = int(max(time, 0.0) * s.number[at.INVERSE_WIDTH])
+    now = s.counter[at.BUCKET]
+    entry = i << 32 | s.event[i * at.EVENT + at.STAMP]
     if bucket <= now:
         prefetch_event(s, i)
-        push_event(s, time, tie_key(i, s.event[i * EVENT + PARTNER]), entry)
+        push_event(s, time, tie_key(i, s.event[i * at.EVENT + at.PARTNER]), entry)
     else:
-        cycle = s.counter[BUCKETS]
+        cycle = s.counter[at.BUCKETS]
         slot = bucket & (cycle - 1) if bucket < now + cycle else cycle
-        if s.counter[BEYOND_CACHE]:
+        if s.counter[at.BEYOND_CACHE]:
             insert_later(s, slot, entry)
         else:
             push_bucket(s, slot, entry)
@@ -62,15 +46,15 @@ def insert_event(s, i):
 @jit
 def insert_later(s, slot, entry):
     """Delay the insertion of an entry by a few others, while its bucket is prefetched."""
-    k = s.counter[WAITS]
-    s.counter[WAITS] = (k + 1) % WAITING
+    k = s.counter[at.WAITS]
+    s.counter[at.WAITS] = (k + 1) % at.WAITING
     insert_waiting(s, k)
     s.waiting_slot[k] = slot
     s.waiting_entry[k] = entry
     prefetch(s.buckets, slot)
-    halfway = s.waiting_slot[(k + WAITING // 2) % WAITING]
+    halfway = s.waiting_slot[(k + at.WAITING // 2) % at.WAITING]
     if halfway >= 0:
-        prefetch(s.blocks, s.buckets[halfway] * BLOCK)
+        prefetch(s.blocks, s.buckets[halfway] * at.BLOCK)
 
 
 @jit
@@ -84,17 +68,17 @@ def insert_waiting(s, k):
 @called
 def insert_all_waiting(s):
     """Insert all delayed entries."""
-    for k in range(WAITING):
+    for k in range(at.WAITING):
         insert_waiting(s, k)
 
 
 @jit
 def schedule(s, i, time, partner):
     """Make this i's next event; an entry of i made before no longer counts."""
-    event = i * EVENT
-    s.event_float[event + TIME] = time
-    s.event[event + PARTNER] = partner
-    s.event[event + STAMP] = (s.event[event + STAMP] + 1) & STAMP_BITS
+    event = i * at.EVENT
+    s.event_float[event + at.TIME] = time
+    s.event[event + at.PARTNER] = partner
+    s.event[event + at.STAMP] = (s.event[event + at.STAMP] + 1) & at.STAMP_BITS
     insert_event(s, i)
 
 
@@ -104,11 +88,11 @@ def open_bucket(s, slot):
     block = s.buckets[slot]
     s.buckets[slot] = -1
     while block >= 0:
-        header = s.blocks[block * BLOCK]
+        header = s.blocks[block * at.BLOCK]
         for k in range(1, (header & 7) + 1):
-            entry = s.blocks[block * BLOCK + k]
+            entry = s.blocks[block * at.BLOCK + k]
             i = entry >> 32
-            if s.event[i * EVENT + STAMP] == entry & STAMP_BITS:
+            if s.event[i * at.EVENT + at.STAMP] == entry & at.STAMP_BITS:
                 insert_event(s, i)
         block = release_block(s, block)
 
@@ -116,27 +100,27 @@ def open_bucket(s, slot):
 @jit
 def next_bucket(s):
     """Go on to the next bucket; a new cycle first takes its share of the later events."""
-    bucket = s.counter[BUCKET] + 1
-    cycle = s.counter[BUCKETS]
-    s.counter[BUCKET] = bucket
-    if s.counter[BEYOND_CACHE]:
+    bucket = s.counter[at.BUCKET] + 1
+    cycle = s.counter[at.BUCKETS]
+    s.counter[at.BUCKET] = bucket
+    if s.counter[at.BEYOND_CACHE]:
         insert_all_waiting(s)
     if (bucket & (cycle - 1)) == 0:
         open_bucket(s, cycle)
-        if s.counter[BEYOND_CACHE]:
+        if s.counter[at.BEYOND_CACHE]:
             insert_all_waiting(s)
     open_bucket(s, bucket & (cycle - 1))
-    if s.counter[BEYOND_CACHE]:
+    if s.counter[at.BEYOND_CACHE]:
         prefetch_events(s, s.buckets[(bucket + 1) & (cycle - 1)])
-        prefetch(s.blocks, s.buckets[(bucket + 2) & (cycle - 1)] * BLOCK)
+        prefetch(s.blocks, s.buckets[(bucket + 2) & (cycle - 1)] * at.BLOCK)
 
 
 @jit
-def clear_calendar(s, blocks):
+def clear_calendar(s):
     """Empty the calendar and go back to its first bucket."""
-    clear_buckets(s, s.counter[BUCKETS] + 1, blocks)
-    for k in range(WAITING):
+    clear_buckets(s, s.counter[at.BUCKETS] + 1)
+    for k in range(at.WAITING):
         s.waiting_slot[k] = -1
-    s.counter[HEAP_LENGTH] = 0
-    s.counter[SHORT_QUEUE] = 0
-    s.counter[BUCKET] = 0
+    s.counter[at.HEAP_LENGTH] = 0
+    s.counter[at.SHORT_QUEUE] = 0
+    s.counter[at.BUCKET] = 0

@@ -13,8 +13,8 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from .. import layout as at
 from ..flags import DIM, SIZES
-from ..layout import CELL_COLUMNS, CELL_LANES
 from ..simd.jit import CHECKED, PURE_PYTHON
 
 if PURE_PYTHON or CHECKED:
@@ -24,7 +24,7 @@ if PURE_PYTHON or CHECKED:
         """Append to the target the ids of those of eight particles within the cutoff; returns how many."""
         found = 0
         limit = cutoff
-        for line in range(k, k + min(count, CELL_LANES)):
+        for line in range(k, k + min(count, at.CELL_LANES)):
             dx = x - table[line + stride]
             dy = y - table[line + 2 * stride]
             rr = dx * dx + dy * dy
@@ -41,7 +41,7 @@ if PURE_PYTHON or CHECKED:
     @numba.njit
     def copy_columns(target_ids, target, m, wide, ids, table, k, stride, x, y, z):
         """Copy eight particles to columns `wide` apart, seen from a corner that is (x, y, z) away."""
-        for lane in range(CELL_LANES):
+        for lane in range(at.CELL_LANES):
             target_ids[m + lane] = ids[k + lane]
             target[m + lane + wide] = table[k + lane + stride] + x
             target[m + lane + 2 * wide] = table[k + lane + 2 * stride] + y
@@ -52,7 +52,7 @@ if PURE_PYTHON or CHECKED:
 
 else:
     WORD, SHORT = ir.IntType(64), ir.IntType(32)
-    FLOATS, SHORTS = ir.VectorType(ir.FloatType(), CELL_LANES), ir.VectorType(SHORT, CELL_LANES)
+    FLOATS, SHORTS = ir.VectorType(ir.FloatType(), at.CELL_LANES), ir.VectorType(SHORT, at.CELL_LANES)
     IDS, TABLE = types.CPointer(types.int32), types.CPointer(types.float32)
 
     def lanes_at(builder, pointer, index, vector):
@@ -66,7 +66,7 @@ else:
     def everywhere(builder, value, vector):
         """Return a vector of one value."""
         one = builder.insert_element(ir.Constant(vector, ir.Undefined), value, SHORT(0))
-        return builder.shuffle_vector(one, one, ir.Constant(SHORTS, [0] * CELL_LANES))
+        return builder.shuffle_vector(one, one, ir.Constant(SHORTS, [0] * at.CELL_LANES))
 
     @intrinsic
     def cutoff_test(typingctx, target, kept, ids, table, k, stride, count, me, x, y, z, cutoff):
@@ -88,18 +88,18 @@ else:
                 radii = builder.load(column(builder, table, k, stride, 1 + DIM), align=4)
                 limit = builder.fadd(limit, radii)
             names = builder.load(lanes_at(builder, ids, k, SHORTS), align=4)
-            lanes = ir.Constant(SHORTS, list(range(CELL_LANES)))
+            lanes = ir.Constant(SHORTS, list(range(at.CELL_LANES)))
             end = everywhere(builder, builder.trunc(count, SHORT), SHORTS)
             itself = everywhere(builder, builder.trunc(me, SHORT), SHORTS)
             chosen = builder.fcmp_ordered("<", rr, builder.fmul(limit, limit))
             chosen = builder.and_(chosen, builder.icmp_signed("<", lanes, end))
             chosen = builder.and_(chosen, builder.icmp_signed("!=", names, itself))
             kind = ir.FunctionType(SHORTS, [SHORTS, chosen.type, SHORTS])
-            name = f"llvm.experimental.vector.compress.v{CELL_LANES}i32"
+            name = f"llvm.experimental.vector.compress.v{at.CELL_LANES}i32"
             compress = cgutils.get_or_insert_function(builder.module, kind, name)
             closed = builder.call(compress, [names, chosen, ir.Constant(SHORTS, ir.Undefined)])
             builder.store(closed, lanes_at(builder, target, kept, SHORTS), align=4)
-            return builder.zext(builder.ctpop(builder.bitcast(chosen, ir.IntType(CELL_LANES))), WORD)
+            return builder.zext(builder.ctpop(builder.bitcast(chosen, ir.IntType(at.CELL_LANES))), WORD)
 
         integers, floats = [types.int64] * 4, [types.float32] * 4
         return types.int64(IDS, types.int64, IDS, TABLE, *integers, *floats), codegen
@@ -112,7 +112,7 @@ else:
             target_ids, target, m, wide, ids, table, k, stride, *corner = args
             names = builder.load(lanes_at(builder, ids, k, SHORTS), align=4)
             builder.store(names, lanes_at(builder, target_ids, m, SHORTS), align=4)
-            for c in range(1, CELL_COLUMNS):
+            for c in range(1, at.CELL_COLUMNS):
                 there = builder.load(column(builder, table, k, stride, c), align=4)
                 if c <= DIM:
                     there = builder.fadd(there, everywhere(builder, corner[c - 1], FLOATS))

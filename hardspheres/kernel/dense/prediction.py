@@ -2,6 +2,7 @@
 
 import math
 
+from .. import layout as at
 from ..common.contact_times import (
     NEVER,
     NO_PARTICLE,
@@ -15,21 +16,6 @@ from ..common.contact_times import (
     wall_contact,
 )
 from ..flags import DIM, GROWS, WALLS
-from ..layout import (
-    DISPLACEMENT_THRESHOLD,
-    EVENT,
-    IMAGES,
-    LANES,
-    LIST_ROOM,
-    NOTHING,
-    REBUILD,
-    REFERENCE,
-    ROW,
-    N,
-    T,
-    V,
-    X,
-)
 from ..simd.jit import jit
 from ..simd.pointers import from_bits
 from ..simd.vectors import gather_transposed, least_of_equal
@@ -38,35 +24,35 @@ from ..simd.vectors import gather_transposed, least_of_equal
 @jit
 def gather(s, i, first):
     """Copy the rows of some of i's neighbours to the table, and the images that the list stores, if any."""
-    entry = i * s.counter[LIST_ROOM] + first
-    for k in range(0, LANES, ROW):
-        gather_transposed(s.scratch, k, LANES, s.row, s.neighbours, entry + k)
-    if s.counter[IMAGES]:
-        for k in range(LANES):
+    entry = i * s.counter[at.LIST_ROOM] + first
+    for k in range(0, at.LANES, at.ROW):
+        gather_transposed(s.scratch, k, at.LANES, s.row, s.neighbours, entry + k)
+    if s.counter[at.IMAGES]:
+        for k in range(at.LANES):
             for d in range(DIM):
-                s.scratch[SHIFT + d * LANES + k] = s.images[(entry + k) * DIM + d]
+                s.scratch[SHIFT + d * at.LANES + k] = s.images[(entry + k) * DIM + d]
 
 
 @jit
 def earliest_contact(s, i, now):
     """Time and partner of i's earliest contact with a neighbour; equal times: the lower partner."""
-    room = s.counter[LIST_ROOM]
+    room = s.counter[at.LIST_ROOM]
     best = NO_TIME
     partner = NO_PARTICLE
     first = 0
     while True:
         gather(s, i, first)
-        soonest = solve(s, i, now, LANES)
+        soonest = solve(s, i, now, at.LANES)
         if soonest < best or (soonest == best and soonest < NO_TIME):
             if soonest < best:
                 partner = NO_PARTICLE
             best = soonest
-            for k in range(0, LANES, ROW):
+            for k in range(0, at.LANES, at.ROW):
                 entry = i * room + first + k
                 least = least_of_equal(s.neighbours, entry, s.scratch_int, WHEN + k, soonest)
                 partner = min(partner, least)
-        first += LANES
-        if first == room or s.neighbours[i * room + first - 1] == s.counter[N]:
+        first += at.LANES
+        if first == room or s.neighbours[i * room + first - 1] == s.counter[at.N]:
             break
     return from_bits(best), partner
 
@@ -79,12 +65,12 @@ def threshold_crossing(s, i):
     the one in which nothing of the size of that distance cancels.
     """
     row = s.row
-    ri, reference = i * ROW, i * EVENT + REFERENCE
-    x, y = row[ri + X] - s.event_float[reference], row[ri + X + 1] - s.event_float[reference + 1]
-    u, v = row[ri + V], row[ri + V + 1]
-    threshold2 = s.number[DISPLACEMENT_THRESHOLD] * s.number[DISPLACEMENT_THRESHOLD]
+    ri, reference = i * at.ROW, i * at.EVENT + at.REFERENCE
+    x, y = row[ri + at.X] - s.event_float[reference], row[ri + at.X + 1] - s.event_float[reference + 1]
+    u, v = row[ri + at.V], row[ri + at.V + 1]
+    threshold2 = s.number[at.DISPLACEMENT_THRESHOLD] * s.number[at.DISPLACEMENT_THRESHOLD]
     if DIM == 3:
-        z, w = row[ri + X + 2] - s.event_float[reference + 2], row[ri + V + 2]
+        z, w = row[ri + at.X + 2] - s.event_float[reference + 2], row[ri + at.V + 2]
         b, vv, rr = x * u + y * v + z * w, u * u + v * v + w * w, x * x + y * y + z * z
         d = discriminant_3d(x, y, z, u, v, w, threshold2)
     else:
@@ -93,7 +79,7 @@ def threshold_crossing(s, i):
     root = math.sqrt(max(d, 0.0))
     outwards = b > 0.0
     time = (threshold2 - rr if outwards else root - b) / (b + root if outwards else vv)
-    return row[ri + T] + time if vv > 0.0 else NEVER
+    return row[ri + at.T] + time if vv > 0.0 else NEVER
 
 
 @jit
@@ -107,6 +93,6 @@ def next_event(s, i, now):
     t = threshold_crossing(s, i)
     if t <= time:
         if t == NEVER:
-            return NEVER, NOTHING
-        return max(t, now), REBUILD
+            return NEVER, at.NOTHING
+        return max(t, now), at.REBUILD
     return time, partner

@@ -13,24 +13,8 @@ beyond that cell than segments may; otherwise it goes to the overflow list of it
 
 import numpy as np
 
+from .. import layout as at
 from ..flags import SIZES, WALLS
-from ..layout import (
-    BUCKET,
-    CELLS,
-    HALF_WINDOW,
-    IMAGE,
-    INVERSE,
-    LARGE,
-    NEAR_SHIFT,
-    OWNER,
-    PADDED_RADIUS,
-    REGISTERED,
-    ROW,
-    SEGMENT,
-    SEGMENT_ROOM,
-    SHORT_LISTS,
-    N,
-)
 from ..simd.jit import called, jit
 from ..simd.pointers import int64, prefetch
 from ..simd.vectors import AT_ONCE, copy_lanes, keep_overlapping
@@ -50,7 +34,7 @@ SEEN = -2  # the same, and it has its place in the order
 @jit
 def in_cells(s):
     """How many particles stand in the cells: all but the large ones (`large`)."""
-    return s.counter[N] - s.counter[LARGE] if SIZES else s.counter[N]
+    return s.counter[at.N] - s.counter[at.LARGE] if SIZES else s.counter[at.N]
 
 
 @jit
@@ -63,7 +47,7 @@ def count_segments(s, begin, duration):
     total = n
     for first in range(0, n, EIGHT):
         for k in range(EIGHT):
-            prefetch(s.row, s.order[min(first + AHEAD + k, n - 1)] * ROW)
+            prefetch(s.row, s.order[min(first + AHEAD + k, n - 1)] * at.ROW)
         write_eight(s, first, duration)
         for k in range(min(EIGHT, n - first)):
             i = int64(s.order[first + k])
@@ -86,7 +70,7 @@ def insert_segment(s, k, cell):
     """Copy an unsorted segment to the slots of its cell, the last free one first; returns the slot."""
     slot = s.cell_count[cell] - 1
     s.cell_count[cell] = slot
-    copy_lanes(s.segments, slot * SEGMENT, s.unsorted, k * SEGMENT)
+    copy_lanes(s.segments, slot * at.SEGMENT, s.unsorted, k * at.SEGMENT)
     s.boxes[slot] = s.unsorted_boxes[k]
     s.cell_of_segment[slot] = cell
     return slot
@@ -99,7 +83,9 @@ def sort_segments(s, cells, begin, duration):
     for cell in range(cells):
         end += s.cell_count[cell]
         s.cell_count[cell] = end
-    for empty in range(cells, cells + s.counter[CELLS + 1] + 1):  # a column that stands for all beyond walls
+    for empty in range(
+        cells, cells + s.counter[at.CELLS + 1] + 1
+    ):  # a column that stands for all beyond walls
         s.cell_count[empty] = end
     for m in range(in_cells(s)):
         i = int64(s.order[m])
@@ -125,18 +111,19 @@ def place_parts(s, m, i, begin, duration, insert):
 
 
 @called
-def register_all(s, cells, begin):
+def register_all(s, begin):
     """Sort all segments into cells; SHORT_LISTS tells if there was no room."""
-    duration = 2.0 * s.number[HALF_WINDOW]
+    duration = 2.0 * s.number[at.HALF_WINDOW]
+    cells = s.counter[at.CELLS] * s.counter[at.CELLS + 1] * s.counter[at.CELLS + 2]
     for cell in range(cells):
         s.cell_count[cell] = 0
     total = count_segments(s, begin, duration)
-    s.counter[REGISTERED] = total
-    if total > s.counter[SEGMENT_ROOM]:
-        s.counter[SHORT_LISTS] = 1
+    s.counter[at.REGISTERED] = total
+    if total > s.counter[at.SEGMENT_ROOM]:
+        s.counter[at.SHORT_LISTS] = 1
         return
     sort_segments(s, cells, begin, duration)
-    if s.counter[BUCKET] == 0:
+    if s.counter[at.BUCKET] == 0:
         keep_order(s)
 
 
@@ -144,8 +131,8 @@ def register_all(s, cells, begin):
 def keep_order(s):
     """From now on go through the particles in the order of their cells: faster, and the same bits."""
     m = int64(0)
-    for slot in range(s.counter[REGISTERED]):
-        i = int64(s.segment_words[slot * SEGMENT + OWNER])
+    for slot in range(s.counter[at.REGISTERED]):
+        i = int64(s.segment_words[slot * at.SEGMENT + at.OWNER])
         if s.where[i] == slot or s.where[i] == SEVERAL:
             s.order[m] = i
             m += 1
@@ -169,12 +156,12 @@ def pairs_in_run(s, m, own, first, last, code):
 @jit
 def pairs_in_column(s, m, own, column, first, last, after, code):
     """Enter the pairs with cells `first` to `last` of a column, even beyond the box, from slot `after` on."""
-    ny = s.counter[CELLS + 1]
+    ny = s.counter[at.CELLS + 1]
     cells = column * ny
     start = int64(s.cell_count[cells + max(first, 0)])
     stop = int64(s.cell_count[cells + min(last, ny - 1) + 1])
     m = pairs_in_run(s, m, own, max(start, after), stop, code)
-    if (first < 0 or last >= ny) and s.number[INVERSE + 1] > 0.0:
+    if (first < 0 or last >= ny) and s.number[at.INVERSE + 1] > 0.0:
         m = pairs_beyond(s, m, own, cells, first, last, code)
     return m
 
@@ -182,26 +169,26 @@ def pairs_in_column(s, m, own, column, first, last, after, code):
 @jit
 def pairs_beyond(s, m, own, cells, first, last, code):
     """Enter the pairs with those of these cells that lie beyond the box: cells on its other side."""
-    ny = s.counter[CELLS + 1]
+    ny = s.counter[at.CELLS + 1]
     for turn in range(-1, 2, 2):
         if first < 0 if turn < 0 else last >= ny:
             start = int64(s.cell_count[cells + max(first - turn * ny, 0)])
             stop = int64(s.cell_count[cells + min(last - turn * ny, ny - 1) + 1])
-            m = pairs_in_run(s, m, own, start, stop, code - turn * IMAGE[1])
+            m = pairs_in_run(s, m, own, start, stop, code - turn * at.IMAGE[1])
     return m
 
 
 @called
 def compare_all(s):
     """Compare all segments with those near them, each pair once."""
-    ny = s.counter[CELLS + 1]
+    ny = s.counter[at.CELLS + 1]
     m = int64(0)
-    for x in range(s.counter[CELLS]):
-        for z in range(s.counter[CELLS + 2]):
+    for x in range(s.counter[at.CELLS]):
+        for z in range(s.counter[at.CELLS + 2]):
             cells = column_at(s, x, z) * ny
             for y in range(ny):
                 for k in range(int64(s.cell_count[cells + y]), int64(s.cell_count[cells + y + 1])):
-                    near = s.boxes[k] >> NEAR_SHIFT
+                    near = s.boxes[k] >> at.NEAR_SHIFT
                     first, last = cells_along_y(s, near, y)
                     for a in range(columns_after(s, near, x, z)):
                         column, code = int64(s.column[s.places[a]]), int64(s.column_code[s.places[a]])
@@ -218,7 +205,7 @@ def withdraw(s, i):
     """Remove i's segment: no pair passes the filter with a radius of NaN."""
     slot = s.where[i]
     if slot >= 0:
-        s.segments[slot * SEGMENT + PADDED_RADIUS] = np.nan
+        s.segments[slot * at.SEGMENT + at.PADDED_RADIUS] = np.nan
 
 
 @jit
@@ -227,6 +214,6 @@ def replace_segment(s, i, new, x, y, z):
     slot = s.where[i]
     if slot < 0 or not fits(s, s.boxes[new], int64(s.cell_of_segment[slot]), x, y, z):
         return False
-    copy_lanes(s.segments, slot * SEGMENT, s.segments, new * SEGMENT)
+    copy_lanes(s.segments, slot * at.SEGMENT, s.segments, new * at.SEGMENT)
     s.boxes[slot] = s.boxes[new]
     return True

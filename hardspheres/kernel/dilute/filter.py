@@ -8,23 +8,10 @@ without a branch. What passes is computed exactly.
 
 import numpy as np
 
+from .. import layout as at
 from ..common.contact_times import pair_contact
 from ..common.prefetch import prefetch_rows
 from ..flags import DIM
-from ..layout import (
-    BEYOND_ALL,
-    BOX,
-    HALF_DISPLACEMENT,
-    HALF_WINDOW,
-    MIDDLE,
-    MIDPOINT,
-    OVERFLOW_ROOM,
-    OWNER,
-    PADDED_RADIUS,
-    SEGMENT,
-    SEGMENT_ROOM,
-    SEGMENT_UNIT,
-)
 from ..simd.jit import called, fast_arithmetic, jit
 from ..simd.pointers import int64
 from ..simd.vectors import gather_transposed, keep_marked
@@ -43,30 +30,30 @@ EIGHT = 8  # segments that the filter compares at once
 @jit
 def new_segment(s):
     """Slot of the first of the latest two new segments, after the sorted ones and overflow lists."""
-    return s.counter[SEGMENT_ROOM] + s.counter[OVERFLOW_ROOM]
+    return s.counter[at.SEGMENT_ROOM] + s.counter[at.OVERFLOW_ROOM]
 
 
 @fast_arithmetic
 def compare(p, stride, k, q, own, code, ex, ey, ez):
     """B = r.v, v.v, and r.r less the squared contact distance of two segments, one in this image."""
-    dx = (p[MIDPOINT * stride + k] - q[MIDPOINT * stride + own]) - np.float32((code & 3) - 1) * ex
-    dy = (p[(MIDPOINT + 1) * stride + k] - q[(MIDPOINT + 1) * stride + own]) - np.float32(
+    dx = (p[at.MIDPOINT * stride + k] - q[at.MIDPOINT * stride + own]) - np.float32((code & 3) - 1) * ex
+    dy = (p[(at.MIDPOINT + 1) * stride + k] - q[(at.MIDPOINT + 1) * stride + own]) - np.float32(
         ((code >> 2) & 3) - 1
     ) * ey
-    du = p[HALF_DISPLACEMENT * stride + k] - q[HALF_DISPLACEMENT * stride + own]
-    dv = p[(HALF_DISPLACEMENT + 1) * stride + k] - q[(HALF_DISPLACEMENT + 1) * stride + own]
+    du = p[at.HALF_DISPLACEMENT * stride + k] - q[at.HALF_DISPLACEMENT * stride + own]
+    dv = p[(at.HALF_DISPLACEMENT + 1) * stride + k] - q[(at.HALF_DISPLACEMENT + 1) * stride + own]
     rr = dx * dx + dy * dy
     b = dx * du + dy * dv
     vv = du * du + dv * dv
     if DIM == 3:
-        dz = (p[(MIDPOINT + 2) * stride + k] - q[(MIDPOINT + 2) * stride + own]) - np.float32(
+        dz = (p[(at.MIDPOINT + 2) * stride + k] - q[(at.MIDPOINT + 2) * stride + own]) - np.float32(
             (code >> 4) - 1
         ) * ez
-        dw = p[(HALF_DISPLACEMENT + 2) * stride + k] - q[(HALF_DISPLACEMENT + 2) * stride + own]
+        dw = p[(at.HALF_DISPLACEMENT + 2) * stride + k] - q[(at.HALF_DISPLACEMENT + 2) * stride + own]
         rr += dz * dz
         b += dz * dw
         vv += dw * dw
-    limit = p[PADDED_RADIUS * stride + k] + q[PADDED_RADIUS * stride + own]
+    limit = p[at.PADDED_RADIUS * stride + k] + q[at.PADDED_RADIUS * stride + own]
     return b, vv, rr - (limit * limit + SLACK)
 
 
@@ -84,37 +71,37 @@ def may_touch(b, vv, c, since):
 @jit
 def filter_pairs(s, m, since):
     """Compare the first m pairs of the table, and compute the contacts of those that may touch."""
-    unit = s.number[SEGMENT_UNIT]
+    unit = s.number[at.SEGMENT_UNIT]
     ex, ey, ez = (
-        np.float32(s.number[BOX] * unit),
-        np.float32(s.number[BOX + 1] * unit),
-        np.float32(s.number[BOX + 2] * unit),
+        np.float32(s.number[at.BOX] * unit),
+        np.float32(s.number[at.BOX + 1] * unit),
+        np.float32(s.number[at.BOX + 2] * unit),
     )
     passed = int64(0)
     for block in range(0, m, EIGHT):
         gather_transposed(s.pair_segments, 0, EIGHT, s.segments, s.pair_slot, block)
         for k in range(EIGHT):
             s.own_slots[k] = slot_in(s.pair_own[block + k])
-        gather_transposed(s.pair_segments, SEGMENT * EIGHT, EIGHT, s.segments, s.own_slots, 0)
+        gather_transposed(s.pair_segments, at.SEGMENT * EIGHT, EIGHT, s.segments, s.own_slots, 0)
         marks = 0
         for k in range(EIGHT):
             code = image_in(s.pair_own[block + k])
             b, vv, c = compare(
-                s.pair_segments, EIGHT, k, s.pair_segments, SEGMENT * EIGHT + k, code, ex, ey, ez
+                s.pair_segments, EIGHT, k, s.pair_segments, at.SEGMENT * EIGHT + k, code, ex, ey, ez
             )
             marks |= (1 << k) if may_touch(b, vv, c, since) else 0
         passed = keep_marked(s.passed, passed, block, m, marks)
-    if s.counter[BEYOND_ALL]:
+    if s.counter[at.BEYOND_ALL]:
         prefetch_rows(s, passed)
     for a in range(passed):
         pair = int(s.passed[a])
         slot, own, code = int(s.pair_slot[pair]), slot_in(s.pair_own[pair]), image_in(s.pair_own[pair])
-        b, vv, c = compare(s.segments, 1, slot * SEGMENT, s.segments, own * SEGMENT, code, ex, ey, ez)
+        b, vv, c = compare(s.segments, 1, slot * at.SEGMENT, s.segments, own * at.SEGMENT, code, ex, ey, ez)
         when = min(max(-b / (vv + TINY), since), ONE)
         predict_contact(
             s,
-            int64(s.segment_words[own * SEGMENT + OWNER]),
-            int64(s.segment_words[slot * SEGMENT + OWNER]),
+            int64(s.segment_words[own * at.SEGMENT + at.OWNER]),
+            int64(s.segment_words[slot * at.SEGMENT + at.OWNER]),
             when,
         )
 
@@ -129,5 +116,5 @@ def filter_table(s, m, since):
 def predict_contact(s, i, j, when):
     """Compute the contact of two particles, in the image that is nearest when their segments are nearest."""
     if i != j:
-        about = s.number[MIDDLE] + s.number[HALF_WINDOW] * when
+        about = s.number[at.MIDDLE] + s.number[at.HALF_WINDOW] * when
         keep_contact(s, min(i, j), max(i, j), pair_contact(s, i, j, about))

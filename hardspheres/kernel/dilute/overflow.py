@@ -3,16 +3,7 @@
 Each stretch of CELLS_OF_OVERFLOW cells of a column has a linked list of its own.
 """
 
-from ..layout import (
-    CELLS,
-    CELLS_OF_OVERFLOW,
-    OVERFLOW_ROOM,
-    OVERFLOWED,
-    OWNER,
-    SEGMENT,
-    SEGMENT_ROOM,
-    SHORT_LISTS,
-)
+from .. import layout as at
 from ..simd.jit import called, jit
 from ..simd.pointers import int64
 from ..simd.vectors import copy_lanes
@@ -23,19 +14,19 @@ from .pair_table import enter_pair
 @jit
 def lists_before(s, column):
     """Index of the first overflow list of a column."""
-    return column * ((s.counter[CELLS + 1] + CELLS_OF_OVERFLOW - 1) // CELLS_OF_OVERFLOW)
+    return column * ((s.counter[at.CELLS + 1] + at.CELLS_OF_OVERFLOW - 1) // at.CELLS_OF_OVERFLOW)
 
 
 @jit
 def number_of_lists(s):
     """How many overflow lists the columns have; the last stands for all beyond walls."""
-    return lists_before(s, s.counter[CELLS] * s.counter[CELLS + 2] + 1)
+    return lists_before(s, s.counter[at.CELLS] * s.counter[at.CELLS + 2] + 1)
 
 
 @jit
 def list_at(s, x, y, z):
     """Which overflow list holds the new segments of a cell."""
-    return lists_before(s, column_at(s, x, z)) + y // CELLS_OF_OVERFLOW
+    return lists_before(s, column_at(s, x, z)) + y // at.CELLS_OF_OVERFLOW
 
 
 @called
@@ -48,12 +39,12 @@ def clear_overflow(s):
 @jit
 def append_overflow(s, new, head):
     """Add a new segment to an overflow list."""
-    node = s.counter[OVERFLOWED]
-    if node == s.counter[OVERFLOW_ROOM]:
-        s.counter[SHORT_LISTS] = 1
+    node = s.counter[at.OVERFLOWED]
+    if node == s.counter[at.OVERFLOW_ROOM]:
+        s.counter[at.SHORT_LISTS] = 1
         return
-    s.counter[OVERFLOWED] = node + 1
-    copy_lanes(s.segments, (s.counter[SEGMENT_ROOM] + node) * SEGMENT, s.segments, new * SEGMENT)
+    s.counter[at.OVERFLOWED] = node + 1
+    copy_lanes(s.segments, (s.counter[at.SEGMENT_ROOM] + node) * at.SEGMENT, s.segments, new * at.SEGMENT)
     s.overflow_next[node] = s.overflow_first[head]
     s.overflow_first[head] = node
 
@@ -63,7 +54,7 @@ def pairs_in_list(s, m, new, head, code):
     """Enter the pairs of a new segment, in this image, and an overflow list in the table, which has m."""
     node = int64(s.overflow_first[head])
     while node >= 0:
-        m = enter_pair(s, m, new, s.counter[SEGMENT_ROOM] + node, code)
+        m = enter_pair(s, m, new, s.counter[at.SEGMENT_ROOM] + node, code)
         node = int64(s.overflow_next[node])
     return m
 
@@ -72,7 +63,7 @@ def pairs_in_list(s, m, new, head, code):
 def pairs_in_lists(s, m, new, column, first, last, code):
     """Enter the pairs of a new segment and the overflow lists of cells `first` to `last` of a column."""
     before = lists_before(s, column)
-    for head in range(before + first // CELLS_OF_OVERFLOW, before + last // CELLS_OF_OVERFLOW + 1):
+    for head in range(before + first // at.CELLS_OF_OVERFLOW, before + last // at.CELLS_OF_OVERFLOW + 1):
         m = pairs_in_list(s, m, new, head, code)
     return m
 
@@ -84,7 +75,7 @@ def remove_overflow(s, head, i):
     node = int64(s.overflow_first[head])
     while node >= 0:
         after = int64(s.overflow_next[node])
-        if s.segment_words[(s.counter[SEGMENT_ROOM] + node) * SEGMENT + OWNER] != i:
+        if s.segment_words[(s.counter[at.SEGMENT_ROOM] + node) * at.SEGMENT + at.OWNER] != i:
             before = node
         elif before < 0:
             s.overflow_first[head] = after

@@ -6,7 +6,7 @@ seen.
 
 import numpy as np
 
-from ..layout import NEAR_ROOM, SHORT_QUEUE
+from .. import layout as at
 from ..simd.jit import jit
 
 SLOT_BITS = 26  # of a number with the slot and the image
@@ -41,7 +41,7 @@ def enter_pair(s, m, own, slot, code):
 @jit
 def checked(s, m):
     """How many pairs the table has; none where it is full (then the run makes room and starts over)."""
-    if m > s.counter[NEAR_ROOM]:
-        s.counter[SHORT_QUEUE] = 1
+    if m > s.counter[at.NEAR_ROOM]:
+        s.counter[at.SHORT_QUEUE] = 1
         return 0
     return m

@@ -7,38 +7,8 @@ import math
 
 import numpy as np
 
+from .. import layout as at
 from ..flags import DIM, SIZES, WALLS
-from ..layout import (
-    AFTER_X,
-    AFTER_Y,
-    AFTER_Z,
-    BEFORE_X,
-    BEFORE_Y,
-    BEFORE_Z,
-    BOX,
-    CELL_DENSITY,
-    CELLS,
-    COMMON_RADIUS,
-    HALF_DISPLACEMENT,
-    HALF_LENGTH,
-    HALF_WINDOW,
-    INVERSE,
-    MIDDLE,
-    MIDPOINT,
-    NEAR_SHIFT,
-    OWNER,
-    PADDED_RADIUS,
-    RADIUS,
-    ROW,
-    SEGMENT,
-    SEGMENT_MARGIN,
-    SEGMENT_OVERHANG,
-    SEGMENT_UNIT,
-    UNIT_DENSITY,
-    T,
-    V,
-    X,
-)
 from ..simd.jit import jit
 from ..simd.vectors import gather_transposed, store_transposed
 
@@ -46,14 +16,17 @@ MANY = 1000000  # segments of a flight; an upper bound
 OUTWARDS = 1e-3  # units by which bounding boxes are enlarged, for rounding
 TURN = 256.0
 # Places of the numbers of cells before along x, y, z, and of those after.
-RUNS = tuple(float(bit) for bit in (BEFORE_X, 1 << BEFORE_Y, BEFORE_Z, AFTER_X, 1 << AFTER_Y, AFTER_Z))
+RUNS = tuple(
+    float(bit)
+    for bit in (at.BEFORE_X, 1 << at.BEFORE_Y, at.BEFORE_Z, at.AFTER_X, 1 << at.AFTER_Y, at.AFTER_Z)
+)
 NEGATED_HIGH = TURN**3  # place of the high ends in a bounding box
 NEAR_A_WALL = 1e-9  # of a box, for rounding
 
 # The table of eight segments: their rows in columns, the segments in columns, and what else is known of them.
 EIGHT = 8
-SEGMENTS_OF_EIGHT = EIGHT * ROW
-ENDS = SEGMENTS_OF_EIGHT + EIGHT * SEGMENT  # of their bounding boxes
+SEGMENTS_OF_EIGHT = EIGHT * at.ROW
+ENDS = SEGMENTS_OF_EIGHT + EIGHT * at.SEGMENT  # of their bounding boxes
 CELL = ENDS + EIGHT
 FAR = CELL + EIGHT  # below 1 where one segment is enough
 NEAR = FAR + EIGHT  # how many cells are near, see `near_of`
@@ -65,9 +38,9 @@ def segments_of(s, i, duration):
     """Count the segments of a flight of this duration: none reaches further than HALF_LENGTH both ways."""
     vv = 0.0
     for d in range(DIM):
-        v = s.row[i * ROW + V + d]
+        v = s.row[i * at.ROW + at.V + d]
         vv += v * v
-    far = 0.5 * duration / s.number[HALF_LENGTH]
+    far = 0.5 * duration / s.number[at.HALF_LENGTH]
     if vv * far * far < 1.0:
         return 1
     return 1 + int(min(math.sqrt(vv) * far, MANY))
@@ -81,12 +54,12 @@ def axis(s, d):
     overhang.
     """
     return (
-        s.number[BOX + d],
-        s.number[INVERSE + d],
-        s.number[CELL_DENSITY + d],
-        float(s.counter[CELLS + d] - 1),
-        s.number[UNIT_DENSITY + d],
-        s.number[SEGMENT_OVERHANG + d],
+        s.number[at.BOX + d],
+        s.number[at.INVERSE + d],
+        s.number[at.CELL_DENSITY + d],
+        float(s.counter[at.CELLS + d] - 1),
+        s.number[at.UNIT_DENSITY + d],
+        s.number[at.SEGMENT_OVERHANG + d],
     )
 
 
@@ -134,11 +107,11 @@ def near_of(d, before, after):
 @jit
 def segment_along(p, k, d, dt, half_time, half_window, unit, radius, of_axis):
     """Write segment k along axis d; returns box, cell, cells near it, squared speed, 1 if near a wall."""
-    v = p[EIGHT * (V + d) + k]
-    x = in_box(p[EIGHT * (X + d) + k] + v * dt, of_axis)
+    v = p[EIGHT * (at.V + d) + k]
+    x = in_box(p[EIGHT * (at.X + d) + k] + v * dt, of_axis)
     half = half_time * abs(v) + radius
-    p[SEGMENTS_OF_EIGHT + EIGHT * (MIDPOINT + d) + k] = x * unit
-    p[SEGMENTS_OF_EIGHT + EIGHT * (HALF_DISPLACEMENT + d) + k] = v * half_window * unit
+    p[SEGMENTS_OF_EIGHT + EIGHT * (at.MIDPOINT + d) + k] = x * unit
+    p[SEGMENTS_OF_EIGHT + EIGHT * (at.HALF_DISPLACEMENT + d) + k] = v * half_window * unit
     edge = 0.0
     if WALLS:
         reached = min(x, of_axis[0] - x) < half + NEAR_A_WALL * of_axis[0]
@@ -158,14 +131,18 @@ def write_eight(s, m, duration):
     """
     p = s.scratch
     gather_transposed(p, 0, EIGHT, s.row, s.order, m)
-    unit, half_window, margin = s.number[SEGMENT_UNIT], s.number[HALF_WINDOW], s.number[SEGMENT_MARGIN]
-    middle, core, half_time = s.number[MIDDLE], s.number[COMMON_RADIUS], 0.5 * duration
-    far = half_time / s.number[HALF_LENGTH]
+    unit, half_window, margin = (
+        s.number[at.SEGMENT_UNIT],
+        s.number[at.HALF_WINDOW],
+        s.number[at.SEGMENT_MARGIN],
+    )
+    middle, core, half_time = s.number[at.MIDDLE], s.number[at.COMMON_RADIUS], 0.5 * duration
+    far = half_time / s.number[at.HALF_LENGTH]
     along_x, along_y, along_z = axis(s, 0), axis(s, 1), axis(s, 2)
-    rows, columns = float(s.counter[CELLS + 1]), float(s.counter[CELLS + 2])
+    rows, columns = float(s.counter[at.CELLS + 1]), float(s.counter[at.CELLS + 2])
     for k in range(EIGHT):
-        dt = middle - p[EIGHT * T + k]
-        radius = p[EIGHT * RADIUS + k] if SIZES else core
+        dt = middle - p[EIGHT * at.T + k]
+        radius = p[EIGHT * at.RADIUS + k] if SIZES else core
         ends, cx, near, vv, edge = segment_along(p, k, 0, dt, half_time, half_window, unit, radius, along_x)
         more, cy, along, uu, beside = segment_along(
             p, k, 1, dt, half_time, half_window, unit, radius, along_y
@@ -177,18 +154,18 @@ def write_eight(s, m, duration):
             )
             ends, near, vv, edge = ends + TURN * TURN * more, near + along, vv + uu, max(edge, beside)
         else:
-            p[SEGMENTS_OF_EIGHT + EIGHT * (MIDPOINT + 2) + k] = 0.0
-            p[SEGMENTS_OF_EIGHT + EIGHT * (HALF_DISPLACEMENT + 2) + k] = 0.0
-        p[SEGMENTS_OF_EIGHT + EIGHT * PADDED_RADIUS + k] = radius * unit + margin
+            p[SEGMENTS_OF_EIGHT + EIGHT * (at.MIDPOINT + 2) + k] = 0.0
+            p[SEGMENTS_OF_EIGHT + EIGHT * (at.HALF_DISPLACEMENT + 2) + k] = 0.0
+        p[SEGMENTS_OF_EIGHT + EIGHT * at.PADDED_RADIUS + k] = radius * unit + margin
         p[ENDS + k] = ends
         p[NEAR + k] = near
         p[CELL + k] = (cx * columns + cz) * rows + cy
         p[FAR + k] = vv * far * far
         p[EDGE + k] = edge
-    store_transposed(s.unsorted, m * SEGMENT, p, SEGMENTS_OF_EIGHT)
+    store_transposed(s.unsorted, m * at.SEGMENT, p, SEGMENTS_OF_EIGHT)
     for k in range(EIGHT):
-        s.unsorted_words[(m + k) * SEGMENT + OWNER] = s.order[m + k]
-        s.unsorted_boxes[m + k] = int(p[ENDS + k]) | int(p[NEAR + k]) << NEAR_SHIFT
+        s.unsorted_words[(m + k) * at.SEGMENT + at.OWNER] = s.order[m + k]
+        s.unsorted_boxes[m + k] = int(p[ENDS + k]) | int(p[NEAR + k]) << at.NEAR_SHIFT
 
 
 @jit
@@ -197,21 +174,21 @@ def write_segment(s, segments, words, boxes, k, i, t, duration, parts):
 
     Returns the cell (x, y, z) that holds i at time t.
     """
-    ri = i * ROW
-    dt = t - s.row[ri + T]
-    on = s.number[MIDDLE] - t
-    unit = s.number[SEGMENT_UNIT]
-    radius = s.row[ri + RADIUS] if SIZES else s.number[COMMON_RADIUS]
+    ri = i * at.ROW
+    dt = t - s.row[ri + at.T]
+    on = s.number[at.MIDDLE] - t
+    unit = s.number[at.SEGMENT_UNIT]
+    radius = s.row[ri + at.RADIUS] if SIZES else s.number[at.COMMON_RADIUS]
     half_time = 0.5 * (duration / parts)
-    line = k * SEGMENT
+    line = k * at.SEGMENT
     ends, near = 0.0, 0.0
     cx, cy, cz = 0, 0, 0
     for d in range(DIM):
-        v = s.row[ri + V + d]
+        v = s.row[ri + at.V + d]
         of_axis = axis(s, d)
-        x = in_box(s.row[ri + X + d] + v * dt, of_axis)
-        segments[line + MIDPOINT + d] = (x + v * on) * unit
-        segments[line + HALF_DISPLACEMENT + d] = v * s.number[HALF_WINDOW] * unit
+        x = in_box(s.row[ri + at.X + d] + v * dt, of_axis)
+        segments[line + at.MIDPOINT + d] = (x + v * on) * unit
+        segments[line + at.HALF_DISPLACEMENT + d] = v * s.number[at.HALF_WINDOW] * unit
         half = half_time * abs(v) + radius
         ends += TURN**d * ends_of(x, half, of_axis)
         cell = int(cell_of(x, of_axis))
@@ -223,12 +200,12 @@ def write_segment(s, segments, words, boxes, k, i, t, duration, parts):
             cy = cell
         else:
             cz = cell
-    reach = radius * unit + s.number[SEGMENT_MARGIN]
+    reach = radius * unit + s.number[at.SEGMENT_MARGIN]
     if parts > 1:
-        reach += 3e-3 * parts * s.number[HALF_LENGTH] * unit
-    segments[line + PADDED_RADIUS] = reach
-    words[line + OWNER] = i
-    boxes[k] = int(ends) | int(near) << NEAR_SHIFT
+        reach += 3e-3 * parts * s.number[at.HALF_LENGTH] * unit
+    segments[line + at.PADDED_RADIUS] = reach
+    words[line + at.OWNER] = i
+    boxes[k] = int(ends) | int(near) << at.NEAR_SHIFT
     return cx, cy, cz
 
 

@@ -14,27 +14,9 @@ There are no events but collisions: particles that cannot collide are registered
 
 import numpy as np
 
+from .. import layout as at
 from ..common.bucket_queue import clear_buckets
 from ..flags import SIZES, WALLS
-from ..layout import (
-    BEYOND_ALL,
-    BEYOND_CACHE,
-    BUCKET,
-    CELLS,
-    CONTACTS,
-    HALF_WINDOW,
-    HEAP_LENGTH,
-    IMAGE,
-    INVERSE,
-    LARGE,
-    MIDDLE,
-    NEAR_SHIFT,
-    OVERFLOWED,
-    SEGMENT,
-    SHORT_LISTS,
-    SHORT_QUEUE,
-    WINDOW_BUCKETS,
-)
 from ..simd.jit import called, jit
 from ..simd.pointers import int64, prefetch
 from ..simd.vectors import AT_ONCE
@@ -57,23 +39,23 @@ MOST_PLACES = 16  # in the table of columns
 
 
 @jit
-def open_window(s, cells, blocks):
+def open_window(s):
     """Register all segments and predict all contacts of the window that begins in the current bucket."""
-    s.counter[CONTACTS] = 0
-    s.counter[OVERFLOWED] = 0
-    s.counter[SHORT_LISTS] = 0
-    s.counter[SHORT_QUEUE] = 0
-    s.counter[HEAP_LENGTH] = 0
-    clear_buckets(s, s.counter[WINDOW_BUCKETS], blocks)
-    begin = s.counter[BUCKET] // s.counter[WINDOW_BUCKETS] * (2.0 * s.number[HALF_WINDOW])
-    s.number[MIDDLE] = begin + s.number[HALF_WINDOW]
+    s.counter[at.CONTACTS] = 0
+    s.counter[at.OVERFLOWED] = 0
+    s.counter[at.SHORT_LISTS] = 0
+    s.counter[at.SHORT_QUEUE] = 0
+    s.counter[at.HEAP_LENGTH] = 0
+    clear_buckets(s, s.counter[at.WINDOW_BUCKETS])
+    begin = s.counter[at.BUCKET] // s.counter[at.WINDOW_BUCKETS] * (2.0 * s.number[at.HALF_WINDOW])
+    s.number[at.MIDDLE] = begin + s.number[at.HALF_WINDOW]
     clear_overflow(s)
-    register_all(s, cells, begin)
-    if s.counter[SHORT_LISTS]:
+    register_all(s, begin)
+    if s.counter[at.SHORT_LISTS]:
         return
     if SIZES:
         register_large(s, begin)
-        if s.counter[SHORT_LISTS]:
+        if s.counter[at.SHORT_LISTS]:
             return
     compare_all(s)
 
@@ -82,9 +64,9 @@ def open_window(s, cells, blocks):
 def register_large(s, begin):
     """Compare the segments of all large particles with all others, and register them in the coarse grid."""
     clear_large(s)
-    duration = 2.0 * s.number[HALF_WINDOW]
+    duration = 2.0 * s.number[at.HALF_WINDOW]
     new = new_segment(s)
-    for a in range(s.counter[LARGE]):
+    for a in range(s.counter[at.LARGE]):
         i = int64(s.large[a])
         s.where[i] = SEVERAL
         if WALLS:
@@ -96,8 +78,8 @@ def register_large(s, begin):
             m = pairs_with_large(s, pairs_with_small(s, 0, i, new, time), i, new, time)
             filter_table(s, m, ALWAYS)
             overflow_large(s, i, new, time, p == 0)
-    if s.counter[SHORT_LISTS]:
-        s.counter[OVERFLOWED] = 0  # more segments than there is room for, and none of them was replaced
+    if s.counter[at.SHORT_LISTS]:
+        s.counter[at.OVERFLOWED] = 0  # more segments than there is room for, and none of them was replaced
 
 
 @jit
@@ -108,7 +90,7 @@ def follow(s, i, j, now):
     do not see each other, but they fly apart. Flights of several segments, which may lead round the box, are
     searched one after the other.
     """
-    duration = s.number[MIDDLE] + s.number[HALF_WINDOW] - now
+    duration = s.number[at.MIDDLE] + s.number[at.HALF_WINDOW] - now
     changed = 2 if j >= 0 else 1
     s.changed[WHO], s.changed[CHANGED + WHO] = i, j
     s.changed[CHANGED + PARTS] = 0
@@ -132,7 +114,7 @@ def follow(s, i, j, now):
 @jit
 def follow_part(s, begin, end, p, now, duration):
     """Predict the contacts of segment p of the new flights from `begin` to `end`, and register it."""
-    since = np.float32((now - s.number[MIDDLE]) / s.number[HALF_WINDOW] - 1e-5)
+    since = np.float32((now - s.number[at.MIDDLE]) / s.number[at.HALF_WINDOW] - 1e-5)
     for a in range(begin, end):
         write_part(s, a, p, now, duration)
         find_runs(s, a)
@@ -198,16 +180,16 @@ def write_new(s, new, i, t, duration, parts):
 def find_runs(s, a):
     """Find the columns with segments that may overlap a new one, and prefetch the first boxes of each."""
     x, y, z = cell_of_part(s, a)
-    near = s.boxes[new_segment(s) + a] >> NEAR_SHIFT
+    near = s.boxes[new_segment(s) + a] >> at.NEAR_SHIFT
     first, last = cells_along_y(s, near, y)
     s.changed[a * CHANGED + FIRST], s.changed[a * CHANGED + FIRST + 1] = first, last
     begin = a * MOST_PLACES
     k = columns_around(s, begin, near, x, z)
     s.changed[a * CHANGED + PLACES] = k - begin
-    if s.counter[BEYOND_CACHE]:
+    if s.counter[at.BEYOND_CACHE]:
         for place in range(begin, k):
             column = int64(s.column[s.places[place]])
-            start = s.cell_count[column * s.counter[CELLS + 1] + max(first, 0)]
+            start = s.cell_count[column * s.counter[at.CELLS + 1] + max(first, 0)]
             prefetch(s.boxes, start)
             prefetch(s.boxes, start + AT_ONCE // 2)
 
@@ -221,9 +203,9 @@ def pairs_around(s, m, a):
         column, code = int64(s.column[s.places[k]]), int64(s.column_code[s.places[k]])
         before = m
         m = pairs_in_column(s, m, new, column, first, last, 0, code)
-        if s.counter[BEYOND_ALL]:
+        if s.counter[at.BEYOND_ALL]:
             for pair in range(before, m):
-                prefetch(s.segments, s.pair_slot[pair] * SEGMENT)
+                prefetch(s.segments, s.pair_slot[pair] * at.SEGMENT)
         m = overflow_pairs_around(s, m, new, column, first, last, code)
     return m
 
@@ -231,11 +213,11 @@ def pairs_around(s, m, a):
 @jit
 def overflow_pairs_around(s, m, new, column, first, last, code):
     """Enter the pairs with the overflow lists of cells, even beyond the box; returns how many there are."""
-    ny = s.counter[CELLS + 1]
+    ny = s.counter[at.CELLS + 1]
     m = pairs_in_lists(s, m, new, column, max(first, 0), min(last, ny - 1), code)
-    if s.number[INVERSE + 1] > 0.0:
+    if s.number[at.INVERSE + 1] > 0.0:
         if first < 0:
-            m = pairs_in_lists(s, m, new, column, max(first + ny, 0), ny - 1, code + IMAGE[1])
+            m = pairs_in_lists(s, m, new, column, max(first + ny, 0), ny - 1, code + at.IMAGE[1])
         if last >= ny:
-            m = pairs_in_lists(s, m, new, column, 0, min(last - ny, ny - 1), code - IMAGE[1])
+            m = pairs_in_lists(s, m, new, column, 0, min(last - ny, ny - 1), code - at.IMAGE[1])
     return m

@@ -10,19 +10,19 @@ from typing import Any
 
 import numba
 
+from .parts import part
+
 config: Any = numba.config
 PURE_PYTHON = bool(config.DISABLE_JIT)
 CHECKED = bool(config.BOUNDSCHECK)
 
 
 def jit(function):
-    """Compile a function into its callers: handing the record of pointers over costs more than most.
+    """Compile a function into its callers.
 
     Strict IEEE arithmetic, x/0 as in NumPy (checks would stop vectorisation).
     """
-    return numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, forceinline=True)(
-        function
-    )
+    return function if PURE_PYTHON else part(function, error_model="numpy", forceinline=True)
 
 
 def fast_arithmetic(function):
@@ -30,18 +30,14 @@ def fast_arithmetic(function):
 
     Their rounding depends on the machine.
     """
-    return numba.njit(
-        error_model="numpy",
-        fastmath={"contract"},
-        no_cpython_wrapper=True,
-        no_cfunc_wrapper=True,
-        forceinline=True,
-    )(function)
+    if PURE_PYTHON:
+        return function
+    return part(function, error_model="numpy", forceinline=True, fastmath={"contract"})
 
 
 def called(function):
     """Compile a large part that is called rarely as a function of its own: it saves compilation time."""
-    return numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
+    return function if PURE_PYTHON else part(function, error_model="numpy")
 
 
 def entry_point(function):

@@ -10,7 +10,10 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from .jit import CHECKED, PURE_PYTHON
+from hardspheres.kernel.addresses import addresses, pointers_at
+from hardspheres.kernel.arrays import Arrays
+
+from .jit import CHECKED, PURE_PYTHON, jit
 
 
 class BoundsChecked:
@@ -112,3 +115,18 @@ else:
             return builder.bitcast(args[0], context.get_value_type(types.float64))
 
         return types.float64(types.int64), codegen
+
+
+if PURE_PYTHON or CHECKED:
+
+    def handed_over(arrays):
+        """Return what a kernel takes: the record of arrays as it is."""
+        return Arrays(*map(pointer, arrays)) if PURE_PYTHON else arrays
+
+    @jit
+    def pointers(arrays):
+        """With checks, and in plain Python, arrays are their own pointers."""
+        return arrays
+
+else:
+    handed_over, pointers = addresses, pointers_at
