@@ -157,10 +157,10 @@ def test_too_little_memory(monkeypatch):
     count = engine.arrays.counter.copy()
     count[at.CONTACT_ROOM] = 10**8
     with pytest.raises(hs.SimulationError, match=r"search among 50 particles need about 3.2 GB"):
-        engine._searching_arrays(count, engine.blocks)
+        engine._searching_arrays(count)
     count[at.CONTACT_ROOM] = 2**31
     with pytest.raises(hs.SimulationError, match="a table of 2147483648 entries, .* take fewer particles"):
-        engine._searching_arrays(count, engine.blocks)
+        engine._searching_arrays(count)
 
 
 # Checkpoints that lie.

@@ -6,9 +6,10 @@ work is to find the earliest collision at a cost that does not grow with the num
 is the whole method, in reading order, room by room.
 
 **The top.** `loop` is the algorithm: take the next event, execute it, predict the next events of its one or
-two particles. `layout` names the slots of all arrays, `arrays` lists the arrays. What a scene lacks is not
-compiled in: `specialise` loads the files of this package once for each kind of scene (dimension, walls, many
-radii, many masses, search, growth, tallies of flights), each with its own constants in place of `flags`.
+two particles. `arrays` is the table of all arrays; `layout` names their slots, and is imported as `at`. What
+a scene lacks is not compiled in: `specialise` loads the files of this package once for each kind of scene
+(dimension, walls, many radii, many masses, search, growth, tallies of flights), each with its own constants
+in place of `flags`.
 
 **`common`: what both searches use.** `particles`: a particle's row is its position, its velocity, and the
 time when the two were written. Between events the row stays as it is: the position at a later time is x + v
@@ -31,7 +32,7 @@ than the processor's caches, what the coming events need is prefetched; the meth
 tallied when a collision of two particles ends it, and events are logged. That reads the rows and writes none
 of them.
 
-Two searches find which particles can collide. The density decides which one serves (`hardspheres.tuning`),
+Two searches find which particles can collide. The density decides which one serves (`hardspheres.windows`),
 and nothing that enters the trajectory does: both find the same events, to the last bit.
 
 **`dense`: neighbour lists.** `neighbour_lists`: each particle has a list of those with which it can collide

@@ -1,4 +1,9 @@
-"""The engine's memory: one table of all flat arrays, from which the record of them is made."""
+"""The engine's memory: one table of all flat arrays, from which the kernels' record of them is made.
+
+One class of records serves all kinds of scenes: Numba's quick look at an argument cannot tell records of
+equal fields apart, and with a class for each kind every call of the second one in a process would take the
+slow way.
+"""
 
 from collections import namedtuple
 from collections.abc import Callable

@@ -36,6 +36,7 @@ REFERENCE = 4  # reference position of the particle's list (unwrapped as the row
 
 REBUILD = -1  # the particle is at its displacement threshold: a new neighbour list is due
 NOTHING = -2  # no event before the epoch ends
+STALE_EVENT = -3  # none any more: the partner has changed since it was predicted
 
 # Numbers, float64.
 slot = Slots()

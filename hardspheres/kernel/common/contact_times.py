@@ -1,4 +1,10 @@
-"""Contact times: a pure function of two rows and the periodic image; many pairs at once, without branches."""
+"""Contact times: a pure function of two rows and the periodic image; many pairs at once, without branches.
+
+One particle is compared with a table of partners, column by column: their rows as they are, gathered by the
+caller. Every partner gets a time, infinite where there is no contact, since a branch would keep the compiler
+from using vectors. Formulas and their sources: `hardspheres.collision`, for spheres that grow
+`hardspheres.growth`.
+"""
 
 import math
 
@@ -63,7 +69,7 @@ def solve(s, i, now, m):
     soonest = NO_TIME
     for k in range(m):
         tj = scratch[SINCE + k]
-        later = max(ti, tj)
+        later = max(ti, tj)  # the earlier row is flown on to this time, the later one is as it was written
         dti, dtj = later - ti, later - tj
         ago = now - later
         vx, vy = scratch[VEL + k], scratch[VEL + at.LANES + k]
@@ -88,13 +94,13 @@ def solve(s, i, now, m):
             b = x * u + y * v
             rr = x * x + y * y
             d = discriminant_2d(x, y, u, v, sigma2)
-        root = math.sqrt(max(d, 0.0))
+        root = math.sqrt(max(d, 0.0))  # where d < 0 the pair misses: `contact_time` sees a root of 0
         contact = contact_time(b, rr - sigma2, root)
         if GROWS:
             contact = growing_contact(x, y, z, u, v, w, full * (scale + rate * later), full * rate)
         time = later + contact
         scratch[WHEN + k] = time
-        soonest = min(soonest, bits(time))
+        soonest = min(soonest, bits(time))  # integers: their minimum is a vector instruction
     return soonest
 
 

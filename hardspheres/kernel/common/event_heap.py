@@ -1,4 +1,9 @@
-"""The event heap: the events of the current bucket, ordered by time, lower id, higher id."""
+"""The event heap: the events of the current bucket, ordered by time, lower id, higher id.
+
+A binary heap: the earliest event is entry 0, and no entry comes before its parent, entry (a - 1) / 2. It is
+small, since a bucket holds few events, and so stays in the cache; the long queue is the buckets'. Of each
+event it has the time, a key for the order of equal times, and what the search needs to find the event again.
+"""
 
 from .. import layout as at
 from ..simd.jit import jit
@@ -35,7 +40,7 @@ def push_event(s, time, key, entry):
     s.heap_time[a] = time
     s.heap_key[a] = key
     s.heap_entry[a] = entry
-    while a > 0:
+    while a > 0:  # rise past all that come later
         parent = (a - 1) >> 1
         if not precedes(s, a, parent):
             break
@@ -54,7 +59,7 @@ def pop_event(s):
         s.heap_entry[last],
     )
     a = 0
-    while True:
+    while True:  # sink below all that come earlier
         child = 2 * a + 1
         if child >= last:
             break

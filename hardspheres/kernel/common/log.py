@@ -1,4 +1,8 @@
-"""The log of events: a buffer that Python empties when it is full."""
+"""The log of events: a buffer that Python empties when it is full.
+
+The loop stops before an event that would find no room, and is called again once the buffer has been handed
+over. Particles are logged by the lower, then the higher id, whichever of the two the event was stored with.
+"""
 
 import math
 

@@ -1,4 +1,8 @@
-"""What events do to the rows: the only places where the canonical state changes."""
+"""What events do to the rows: the only places where the canonical state changes.
+
+A collision of two particles, the reflection at a wall, and the end of an epoch. Everything that is found from
+a row compares the particle's version, which each event raises; so nothing else has to be told.
+"""
 
 import math
 
@@ -155,6 +159,7 @@ def begin_epoch(s):
     if GROWS:
         s.number[at.SCALE] += s.number[at.GROWTH] * length
     s.counter[at.EPOCH] += 1
+    s.counter[at.BUCKET] = 0
     s.number[at.NOW] -= length
     s.number[at.LAST_ADVANCE] -= length
     if MASSES and not GROWS:

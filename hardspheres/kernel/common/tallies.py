@@ -1,4 +1,9 @@
-"""What each event adds to the sums: virial, kinetic stress, wall impulses."""
+"""What each event adds to the sums of the pressure tensor: virial, kinetic stress, wall impulses.
+
+The virial is a sum over collisions. The kinetic part is an integral over time of sum m v_a v_b, which is
+constant between events: each event adds its change, and the change times its time. The integral follows from
+these sums and the present velocities (`Engine.tallied`), without a look at all particles at each event.
+"""
 
 from .. import layout as at
 from ..flags import DIM

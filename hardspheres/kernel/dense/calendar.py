@@ -7,11 +7,16 @@ again.
 """
 
 from .. import layout as at
-from ..common.bucket_queue import clear_buckets, push_bucket, release_block
+from ..common.bucket_queue import clear_buckets, release_block
 from ..common.event_heap import push_event
-from ..common.prefetch import prefetch_event, prefetch_events
-from ..simd.jit import called, jit
-from ..simd.pointers import prefetch
+from ..common.prefetch import (
+    forget_waiting,
+    prefetch_buckets,
+    prefetch_event,
+    push_all_waiting,
+    push_bucket_later,
+)
+from ..simd.jit import jit
 
 
 @jit
@@ -28,6 +33,7 @@ def insert_event(s, i):
     time = s.event_float[i * at.EVENT + at.TIME]
     if time >= s.number[at.EPOCH_LENGTH]:
         return
+    # An event in the past, by rounding, goes to the current bucket, which is not over.
     bucket = int(max(time, 0.0) * s.number[at.INVERSE_WIDTH])
     now = s.counter[at.BUCKET]
     entry = i << 32 | s.event[i * at.EVENT + at.STAMP]
@@ -37,39 +43,7 @@ def insert_event(s, i):
     else:
         cycle = s.counter[at.BUCKETS]
         slot = bucket & (cycle - 1) if bucket < now + cycle else cycle
-        if s.counter[at.BEYOND_CACHE]:
-            insert_later(s, slot, entry)
-        else:
-            push_bucket(s, slot, entry)
-
-
-@jit
-def insert_later(s, slot, entry):
-    """Delay the insertion of an entry by a few others, while its bucket is prefetched."""
-    k = s.counter[at.WAITS]
-    s.counter[at.WAITS] = (k + 1) % at.WAITING
-    insert_waiting(s, k)
-    s.waiting_slot[k] = slot
-    s.waiting_entry[k] = entry
-    prefetch(s.buckets, slot)
-    halfway = s.waiting_slot[(k + at.WAITING // 2) % at.WAITING]
-    if halfway >= 0:
-        prefetch(s.blocks, s.buckets[halfway] * at.BLOCK)
-
-
-@jit
-def insert_waiting(s, k):
-    """Insert one of the delayed entries."""
-    if s.waiting_slot[k] >= 0:
-        push_bucket(s, s.waiting_slot[k], s.waiting_entry[k])
-        s.waiting_slot[k] = -1
-
-
-@called
-def insert_all_waiting(s):
-    """Insert all delayed entries."""
-    for k in range(at.WAITING):
-        insert_waiting(s, k)
+        push_bucket_later(s, slot, entry)
 
 
 @jit
@@ -99,28 +73,27 @@ def open_bucket(s, slot):
 
 @jit
 def next_bucket(s):
-    """Go on to the next bucket; a new cycle first takes its share of the later events."""
+    """Go on to the next bucket; a new cycle first takes its share of the later events.
+
+    Returns whether all events have to be found anew: never here.
+    """
     bucket = s.counter[at.BUCKET] + 1
     cycle = s.counter[at.BUCKETS]
     s.counter[at.BUCKET] = bucket
-    if s.counter[at.BEYOND_CACHE]:
-        insert_all_waiting(s)
+    push_all_waiting(s)
     if (bucket & (cycle - 1)) == 0:
         open_bucket(s, cycle)
-        if s.counter[at.BEYOND_CACHE]:
-            insert_all_waiting(s)
+        push_all_waiting(s)
     open_bucket(s, bucket & (cycle - 1))
-    if s.counter[at.BEYOND_CACHE]:
-        prefetch_events(s, s.buckets[(bucket + 1) & (cycle - 1)])
-        prefetch(s.blocks, s.buckets[(bucket + 2) & (cycle - 1)] * at.BLOCK)
+    prefetch_buckets(s, bucket)
+    return False
 
 
 @jit
 def clear_calendar(s):
     """Empty the calendar and go back to its first bucket."""
     clear_buckets(s, s.counter[at.BUCKETS] + 1)
-    for k in range(at.WAITING):
-        s.waiting_slot[k] = -1
+    forget_waiting(s)
     s.counter[at.HEAP_LENGTH] = 0
     s.counter[at.SHORT_QUEUE] = 0
     s.counter[at.BUCKET] = 0

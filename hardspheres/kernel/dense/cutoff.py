@@ -1,7 +1,8 @@
 """The cutoff test: which particles of a table are within the cutoff, eight in one step.
 
-LLVM turns a loop over eight lanes into eight scalar steps before it could make vectors of them, so the
-vectors are written down here. What is found goes into lists only, never into the trajectory.
+It decides who enters a list, and is most of the work of a rebuild. LLVM turns a loop over eight lanes into
+eight scalar steps before it could make vectors of them, so the vectors are written down here. What is found
+goes into lists only, never into the trajectory.
 
 Both functions work on columns that are `stride` apart: ids, positions, and radii where they differ. Ids are
 integers in the same memory as the floats.

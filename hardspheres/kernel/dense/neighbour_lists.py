@@ -41,6 +41,7 @@ def set_reference(s, i, now):
 def position_in_list(s, i, j):
     """Slot of the first entry of j in i's list; the number of slots where there is none."""
     room = s.counter[at.LIST_ROOM]
+    # To the end of the list, wherever it is found: without a branch this is a few vector instructions.
     found = room
     for k in range(room):
         found = min(found, k if s.neighbours[i * room + k] == j else room)
@@ -160,6 +161,7 @@ def update_list(s, i):
     room = s.counter[at.LIST_ROOM]
     n = s.counter[at.N]
     kept = find_neighbours(s, i)
+    # First those that are new, then those that are gone: most stay, and their lists are not touched.
     if kept >= room:
         s.counter[at.SHORT_LISTS] = 1
         return
@@ -190,6 +192,7 @@ def write_list(s, i, kept):
 @jit
 def rebuild_list(s, i, now):
     """Move i's reference position to where i is now, and rebuild its list."""
+    # Out of the cells first, so that i is not found as a neighbour of itself.
     take_from_cell(s, i)
     set_reference(s, i, now)
     if s.counter[at.IMAGES]:

@@ -1,4 +1,8 @@
-"""The next event of a particle of the list method: a contact, a wall, or its displacement threshold."""
+"""The next event of a particle of the list method: a contact, a wall, or its displacement threshold.
+
+All neighbours are solved for at once, 16 in a pass: their rows are gathered and transposed to columns, so
+that the solution for each lane needs the same instructions (`contact_times`). Most lists take one pass.
+"""
 
 import math
 
@@ -43,6 +47,7 @@ def earliest_contact(s, i, now):
     while True:
         gather(s, i, first)
         soonest = solve(s, i, now, at.LANES)
+        # Times are compared as integers, by their bits; at equal ones the lowest id counts, over all passes.
         if soonest < best or (soonest == best and soonest < NO_TIME):
             if soonest < best:
                 partner = NO_PARTICLE
@@ -51,6 +56,7 @@ def earliest_contact(s, i, now):
                 entry = i * room + first + k
                 least = least_of_equal(s.neighbours, entry, s.scratch_int, WHEN + k, soonest)
                 partner = min(partner, least)
+        # A list ends with the null particle: with it in the last lane no neighbour is left.
         first += at.LANES
         if first == room or s.neighbours[i * room + first - 1] == s.counter[at.N]:
             break
@@ -77,6 +83,7 @@ def threshold_crossing(s, i):
         b, vv, rr = x * u + y * v, u * u + v * v, x * x + y * y
         d = discriminant_2d(x, y, u, v, threshold2)
     root = math.sqrt(max(d, 0.0))
+    # The positive root, in that of its two forms in which nothing cancels.
     outwards = b > 0.0
     time = (threshold2 - rr if outwards else root - b) / (b + root if outwards else vv)
     return row[ri + at.T] + time if vv > 0.0 else NEVER

@@ -14,9 +14,10 @@ beyond that cell than segments may; otherwise it goes to the overflow list of it
 import numpy as np
 
 from .. import layout as at
+from ..common.prefetch import prefetch_eight_rows
 from ..flags import SIZES, WALLS
 from ..simd.jit import called, jit
-from ..simd.pointers import int64, prefetch
+from ..simd.pointers import int64
 from ..simd.vectors import AT_ONCE, copy_lanes, keep_overlapping
 from .filter import filter_pairs, filter_table
 from .grid import cell_at, cells_along_y, column_at, columns_after, fits
@@ -25,7 +26,6 @@ from .predicted_contacts import keep_wall_contact
 from .segments import CELL, EDGE, EIGHT, FAR, segments_of, write_eight, write_unsorted
 
 ALWAYS = np.float32(-1.00001)  # from the beginning of the window
-AHEAD = 16  # particles from here to the one whose row is prefetched
 SEVERAL = -1  # slot of a flight of several segments
 ENOUGH = 64  # pairs that are worth a look
 SEEN = -2  # the same, and it has its place in the order
@@ -46,8 +46,7 @@ def count_segments(s, begin, duration):
     n = in_cells(s)
     total = n
     for first in range(0, n, EIGHT):
-        for k in range(EIGHT):
-            prefetch(s.row, s.order[min(first + AHEAD + k, n - 1)] * at.ROW)
+        prefetch_eight_rows(s, first, n)
         write_eight(s, first, duration)
         for k in range(min(EIGHT, n - first)):
             i = int64(s.order[first + k])

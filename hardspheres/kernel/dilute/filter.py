@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import layout as at
 from ..common.contact_times import pair_contact
-from ..common.prefetch import prefetch_rows
+from ..common.prefetch import prefetch_partners
 from ..flags import DIM
 from ..simd.jit import called, fast_arithmetic, jit
 from ..simd.pointers import int64
@@ -91,8 +91,7 @@ def filter_pairs(s, m, since):
             )
             marks |= (1 << k) if may_touch(b, vv, c, since) else 0
         passed = keep_marked(s.passed, passed, block, m, marks)
-    if s.counter[at.BEYOND_ALL]:
-        prefetch_rows(s, passed)
+    prefetch_partners(s, passed)
     for a in range(passed):
         pair = int(s.passed[a])
         slot, own, code = int(s.pair_slot[pair]), slot_in(s.pair_own[pair]), image_in(s.pair_own[pair])

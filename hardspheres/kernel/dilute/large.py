@@ -6,8 +6,8 @@ with all cells within its reach, and its segment is in the one cell of a coarse 
 small one is compared with the cells around it, and with the coarse cells within its own reach, which are few
 and mostly empty. The coarse cells' overflow lists follow those of the cells.
 
-Measured: a collision costs 1.1 to 1.6 times as much without it at diameters 1:5 with one in 1000 large, and 1.3
-to 5.7 times at 1:10; with one in 100, 0.9 to 1.2 and 0.9 to 1.3 (N = 4000, 64 000; packing 0.01, 0.1).
+Measured: a collision costs 1.1 to 1.6 times as much without it at diameters 1:5 with one in 1000 large, and
+1.3 to 5.7 times at 1:10; with one in 100, 0.9 to 1.2 and 0.9 to 1.3 (N = 4000, 64 000; packing 0.01, 0.1).
 """
 
 import math

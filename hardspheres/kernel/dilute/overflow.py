@@ -37,10 +37,16 @@ def clear_overflow(s):
 
 
 @jit
+def is_full(s):
+    """Whether there is no room for another new segment."""
+    return s.counter[at.OVERFLOWED] == s.counter[at.OVERFLOW_ROOM]
+
+
+@jit
 def append_overflow(s, new, head):
     """Add a new segment to an overflow list."""
     node = s.counter[at.OVERFLOWED]
-    if node == s.counter[at.OVERFLOW_ROOM]:
+    if is_full(s):
         s.counter[at.SHORT_LISTS] = 1
         return
     s.counter[at.OVERFLOWED] = node + 1

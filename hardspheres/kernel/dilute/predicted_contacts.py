@@ -1,12 +1,17 @@
-"""The contacts predicted for the present window, kept in buckets by their time until it ends."""
+"""The contacts predicted for the present window, kept in buckets by their time until it ends.
+
+A contact names its two particles and the versions that they had: after a collision of either it no longer
+holds, and is passed over when its turn comes. The new contacts of the two have been found by then. So no
+contact is ever looked for to be removed, and at the end of the window all are dropped at once.
+"""
 
 from .. import layout as at
 from ..common.bucket_queue import push_bucket, release_block
 from ..common.contact_times import wall_contact
 from ..common.event_heap import push_event
-from ..common.prefetch import prefetch_contacts
+from ..common.prefetch import prefetch_contacts, prefetch_surroundings
 from ..simd.jit import jit
-from ..simd.pointers import bits, from_bits
+from ..simd.pointers import bits, from_bits, int64
 
 
 @jit
@@ -59,10 +64,31 @@ def partners(s, c):
 
 
 @jit
+def event_of(s, c):
+    """Both partners of a predicted contact; NOTHING in place of the second where it no longer holds."""
+    if not contact_holds(s, c):
+        s.counter[at.STALE] += 1
+        return int64(0), int64(at.NOTHING)
+    return partners(s, c)
+
+
+@jit
 def contact_holds(s, c):
     """Whether neither partner of a contact has changed since it was predicted."""
     low, high = partners(s, c)
     return versions_of(s, low, high) == s.contacts[c * at.CONTACT + at.CONTACT_VERSIONS]
+
+
+@jit
+def next_bucket(s):
+    """Go on to the next bucket; returns whether it begins a window, whose contacts have to be found first."""
+    bucket = s.counter[at.BUCKET] + 1
+    s.counter[at.BUCKET] = bucket
+    begins = (bucket & (s.counter[at.WINDOW_BUCKETS] - 1)) == 0
+    if not begins:
+        open_contacts(s)
+        prefetch_surroundings(s)
+    return begins
 
 
 @jit
@@ -71,8 +97,7 @@ def open_contacts(s):
     slot = s.counter[at.BUCKET] & (s.counter[at.WINDOW_BUCKETS] - 1)
     block = s.buckets[slot]
     s.buckets[slot] = -1
-    if s.counter[at.BEYOND_CACHE]:
-        prefetch_contacts(s, block)
+    prefetch_contacts(s, block)
     while block >= 0:
         for k in range(1, (s.blocks[block * at.BLOCK] & 7) + 1):
             c = s.blocks[block * at.BLOCK + k]

@@ -1,13 +1,14 @@
 """The window method, for dilute gases: which particles can collide within a short common window of time.
 
 In a window every free flight is a known straight segment, and few segments come near another. Each flight is
-registered in the cell that holds the middle of its segment. A fast flight has several segments, so that none
-reaches further than half a cell less a contact distance. Segments are compared with those around them
-(`cells`): first their bounding boxes, in bytes, then whether the two come within contact during the window
-(`filter`). These filters have safe margins. Whatever passes them is computed exactly from the rows, so the
-filters never enter the trajectory. Contacts within the window are kept until they happen or become stale
-(`predicted_contacts`). A particle that has collided gets a new segment, which is compared with those around
-it and then takes the place of the old one, or goes to an overflow list (`overflow`).
+registered in the cell that holds the middle of its segment; a fast flight has several segments, so that none
+reaches further than HALF_LENGTH from its middle (the geometry of the cells: `hardspheres.windows`). Segments
+are compared with those around them (`cells`): first their bounding boxes, in bytes, then whether the two come
+within contact during the window (`filter`). These filters have safe margins. Whatever passes them is computed
+exactly from the rows, so the filters never enter the trajectory. Contacts within the window are kept until
+they happen or become stale (`predicted_contacts`). A particle that has collided gets a new segment, which is
+compared with those around it and then takes the place of the old one, or goes to an overflow list
+(`overflow`).
 
 There are no events but collisions: particles that cannot collide are registered, and nothing else.
 """
@@ -16,10 +17,10 @@ import numpy as np
 
 from .. import layout as at
 from ..common.bucket_queue import clear_buckets
+from ..common.prefetch import prefetch_runs, prefetch_segments
 from ..flags import SIZES, WALLS
 from ..simd.jit import called, jit
-from ..simd.pointers import int64, prefetch
-from ..simd.vectors import AT_ONCE
+from ..simd.pointers import int64
 from .cells import ALWAYS, SEVERAL, compare_all, pairs_in_column, register_all, replace_segment, withdraw
 from .filter import filter_pairs, filter_table, new_segment
 from .grid import cells_along_y, columns_around
@@ -39,7 +40,7 @@ MOST_PLACES = 16  # in the table of columns
 
 
 @jit
-def open_window(s):
+def detect(s):
     """Register all segments and predict all contacts of the window that begins in the current bucket."""
     s.counter[at.CONTACTS] = 0
     s.counter[at.OVERFLOWED] = 0
@@ -83,7 +84,7 @@ def register_large(s, begin):
 
 
 @jit
-def follow(s, i, j, now):
+def predict_again(s, i, j, now):
     """Predict what i and j (or -1), whose rows have changed, do in the rest of the window; register both.
 
     Both are searched at once: each step waits for the one before, but not for those of the other. Then they
@@ -108,11 +109,11 @@ def follow(s, i, j, now):
         second = step >= s.changed[PARTS]
         begin = 1 if apart and second else 0
         end = begin + 1 if apart else changed
-        follow_part(s, begin, end, step - s.changed[PARTS] if second else step, now, duration)
+        search_part(s, begin, end, step - s.changed[PARTS] if second else step, now, duration)
 
 
 @jit
-def follow_part(s, begin, end, p, now, duration):
+def search_part(s, begin, end, p, now, duration):
     """Predict the contacts of segment p of the new flights from `begin` to `end`, and register it."""
     since = np.float32((now - s.number[at.MIDDLE]) / s.number[at.HALF_WINDOW] - 1e-5)
     for a in range(begin, end):
@@ -178,7 +179,7 @@ def write_new(s, new, i, t, duration, parts):
 
 @jit
 def find_runs(s, a):
-    """Find the columns with segments that may overlap a new one, and prefetch the first boxes of each."""
+    """Find the columns with segments that may overlap a new one."""
     x, y, z = cell_of_part(s, a)
     near = s.boxes[new_segment(s) + a] >> at.NEAR_SHIFT
     first, last = cells_along_y(s, near, y)
@@ -186,12 +187,7 @@ def find_runs(s, a):
     begin = a * MOST_PLACES
     k = columns_around(s, begin, near, x, z)
     s.changed[a * CHANGED + PLACES] = k - begin
-    if s.counter[at.BEYOND_CACHE]:
-        for place in range(begin, k):
-            column = int64(s.column[s.places[place]])
-            start = s.cell_count[column * s.counter[at.CELLS + 1] + max(first, 0)]
-            prefetch(s.boxes, start)
-            prefetch(s.boxes, start + AT_ONCE // 2)
+    prefetch_runs(s, begin, k, first)
 
 
 @jit
@@ -203,9 +199,7 @@ def pairs_around(s, m, a):
         column, code = int64(s.column[s.places[k]]), int64(s.column_code[s.places[k]])
         before = m
         m = pairs_in_column(s, m, new, column, first, last, 0, code)
-        if s.counter[at.BEYOND_ALL]:
-            for pair in range(before, m):
-                prefetch(s.segments, s.pair_slot[pair] * at.SEGMENT)
+        prefetch_segments(s, before, m)
         m = overflow_pairs_around(s, m, new, column, first, last, code)
     return m
 

@@ -1,4 +1,9 @@
-"""Vector instructions that LLVM does not find by itself, each with its equivalent in plain Python."""
+"""Vector instructions that LLVM does not find by itself, each with its equivalent in plain Python.
+
+They move and compare bits and decide what is looked at more closely; none of them computes a number that
+enters the trajectory. Each intrinsic writes LLVM's own vector operations, which every processor has in some
+form; where one has no such instruction LLVM makes it of several.
+"""
 
 import numba
 from llvmlite import ir
@@ -177,6 +182,7 @@ else:
         )
         inside = builder.icmp_signed("<", numbers, _spread(builder, builder.trunc(last, word), lanes))
         chosen = builder.and_(chosen, inside)
+        # The chosen lanes move to the front, and all lanes are stored: the next call overwrites the rest.
         name = f"llvm.experimental.vector.compress.v{lanes}i32"
         some = _call(builder, name, numbers.type, numbers, chosen, _constant(word, [0] * lanes))
         builder.store(some, builder.bitcast(builder.gep(array, [m]), some.type.as_pointer()), align=4)
@@ -204,6 +210,7 @@ else:
             ends = builder.bitcast(_spread(builder, builder.bitcast(ends, int64), AT_ONCE), all_bytes)
             others = builder.load(builder.bitcast(builder.gep(those, [first]), words.as_pointer()), align=8)
             gap = builder.bitcast(builder.sub(ends, builder.bitcast(others, all_bytes)), words)
+            # Boxes overlap where no gap, of the six of each, has its sign bit set.
             signs = _constant(int64, [0x808080808080] * AT_ONCE)
             overlap = builder.icmp_signed("==", builder.and_(gap, signs), _constant(int64, [0] * AT_ONCE))
             mine = _spread(builder, builder.trunc(own, int32), AT_ONCE)

@@ -70,7 +70,7 @@ def test_what_is_kept_is_found_again(tmp_path):
     [
         (replace(STUDY, seed=5), "--seed 4, not 5"),
         (replace(STUDY, replicas=2), "--replicas 3, not 2"),
-        (replace(STUDY, packing_fractions=(0.1,)), "--packing-fractions 0.1,0.3, not 0.1;"),
+        (replace(STUDY, packing_fractions=(0.1,)), "--packing-fraction 0.1,0.3, not 0.1;"),
         (replace(STUDY, boundary="wall"), "--boundary periodic, not wall"),
         (replace(STUDY, collisions_per_particle=50.5), "--collisions-per-particle 50.0, not 50.5"),
         (Mixture(), "of another study: pressure, not mixture"),
