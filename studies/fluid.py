@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +20,6 @@ from analysis.correlation_times import virial_block_length
 from hardspheres.compression import order_of_crystal
 from hardspheres.memory import require_room_for
 from hardspheres.scene import sphere_volume
-from studies.report import Screen
-from studies.running.ensemble import replica_seeds, run_replicas
-from studies.running.journal import Shelf
 
 __all__ = [
     "FREEZING",
@@ -36,17 +33,14 @@ __all__ = [
     "check_spread",
     "is_dense",
     "kind_of",
-    "load_kernels",
     "maker",
     "number_fraction",
     "ordered",
     "representatives",
-    "run_fluids",
     "two_species",
 ]
 
 FloatArray = NDArray[np.float64]
-Result = TypeVar("Result")
 Boundary = str | tuple[str, ...]
 
 LONGEST = 1e9
@@ -288,26 +282,6 @@ def number_fraction(fraction: float | None, diameter_ratio: float, mass_ratio: f
     return 0.5 if fraction is None else fraction
 
 
-def load_kernels(fluids: Sequence[Fluid], free_paths: bool = False) -> None:
-    """Compile or load all that fluids of one kind need: dilute ones, dense ones, and growth.
-
-    Parameters
-    ----------
-    fluids : sequence of Fluid
-        By ascending packing fraction.
-    free_paths : bool
-        Whether free flights will be tallied.
-
-    Raises
-    ------
-    HardSpheresError
-        If there is no such gas, or it never collides.
-    """
-    (seed,) = np.random.SeedSequence(0).spawn(1)
-    for fluid in representatives(fluids):
-        hs.Simulation(fluid.scene(seed), free_paths=free_paths).run(collisions=1)
-
-
 def representatives(gases: Sequence[Any]) -> list[Any]:
     """Return gases that need every kernel that all of them need: of each kind a few, dense ones small.
 
@@ -323,43 +297,3 @@ def representatives(gases: Sequence[Any]) -> list[Any]:
         dense = [replace(gas, n=min(gas.n, ENOUGH_TO_COMPILE)) for gas in same if gas not in easy]
         found += [*easy[:1], *easy[-1:], *dense[:1]]
     return list(dict.fromkeys(found))
-
-
-def run_fluids(
-    task: Callable[[tuple[Fluid, np.random.SeedSequence]], Result],
-    fluids: Sequence[Fluid],
-    *,
-    seed: int,
-    replicas: int,
-    workers: int | None,
-    screen: Screen,
-    shelf: Shelf | None = None,
-) -> list[list[Result]]:
-    """Apply a task to every fluid and a seed for each of its replicas.
-
-    Parameters
-    ----------
-    task : callable
-        Depends on nothing but its item and can be pickled, see `run_replicas`.
-    fluids : sequence of Fluid
-        In ascending order of density: dense ones take longest and are run first, so that all workers finish
-        together.
-    seed, replicas : int
-        Source of every random choice; replicas of each fluid.
-    workers : int or None
-        Processes, all cores by default; the results do not depend on it.
-    screen : Screen
-        Where progress is shown.
-    shelf : Shelf, optional
-        Where results are kept, see `run_replicas`.
-
-    Returns
-    -------
-    list of list
-        The results of each fluid's replicas.
-    """
-    seeds = replica_seeds(seed, len(fluids) * replicas)
-    items = [(fluid, seeds[k * replicas + r]) for k, fluid in enumerate(fluids) for r in range(replicas)]
-    with screen.progress("runs", len(items)) as advance:
-        results = run_replicas(task, items[::-1], workers=workers, done=advance, shelf=shelf)[::-1]
-    return [results[k * replicas : (k + 1) * replicas] for k in range(len(fluids))]

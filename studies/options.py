@@ -22,7 +22,6 @@ __all__ = [
     "App",
     "Option",
     "OptionError",
-    "at_most",
     "boundary",
     "check_options",
     "edges",
@@ -361,17 +360,6 @@ def diameter_ratio(default: float = 1.0) -> Any:
 def fraction() -> Any:
     """Return the field for the number fraction of a second species."""
     return option(None, "Number fraction of the second species.", at_least=0.0, at_most=1.0, shown="0.5")
-
-
-def at_most(limit: int) -> Callable[[typer.CallbackParam, int], int]:
-    """Return a callback that refuses larger numbers; a range would take a third of the help."""
-
-    def checked(param: typer.CallbackParam, value: int) -> int:
-        if value > limit:
-            raise OptionError(f"{param.opts[0]} {value} is too many; ask for at most {limit}")
-        return value
-
-    return checked
 
 
 PANELS = {

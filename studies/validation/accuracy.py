@@ -19,7 +19,7 @@ import hardspheres as hs
 from analysis import theory
 from analysis.statistics import Estimate
 from hardspheres.memory import require_room_for
-from studies.fluid import THEORY_UP_TO, Fluid, load_kernels
+from studies.fluid import THEORY_UP_TO, Fluid, representatives
 from studies.options import densities, dimension, option, seed
 from studies.program import Program
 from studies.report import ALARM, OutputFolder, Screen, alarming, estimate_json, machine
@@ -315,8 +315,10 @@ def _compare_all(study: Accuracy, out: OutputFolder, screen: Screen) -> tuple[di
     study.check()
     out.check(study)
     with screen.compiling(f"{study.fluid(0.3, FEW).kind}, and the time steppers"):
-        load_kernels([study.fluid(eta, FEW) for eta in study.packing_fractions])
-        Stepper(study.fluid(0.05, 50).scene(replica_seeds(0, 1)[0]), 0.01).run(0.01)
+        (seed,) = replica_seeds(0, 1)
+        for fluid in representatives([study.fluid(eta, FEW) for eta in study.packing_fractions]):
+            hs.Simulation(fluid.scene(seed)).run(collisions=1)
+        Stepper(study.fluid(0.05, 50).scene(seed), 0.01).run(0.01)
     ready = time.perf_counter()
     with out.running(study) as shelf:
         parts = sum(len(Parts(study).of(eta)) for eta in study.packing_fractions)
