@@ -240,13 +240,14 @@ def run_study(
     gases, count = study.gases(), study.replicas
     runs = [_Run(gas, k * count + r) for k, gas in enumerate(gases) for r in range(count)]
     if record and study.recorders(gases[0]):
-        runs.insert(0, _Run(gases[0], 0, recording=True))
-    # dense gases take longest: they are last here and run first, so that all workers finish together
+        runs.append(_Run(gases[0], 0, recording=True))
+    # what takes longest is last here and runs first, so that all workers finish together: dense gases, and
+    # the run that is watched
     with screen.progress("runs", len(runs)) as advance:
         found = run_replicas(
             _Running(study, folder), runs[::-1], workers=study.workers, done=advance, shelf=shelf
         )[::-1]
-    recorded = found.pop(0) if runs[0].recording else None
+    recorded = found.pop() if runs[-1].recording else None
     return [found[k * count : (k + 1) * count] for k in range(len(gases))], recorded
 
 
