@@ -52,6 +52,8 @@ def to_arrays(engine: Engine) -> Arrays:
 def restored(scene: Scene, arrays: Arrays, logs: bool, search: str) -> Engine:
     """Return an engine of this scene in the state that `to_arrays` gave, unchecked: for copies."""
     about = json.loads(arrays["about"].tobytes())
+    if logs and "flight" not in arrays:
+        arrays = _with_flights(scene, arrays, about, search)
     return _in_state(_fresh(scene, arrays, about, logs, search), arrays, about)
 
 
@@ -68,6 +70,15 @@ def from_arrays(arrays: Arrays, logs: bool = False, search: str = "auto") -> Eng
     _require_like(arrays, engine.state())
     _require_state(engine, arrays, about)
     return _in_state(engine, arrays, about)
+
+
+def _with_flights(scene: Scene, arrays: Arrays, about: dict[str, Any], search: str) -> Arrays:
+    """Return the arrays with tallies of flights that begin now: a log needs them."""
+    complete = dict(_fresh(scene, arrays | {"flight": arrays["row"]}, about, True, search).state())
+    for name, array in complete.items():
+        if name in arrays:  # sums of flights come last
+            array.reshape(-1)[: arrays[name].size] = arrays[name].reshape(-1)
+    return arrays | complete
 
 
 def _fresh(scene: Scene, arrays: Arrays, about: dict[str, Any], logs: bool, search: str) -> Engine:

@@ -479,6 +479,26 @@ class Simulation(Exclusive):
         """Return a copy: arrays are those of another simulation, and need no check."""
         return cls._of(checkpoint.restored(scene, arrays, log is not None, search), log, search)
 
+    def with_log(self, log: Log) -> "Simulation":
+        """Return an independent copy that goes on with the same bits and logs its events from now on.
+
+        Parameters
+        ----------
+        log : callable or path
+            As of `Simulation`.
+
+        Raises
+        ------
+        SimulationError
+            If the log cannot be used.
+        """
+        sink = sink_of(log, self.scene.dim)
+
+        def parts() -> Arrays:
+            return {name: array.copy() for name, array in self._arrays().items()}
+
+        return type(self)._restored(self.scene, self._alone(parts), sink, self._search)
+
     def __copy__(self) -> "Simulation":
         return self._duplicate(lambda part: part)
 

@@ -71,6 +71,13 @@ OF_LONG_RUNS: dict[str, tuple[Any, Any]] = {
 }
 
 
+def _of_a_page(name: str) -> dict[str, tuple[Any, Any]]:
+    """Return --out and --force of what writes a single page, which is called this by default."""
+    out = typer.Option(help="Name of the page.", show_default=name, parser=_out, metavar="PATH")
+    force = typer.Option("--force", help="Replace the page.")
+    return {"out": (Annotated[Path | None, out], None), "force": (Annotated[bool, force], False)}
+
+
 def function_of(kind: type[Program]) -> Callable[..., None]:
     """Return the function that the command of a study runs: its parameters are the study's options."""
 
@@ -103,6 +110,10 @@ def function_of(kind: type[Program]) -> Callable[..., None]:
     hints = get_type_hints(kind)
     parameters: dict[str, tuple[Any, Any]] = {}
     for each, its in options_of(kind):
+        if its.argument:
+            stands = typer.Argument(help=its.help, show_default=False, **its.more)
+            parameters[each.name] = (Annotated[hints[each.name], stands], inspect.Parameter.empty)
+            continue
         default = each.default if isinstance(each.default, (bool, int, float, str)) else None
         declared = typer.Option(
             its.named(each.name), help=its.help, show_default=its.shown or True, **its.more
@@ -115,6 +126,8 @@ def function_of(kind: type[Program]) -> Callable[..., None]:
             annotation = list[each_of] | None
         parameters[each.name] = (Annotated[annotation, declared], default)
     parameters |= OF_EVERY_RUN
+    if kind.page:
+        parameters |= _of_a_page(kind.page)
     if kind.resumable:
         parameters |= OF_LONG_RUNS
     if kind.to_an_error:

@@ -59,6 +59,8 @@ class Option:
         Its name on the command line; by default that of the field, with dashes.
     several : bool
         Whether it may be given several times; the field is then a tuple.
+    argument : bool
+        Whether it stands without a name on the command line, where it must be given.
     more : mapping
         Other arguments of `typer.Option`: parser, metavar, autocompletion.
     """
@@ -69,6 +71,7 @@ class Option:
     shown: str | None = None
     flag: str | None = None
     several: bool = False
+    argument: bool = False
     more: Mapping[str, Any] = field(default_factory=dict)
 
     def named(self, name: str) -> str:
@@ -97,6 +100,7 @@ def option(
     shown: str | None = None,
     flag: str | None = None,
     several: bool = False,
+    argument: bool = False,
     **more: Any,
 ) -> Any:
     """Return a dataclass field that is also an option of the command line, see `Option`.
@@ -105,12 +109,12 @@ def option(
     ----------
     default
         Its value where it is not given.
-    help, at_least, at_most, shown, flag, several
+    help, at_least, at_most, shown, flag, several, argument
         As in `Option`.
     **more
         Other arguments of `typer.Option`; `help` may be among them.
     """
-    made = Option(help or more.pop("help"), at_least, at_most, shown, flag, several, more)
+    made = Option(help or more.pop("help"), at_least, at_most, shown, flag, several, argument, more)
     return field(default=default, metadata={"option": made})
 
 

@@ -30,6 +30,8 @@ class Program(ABC):
         Whether it keeps checkpoints.
     to_an_error : bool
         Whether --until-error may decide the number of its replicas.
+    page : str
+        Where --out names a single page instead of a folder: its name by default.
     """
 
     name: ClassVar[str]
@@ -37,6 +39,7 @@ class Program(ABC):
     files: ClassVar[tuple[str, ...]]
     resumable: ClassVar[bool] = True
     to_an_error: ClassVar[bool] = False
+    page: ClassVar[str] = ""
 
     def __post_init__(self) -> None:
         """Refuse options beyond their limits."""

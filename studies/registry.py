@@ -28,6 +28,7 @@ QUESTIONS = {
         "studies.mixture:Mixture",
         "Follow the temperature equilibration of two species, beside kinetic theory.",
     ),
+    "view": ("studies.viewer.command:View", "Watch the gas in a file in a browser, every collision."),
     "bench": (
         "studies.benchmarks.command:Benchmark",
         "Measure collisions per second, beside another engine.",

@@ -179,6 +179,7 @@ COMMANDS = [
     "free-path",
     "diffusion",
     "mixture",
+    "view",
     "accuracy",
     "calibration",
     "hard-cases",

@@ -380,7 +380,7 @@ def test_every_file_that_a_program_writes_is_known():
     known = {}
     for name in QUESTIONS:
         kind = study_named(name)
-        if not issubclass(kind, Study):
+        if not issubclass(kind, Study) and not kind.page:  # a page is written where --out says
             known[Path(sys.modules[kind.__module__].__file__)] = {SUMMARY, *kind.files}
     for source, files in known.items():
         written = set()

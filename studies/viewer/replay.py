@@ -1,0 +1,199 @@
+"""A gas and all its events, as one page that needs nothing else.
+
+The page gets positions and velocities at the start and, for every event, its time, the one or two particles
+and the momentum passed: 32 bytes in 2D and 40 in 3D, from which velocities after it follow to a rounding.
+Between events particles fly straight.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import math
+import os
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import hardspheres as hs
+from hardspheres.temporary import temporary_beside
+
+__all__ = ["Replay", "view"]
+
+MOST_PARTICLES = 20_000
+MOST_EVENTS = 2_000_000
+LONGEST = 1000.0  # collisions per particle: roundings of the page grow with their number
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Replay:
+    """A gas from a start on, event by event; `view` makes it. A notebook shows it.
+
+    Attributes
+    ----------
+    scene : Scene
+        The start.
+    events : structured array
+        As in `hardspheres.event_log.event_dtype`, times since the start.
+    duration : float
+        Time of the last event.
+    """
+
+    scene: hs.Scene
+    events: NDArray[np.void]
+    duration: float
+
+    @property
+    def collisions(self) -> int:
+        """Pair collisions."""
+        return int(np.sum(self.events["j"] < self.scene.n))
+
+    def __repr__(self) -> str:
+        return f"<Replay of {self.scene}: {len(self.events)} events, {self.collisions} of them collisions>"
+
+    @property
+    def _title(self) -> str:
+        scene = self.scene
+        kind = "spheres" if scene.dim == 3 else "discs"
+        return f"{scene.n} hard {kind}, packing fraction {scene.packing_fraction:.3g}"
+
+    def _head(self) -> dict[str, Any]:
+        scene = self.scene
+        return {
+            "n": scene.n,
+            "dim": scene.dim,
+            "events": len(self.events),
+            "duration": self.duration,
+            "box": scene.box.tolist(),
+            "periodic": scene.periodic.tolist(),
+        }
+
+    def _data(self) -> bytes:
+        scene, events = self.scene, self.events
+        momenta = events["normal"] * events["impulse"][:, None]
+        floats = (scene.positions, scene.velocities, scene.radii, scene.masses, events["time"], momenta)
+        whole = (events["i"], events["j"], scene.species)
+        parts = [part.astype("<f8") for part in floats] + [part.astype("<i4") for part in whole]
+        return b"".join(part.tobytes() for part in parts)
+
+    @cached_property
+    def html(self) -> str:
+        """The page."""
+        here = Path(__file__).parent
+        page = (here / "page.html").read_text(encoding="utf-8")
+        fillings = {
+            "@TITLE@": html.escape(self._title),
+            "@HEAD@": json.dumps(self._head()),
+            "@DATA@": base64.b64encode(self._data()).decode("ascii"),
+            "@MODULE@": (here / "viewer.mjs").read_text(encoding="utf-8"),
+        }
+        for name, text in fillings.items():
+            page = page.replace(name, text)
+        return page
+
+    def _repr_html_(self) -> str:
+        style = "width:100%;height:900px;border:0"
+        return f'<iframe srcdoc="{html.escape(self.html)}" style="{style}" title="{self._title}"></iframe>'
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the page: one file that any browser shows, without a network.
+
+        Parameters
+        ----------
+        path : path
+            Ends in ``.html``; replaced if it is there.
+
+        Raises
+        ------
+        SimulationError
+            If it does not, or cannot be written.
+        """
+        file = Path(path)
+        if file.suffix.lower() not in (".html", ".htm"):
+            raise hs.SimulationError(f"{file} must end in .html: it is a page for a browser")
+        temporary = temporary_beside(file)
+        try:
+            temporary.write_text(self.html, encoding="utf-8")
+            os.replace(temporary, file)
+        except OSError as error:
+            raise hs.SimulationError(f"{file} cannot be written: {error.strerror or error}") from error
+        finally:
+            if temporary.parent.is_dir():
+                temporary.unlink(missing_ok=True)
+
+
+def view(start: hs.Scene | hs.Simulation, collisions_per_particle: float = 10.0) -> Replay:
+    """Run a gas and return all that happens, to be watched in a browser.
+
+    Parameters
+    ----------
+    start : Scene or Simulation
+        Where to begin. A simulation stays as it is; shown is what it will do next, to the last bit.
+    collisions_per_particle : float, default 10
+        How long, s = 2 collisions / N.
+
+    Returns
+    -------
+    Replay
+        `Replay.save` writes it as a page; a notebook shows it.
+
+    Raises
+    ------
+    SimulationError
+        If there are more than 20 000 particles or 2 000 000 events, if s is not between 0 and 1000, or if no
+        collision is to come.
+
+    Examples
+    --------
+    >>> import hardspheres as hs
+    >>> from studies import view
+    >>> view(hs.random_gas(n=200, packing_fraction=0.1, seed=1), collisions_per_particle=2).collisions
+    200
+    """
+    if isinstance(start, hs.Scene):
+        n = start.n
+    elif isinstance(start, hs.Simulation):
+        n = start.scene.n
+    else:
+        raise hs.SimulationError(f"view takes a Scene or a Simulation, not {start!r:.60}")
+    try:
+        s = float(collisions_per_particle)
+    except (TypeError, ValueError):
+        s = math.nan
+    if not 0.0 < s <= LONGEST:
+        raise hs.SimulationError(
+            f"collisions_per_particle is {collisions_per_particle!r}; it must be above 0 and at most "
+            f"{LONGEST:g}"
+        )
+    if n > MOST_PARTICLES:
+        raise hs.SimulationError(
+            f"the viewer shows up to {MOST_PARTICLES} particles, and this gas has {n}; show a smaller one"
+        )
+    collisions = max(1, math.ceil(s * n / 2 - 1e-9))
+    if collisions > MOST_EVENTS:
+        raise _too_many(n)
+    chunks: list[NDArray[np.void]] = []
+
+    def keep(events: NDArray[np.void]) -> None:
+        chunks.append(events)
+        if sum(map(len, chunks)) > MOST_EVENTS:
+            raise _too_many(n)
+
+    simulation = hs.Simulation(start, log=keep) if isinstance(start, hs.Scene) else start.with_log(keep)
+    scene, began = simulation.to_scene(), simulation.time
+    simulation.run(collisions=collisions)
+    events = np.concatenate(chunks)
+    events["time"] -= began
+    return Replay(scene, events, float(events["time"][-1]))
+
+
+def _too_many(n: int) -> hs.SimulationError:
+    return hs.SimulationError(
+        f"the viewer shows up to {MOST_EVENTS} events, and this would have more; ask for fewer collisions "
+        f"per particle: below {2 * MOST_EVENTS // n}, and fewer where walls are hit often"
+    )

@@ -1,0 +1,94 @@
+"""A headless Chromium, driven by its own driver over HTTP: no package is needed."""
+
+import base64
+import contextlib
+import json
+import shutil
+import subprocess
+import tempfile
+import time
+import urllib.request
+
+FLAGS = [
+    "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+    "--disable-background-networking", "--disable-component-update", "--disable-sync", "--hide-scrollbars",
+]  # fmt: skip
+
+
+def missing():
+    """Why there is no browser, or an empty string."""
+    lacks = [name for name in ("chromium", "chromedriver") if shutil.which(name) is None]
+    return f"there is no {' and no '.join(lacks)} here" if lacks else ""
+
+
+class Browser:
+    """One window."""
+
+    def __init__(self, port, more=()):
+        self.port, self.session = port, ""
+        options = {
+            "args": [*FLAGS, f"--user-data-dir={tempfile.mkdtemp()}", *more],
+            "binary": shutil.which("chromium"),
+        }
+        wanted = {"goog:chromeOptions": options, "goog:loggingPrefs": {"browser": "ALL"}}
+        self.session = "/" + self.call("POST", "", {"capabilities": {"alwaysMatch": wanted}})["sessionId"]
+
+    def call(self, method, path, body=None):
+        data = None if body is None else json.dumps(body).encode()
+        request = urllib.request.Request(
+            f"http://127.0.0.1:{self.port}/session{self.session}{path}",
+            data,
+            {"Content-Type": "application/json"},
+            method=method,
+        )
+        with urllib.request.build_opener(urllib.request.ProxyHandler({})).open(request, timeout=60) as answer:
+            return json.load(answer)["value"]
+
+    def open(self, path, width, height):
+        self.call("POST", "/goog/cdp/execute", {"cmd": "Emulation.setDeviceMetricsOverride",
+            "params": {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}})  # fmt: skip
+        self.call("POST", "/url", {"url": path.absolute().as_uri()})
+
+    def scheme(self, word):
+        features = [{"name": "prefers-color-scheme", "value": word}]
+        self.call(
+            "POST",
+            "/goog/cdp/execute",
+            {"cmd": "Emulation.setEmulatedMedia", "params": {"features": features}},
+        )
+
+    def run(self, script):
+        return self.call("POST", "/execute/sync", {"script": script, "args": []})
+
+    def press(self, key):
+        keys = [{"type": "keyDown", "value": key}, {"type": "keyUp", "value": key}]
+        self.call("POST", "/actions", {"actions": [{"type": "key", "id": "keys", "actions": keys}]})
+
+    def messages(self):
+        return self.call("POST", "/se/log", {"type": "browser"})
+
+    def screenshot(self, path):
+        path.write_bytes(base64.b64decode(self.call("GET", "/screenshot")))
+
+
+@contextlib.contextmanager
+def browser():
+    """A browser, ended with the context."""
+    driver = subprocess.Popen(
+        ["chromedriver", "--port=0"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    )
+    try:
+        port = next(
+            int(line.rstrip(".\n").rsplit(" ", 1)[1])
+            for line in driver.stdout
+            if "started successfully on port" in line
+        )
+        time.sleep(0.1)
+        window = Browser(port)
+        try:
+            yield window
+        finally:
+            window.call("DELETE", "")
+    finally:
+        driver.terminate()
+        driver.wait()

@@ -1,0 +1,376 @@
+"""The viewer: the page's data and program give the positions of the engine, forwards and backwards."""
+
+import base64
+import json
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scenes import everything, gas
+
+import hardspheres as hs
+import studies.viewer
+from studies import view
+from studies.cli import main
+from studies.viewer import replay as replays
+
+from . import browser as chromium
+
+MODULE = Path(studies.viewer.__file__).parent / "viewer.mjs"
+GASES = {
+    "3d": {"n": 40, "packing_fraction": 0.2},
+    "2d": {"n": 40, "packing_fraction": 0.3},
+    "3d_walls": {"n": 40, "packing_fraction": 0.2},
+    "3d_mixture": {"n": 40, "packing_fraction": 0.2},
+    "2d_mixture_walls": {"n": 40, "packing_fraction": 0.2},
+}
+QUICK = (
+    "3d",
+    "2d_mixture_walls",
+)  # both dimensions, walls and a mixture: kernels with a log compile for each kind
+KINDS = [kind if kind in QUICK else pytest.param(kind, marks=pytest.mark.slow) for kind in GASES]
+CLOSE = 1e-9  # diameters
+MOMENTS = 20
+
+
+def script(page, name):
+    """The text of one of the page's data scripts."""
+    return re.search(rf'<script type="[^"]*" id="{name}">(.*?)</script>', page, re.DOTALL)[1]
+
+
+def decoded(page):
+    """The page's data, read anew from the description in `studies.viewer.replay`."""
+    head, data = json.loads(script(page, "head")), base64.b64decode(script(page, "data"))
+    n, d, m, at, fields = head["n"], head["dim"], head["events"], 0, {}
+    layout = [
+        ("x", "f8", (n, d)), ("v", "f8", (n, d)), ("radii", "f8", (n,)), ("masses", "f8", (n,)),
+        ("time", "f8", (m,)), ("push", "f8", (m, d)), ("i", "i4", (m,)), ("j", "i4", (m,)), ("species", "i4", (n,)),
+    ]  # fmt: skip
+    for name, kind, shape in layout:
+        fields[name] = np.frombuffer(data, "<" + kind, np.prod(shape), at).reshape(shape)
+        at += fields[name].nbytes
+    assert at == len(data)
+    return head, fields
+
+
+def positions_from(head, data, moments):
+    """Positions at increasing times: straight flights between the events."""
+    x, v, t, e = data["x"].copy(), data["v"].copy(), 0.0, 0
+    box, periodic, out = np.array(head["box"]), np.array(head["periodic"]), []
+    for moment in moments:
+        while e < head["events"] and data["time"][e] <= moment:
+            x += v * (data["time"][e] - t)
+            t, i, j = data["time"][e], data["i"][e], data["j"][e]
+            v[i] += data["push"][e] / data["masses"][i]
+            if j < head["n"]:
+                v[j] -= data["push"][e] / data["masses"][j]
+            e += 1
+        out.append(np.where(periodic, (x + v * (moment - t)) % box, x + v * (moment - t)))
+    return np.array(out)
+
+
+def distance(scene, a, b):
+    """Largest distance of two sets of positions along an axis, in the smallest diameter."""
+    apart = np.asarray(a) - b
+    apart -= np.where(scene.periodic, scene.box * np.round(apart / scene.box), 0.0)
+    return np.max(np.abs(apart)) / (2 * scene.radii.min())
+
+
+@pytest.fixture(scope="module")
+def shown():
+    """Of each kind: the replay, moments and the engine's positions at them."""
+    known = {}
+
+    def make(kind):
+        if kind not in known:
+            scene = gas(kind, **GASES[kind])
+            replay = view(scene, 10)
+            moments = np.linspace(0, replay.duration, MOMENTS + 1)[1:] * (1 - 1e-12)
+            truth = [frame.positions for frame in hs.Simulation(scene).frames(times=moments)]
+            known[kind] = replay, moments, np.array(truth)
+        return known[kind]
+
+    return make
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_data_give_the_positions_of_the_engine(kind, shown):
+    """Sibling: without the last momentum passed they do not."""
+    replay, moments, truth = shown(kind)
+    head, data = decoded(replay.html)
+    assert distance(replay.scene, positions_from(head, data, moments), truth) < CLOSE
+    assert replay.collisions == 10 * 40 / 2 and head["events"] == len(replay.events)
+    assert (head["events"] > replay.collisions) == ("walls" in kind)
+    data["push"] = np.where(np.arange(head["events"])[:, None] == head["events"] // 2, 0.0, data["push"])
+    assert distance(replay.scene, positions_from(head, data, moments), truth) > 1e-3
+
+
+def asked_of_node(tmp_path, replay, moments):
+    """What the module computes at the moments, at them backwards, and stepping; temperatures and a2 at the start."""
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("there is no node here")
+    (tmp_path / "data").write_text(script(replay.html, "data"))
+    program = f"""
+import {{readFileSync}} from "node:fs";
+import {{Gas, decode}} from {json.dumps(MODULE.as_uri())};
+const gas = new Gas(decode({script(replay.html, "head")}, readFileSync("data", "utf8")));
+const at = t => {{ gas.seek(t); return Array.from(gas.positionsNow()); }};
+const moments = {json.dumps(list(moments))};
+const out = {{kT: gas.temperatures(), a2: Array.from(gas.a2), s: Array.from(gas.s)}};
+out.forwards = moments.map(at);
+out.backwards = moments.slice().reverse().map(at).reverse();
+gas.seek(0);
+out.there = []; while (gas.done < gas.events) {{ gas.next(); out.there.push([gas.t, gas.done]); }}
+out.rule = gas.rule();
+out.back = []; while (gas.done > 0) {{ out.back.push([gas.t, gas.done]); gas.previous(); }}
+console.log(JSON.stringify(out));
+"""
+    (tmp_path / "ask.mjs").write_text(program)
+    done = subprocess.run(
+        [node, "ask.mjs"], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_module_gives_the_same_positions_back_and_forth(kind, shown, tmp_path):
+    replay, moments, truth = shown(kind)
+    scene, out = replay.scene, asked_of_node(tmp_path, replay, moments)
+    for way in ("forwards", "backwards"):
+        assert distance(scene, np.reshape(out[way], truth.shape), truth) < CLOSE
+    assert [done for _, done in out["there"]] == list(range(1, len(replay.events) + 1))
+    assert out["back"] == out["there"][::-1]  # next and previous stop at the very moments
+    assert [t for t, _ in out["there"]] == replay.events["time"].tolist()
+    assert out["s"][-1] == pytest.approx(10)
+    # Degrees of freedom: kT of all is that of the scene; a2 as in the estimators, about the mean square.
+    freedom = [
+        k["count"] * scene.dim - scene.periodic.sum() * k["count"] * k["mass"] / scene.masses.sum()
+        for k in out["kT"]
+    ]
+    assert np.average([k["kT"] for k in out["kT"]], weights=freedom) == pytest.approx(
+        scene.temperature, rel=1e-12
+    )
+    assert sum(freedom) == pytest.approx(scene.degrees_of_freedom)
+    drift = np.where(scene.periodic, scene.masses @ scene.velocities / scene.masses.sum(), 0.0)
+    q = scene.masses * np.sum((scene.velocities - drift) ** 2, axis=1)
+    assert out["a2"][0] == pytest.approx(
+        scene.dim / (scene.dim + 2) * np.mean(q**2) / np.mean(q) ** 2 - 1, abs=1e-12
+    )
+
+
+def test_the_rule_conserves(shown, tmp_path):
+    """Along the line of centres momentum and energy stay, across it nothing changes."""
+    replay, moments, _ = shown("2d_mixture_walls")
+    one, two = asked_of_node(tmp_path, replay, moments[:1])["rule"]["bodies"]
+    m = replay.scene.masses
+    for when in ("before", "after"):
+        for body in (one, two):
+            body["p" + when] = m[body["i"]] * body[when]["along"]
+            body["e" + when] = m[body["i"]] * body[when]["along"] ** 2
+    assert one["pbefore"] + two["pbefore"] == pytest.approx(one["pafter"] + two["pafter"])
+    assert one["ebefore"] + two["ebefore"] == pytest.approx(one["eafter"] + two["eafter"])
+    for body in (one, two):
+        assert body["before"]["across"] == pytest.approx(body["after"]["across"], abs=1e-12)
+
+
+# A simulation that goes on.
+
+
+@pytest.mark.parametrize("kind", QUICK)
+def test_a_logged_copy_goes_on_with_the_same_bits(kind):
+    """Sibling: another simulation from the same positions has other bits; the original stays where it is."""
+    sim = hs.Simulation(gas(kind, 40, 0.1))
+    sim.run(collisions=500)
+    was, events = everything(sim), []
+    copy = sim.with_log(events.append)
+    copy.run(collisions=300)
+    assert everything(sim) == was
+    log = np.concatenate(events)
+    sim.run(collisions=300)
+    for name in ("time", "collisions", "wall_collisions"):
+        assert getattr(copy, name) == getattr(sim, name)
+    for name in ("positions", "unwrapped_positions", "velocities"):
+        assert getattr(copy, name).tobytes() == getattr(sim, name).tobytes()
+    for name in ("time", "virial", "kinetic", "wall_impulses", "wall_radius_impulses"):
+        assert (
+            np.asarray(getattr(copy.tallies, name)).tobytes()
+            == np.asarray(getattr(sim.tallies, name)).tobytes()
+        )
+    assert np.sum(log["j"] < 40) == 300 and log["time"][-1] == sim.time
+    copy.check()
+    fresh = hs.Simulation(was_scene := hs.Simulation(gas(kind, 40, 0.1)).to_scene())
+    fresh.run(collisions=300)
+    assert was_scene.n == 40 and fresh.positions.tobytes() != sim.positions.tobytes()
+
+
+def test_a_simulation_is_shown_from_now_on():
+    sim = hs.Simulation(gas("3d", 40, 0.1))
+    sim.run(collisions=100)
+    replay, began = view(sim, 2), sim.time
+    head, data = decoded(replay.html)
+    assert replay.collisions == 40 and sim.collisions == 100
+    sim.run(collisions=30)
+    assert distance(replay.scene, positions_from(head, data, [sim.time - began])[0], sim.positions) < CLOSE
+
+
+# The page.
+
+
+def test_a_thousand_spheres_with_twenty_collisions_are_under_a_megabyte():
+    """From bytes for each particle and event of a small page, without running the large one."""
+    page, n, s = view(gas("3d", 40, 0.1), 2), 1000, 20
+    one = len(page._data())
+    per_event = 8 + 3 * 8 + 2 * 4
+    assert one == 40 * (2 * 3 * 8 + 2 * 8 + 4) + len(page.events) * per_event
+    frame = len(page.html) - len(script(page.html, "data"))
+    whole = frame + 4 / 3 * (n * (2 * 3 * 8 + 2 * 8 + 4) + n * s / 2 * per_event)
+    assert 30 <= per_event <= 40 and whole < 1e6
+
+
+def test_the_page_needs_no_network(shown, tmp_path):
+    replay = shown("3d")[0]
+    replay.save(tmp_path / "gas.html")
+    page = (tmp_path / "gas.html").read_text(encoding="utf-8")
+    assert page == replay.html and [path.name for path in tmp_path.iterdir()] == ["gas.html"]
+    assert not re.findall(
+        r"https?://|@import|<link (?!rel=\"icon\" href=\"data:)|src=|\bimport\b.*from", page
+    )
+    assert "@HEAD@" not in page and "@MODULE@" not in page
+    assert replay._repr_html_().count("<iframe") == 1 and "Replay of" in repr(replay)
+
+
+def refusals(tmp_path):
+    scene = gas("3d", 40, 0.1)
+    yield lambda: view("gas"), "view takes a Scene or a Simulation, not 'gas'"
+    yield lambda: view(scene, 0), "collisions_per_particle is 0; it must be above 0 and at most 1000"
+    yield lambda: view(scene, "many"), "collisions_per_particle is 'many'; it must be above 0"
+    yield lambda: view(scene, float("nan")), "collisions_per_particle is nan; it must be above 0"
+    yield lambda: view(gas("3d", 1, 0.01)), "no collision is to come: there is one particle only"
+    yield lambda: view(scene, 1).save(tmp_path / "gas.txt"), "must end in .html"
+    yield (
+        lambda: view(scene, 1).save(tmp_path / "no" / "gas.html"),
+        "cannot be written: No such file or directory",
+    )
+
+
+def test_each_refusal_is_one_sentence(tmp_path, monkeypatch):
+    for refused, sentence in refusals(tmp_path):
+        with pytest.raises(hs.HardSpheresError) as told:
+            refused()
+        assert sentence in str(told.value) and "\n" not in str(told.value), str(told.value)
+    monkeypatch.setattr(replays, "MOST_PARTICLES", 39)
+    with pytest.raises(
+        hs.SimulationError, match="shows up to 39 particles, and this gas has 40; show a smaller one"
+    ):
+        view(gas("3d", 40, 0.1))
+    monkeypatch.setattr(replays, "MOST_PARTICLES", 40)
+    monkeypatch.setattr(replays, "MOST_EVENTS", 50)
+    with pytest.raises(hs.SimulationError, match="up to 50 events.*fewer collisions per particle: below 2,"):
+        view(gas("3d", 40, 0.1))
+    with pytest.raises(hs.SimulationError, match="up to 50 events"):  # walls: only the run tells
+        view(gas("2d_mixture_walls", 40, 0.1), 2.4)
+    assert not list(tmp_path.iterdir())
+
+
+# The command.
+
+
+def command(monkeypatch, *options):
+    monkeypatch.setattr(sys, "argv", ["hardspheres", "view", *map(str, options)])
+    with pytest.raises(SystemExit) as end:
+        main()
+    return end.value.code
+
+
+@pytest.fixture
+def trajectory(tmp_path):
+    sim = hs.Simulation(gas("3d", 40, 0.1))
+    with hs.TrajectoryWriter(tmp_path / "own.xyz") as out:
+        for frame in sim.frames(every=1.0, count=2):
+            out.write(frame)
+    sim.save(tmp_path / "own.npz")
+    return tmp_path
+
+
+@pytest.mark.parametrize("file", ["own.xyz", "own.npz"])
+def test_a_file_becomes_a_page(file, trajectory, monkeypatch, capsys):
+    monkeypatch.chdir(trajectory)
+    assert not command(monkeypatch, file, "--out", "new/gas.html", "--collisions-per-particle", 2)
+    assert "40 collisions of 40 particles: new/gas.html, 0.0" in capsys.readouterr().out.replace("\n", " ")
+    head, data = decoded((trajectory / "new" / "gas.html").read_text(encoding="utf-8"))
+    start = next(hs.read_trajectory("own.xyz")) if file == "own.xyz" else hs.Simulation.load(file).to_scene()
+    assert np.array_equal(data["x"], start.positions) and head["n"] == 40
+    assert command(monkeypatch, file, "--out", "new/gas.html") == 2
+    assert (
+        "new/gas.html exists; give another name with --out, or --force to replace it"
+        in capsys.readouterr().err
+    )
+    assert not command(monkeypatch, file, "--out", "new/gas.html", "--force", "--collisions-per-particle", 1)
+
+
+def test_bad_input_is_one_sentence(trajectory, monkeypatch, capsys):
+    monkeypatch.chdir(trajectory)
+    (trajectory / "folder.html").mkdir()
+    for options, sentence in [
+        (["missing.xyz", "--out", "gas.html"], "missing.xyz"),
+        (["missing.npz", "--out", "gas.html"], "missing.npz"),
+        (["own.xyz", "--out", "gas.txt"], "--out gas.txt must end in .html: it is a page for a browser"),
+        (
+            ["own.xyz", "--out", "folder.html"],
+            "folder.html is a folder; give the page another name with --out",
+        ),
+        (["own.xyz", "--out", "own.npz/gas.html"], "own.npz exists and is not a folder"),
+        (
+            ["own.xyz", "--collisions-per-particle", "-1"],
+            "collisions_per_particle is -1.0; it must be above 0",
+        ),
+    ]:
+        assert command(monkeypatch, *options) == 2
+        told = capsys.readouterr().err
+        assert told.startswith("error: ") and sentence in told and told.count("\n") == 1, told
+    assert {path.name for path in trajectory.iterdir()} == {"own.xyz", "own.npz", "folder.html"}
+
+
+# In a browser.
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(bool(chromium.missing()), reason=chromium.missing() or "there is a browser")
+@pytest.mark.parametrize("kind", ["3d", "2d"])
+def test_the_page_in_a_browser(kind, shown, tmp_path):
+    replay, moments, truth = shown(kind)
+    replay.save(tmp_path / "gas.html")
+    with chromium.browser() as window:
+        window.open(tmp_path / "gas.html", 1200, 900)
+        ask = "const g = replay.gas; return %s.map(t => { g.seek(t); return Array.from(g.positionsNow()); });"
+        for way in (1, -1):
+            seen = window.run(ask % json.dumps(moments[::way].tolist()))
+            assert distance(replay.scene, np.reshape(seen, truth.shape)[::way], truth) < CLOSE
+        window.run("replay.gas.seek(0);")
+        state = "return [replay.gas.done, replay.shown, replay.playing, replay.direction, document.getElementById('manual').open];"
+        drawn = """const c = document.getElementById("rule");
+            return c.width > 0 && c.getContext("2d").getImageData(0, 0, c.width, c.height).data.some(x => x > 0);"""
+        frame = "const end = arguments[0]; requestAnimationFrame(() => requestAnimationFrame(() => end()));"
+        window.press("\ue014")  # right arrow
+        window.call("POST", "/execute/async", {"script": frame, "args": []})
+        assert window.run(drawn)  # at the first step already
+        window.press("\ue014")
+        assert window.run(state) == [2, True, False, 1, False]
+        window.press("\ue012")  # left arrow
+        assert window.run(state) == [1, True, False, 1, False]
+        window.press("?")
+        assert window.run(state)[4] is True
+        window.press("?")
+        window.press(" ")
+        assert window.run(state)[2:] == [True, 1, False]
+        window.press(" ")
+        assert window.run(state)[2] is False
+        window.press("r")
+        assert window.run(state)[3] == -1
+        assert window.messages() == []
