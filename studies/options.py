@@ -153,19 +153,14 @@ def word(option: str, *words: str) -> dict[str, Any]:
     return {"parser": parsed, "metavar": metavar, "autocompletion": lambda: list(words)}
 
 
-def _boundary(text: str) -> str:
-    for part in text.split(","):
-        if part.strip() not in ("periodic", "wall"):
-            raise OptionError(
-                f"--boundary {text} is not known; it can be periodic or wall, or one of them for each axis, "
-                "as in periodic,periodic,wall"
-            )
-    return text
-
-
 def boundary_of(text: str) -> str | tuple[str, ...]:
     """Return the boundary as Scene takes it: one word, or one for each axis."""
-    words = tuple(part.strip() for part in _boundary(text).split(","))
+    words = tuple(part.strip() for part in text.split(","))
+    if not {*words} <= {"periodic", "wall"}:
+        raise OptionError(
+            f"--boundary {text} is not known; it can be periodic or wall, or one of them for each axis, as "
+            "in periodic,periodic,wall"
+        )
     return words if "," in text else text
 
 

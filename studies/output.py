@@ -259,7 +259,7 @@ class OutputFolder:
 
     def _claim(self, unfinished: Iterable[str] = ()) -> set[str]:
         """Return the files that may be replaced; refuse others, and a finished run without force."""
-        old = files_of_finished_run(self._place, self._known())
+        old = files_of_finished_run(self._place, self._known)
         if old is not None and not self.force:
             raise OutputError(
                 f"{self.path} holds a finished run; give another folder with --out, or --force to replace it"
@@ -299,7 +299,7 @@ class OutputFolder:
 
     def _remove(self, name: str) -> None:
         """Remove a file of an earlier run: one that studies write, and that is a file itself."""
-        if name in (self._own or ()) and name in self._known() and is_ordinary(self._place / name):
+        if name in (self._own or ()) and is_ordinary(self._place / name) and name in self._known():
             (self._place / name).unlink()
 
 

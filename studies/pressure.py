@@ -16,7 +16,7 @@ from analysis.statistics import Estimate, combine_replicas, pool_replicas
 from analysis.theory import Prediction
 from studies import options
 from studies.answer import Answer, alarms, number
-from studies.fluid import THEORY_UP_TO, Fluid, check_length, ordered
+from studies.fluid import THEORY_UP_TO, Fluid, check_length, number_fraction, ordered
 from studies.noticing import Notices, too_short
 from studies.options import OptionError, option, options_of, packing_fractions
 from studies.running.resuming import in_blocks
@@ -96,9 +96,8 @@ class EquationOfState(Study):
 
     def gases(self) -> list[Fluid]:
         """Return the gases to measure, by ascending packing fraction of each kind."""
-        if self.fraction is not None and self.diameter_ratio == self.mass_ratio == 1.0:
-            raise OptionError("--fraction needs --mass-ratio or --diameter-ratio")
-        fluids = list(SUITE) if self.suite else self._fluids()
+        share = number_fraction(self.fraction, self.diameter_ratio, self.mass_ratio)
+        fluids = list(SUITE) if self.suite else self._fluids(share)
         for fluid in fluids:
             fluid.check()
         if self.until_error is not None:
@@ -120,9 +119,8 @@ class EquationOfState(Study):
             )
         return fluids
 
-    def _fluids(self) -> list[Fluid]:
-        fraction = 0.5 if self.fraction is None else self.fraction
-        more = (self.boundary, self.diameter_ratio, self.mass_ratio, fraction)
+    def _fluids(self, share: float) -> list[Fluid]:
+        more = (self.boundary, self.diameter_ratio, self.mass_ratio, share)
         return [Fluid(self.n, self.dim, eta, *more) for eta in self.packing_fractions]
 
     def length(self, gas: Fluid) -> float:

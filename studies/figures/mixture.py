@@ -56,21 +56,21 @@ def _theory(answer: Answer) -> tuple[FloatArray, FloatArray]:
     return fine, theory.temperature_equilibration(fine, start, densities, diameters, masses, dim).value
 
 
+def _draw_band(
+    axes: Axes, time: FloatArray, expected: FloatArray, uncertainty: FloatArray, label: str | None
+) -> None:
+    """Draw how far theory may be off."""
+    low, high = expected - uncertainty, expected + uncertainty
+    axes.fill_between(time, low, high, color=COLOURS["band"], alpha=0.4, lw=0, label=label)
+
+
 def _draw_temperatures(axes: Axes, answer: Answer) -> None:
     time = _part(answer, "time")
     for kind in range(2):
         name, look = f"temperature_{kind + 1}", species_look(kind)
         expected, uncertainty = _part(answer, f"{name}_theory"), _part(answer, f"{name}_uncertainty")
         band = "its known deviation" if kind == 0 else None
-        axes.fill_between(
-            time,
-            expected - uncertainty,
-            expected + uncertainty,
-            color=COLOURS["band"],
-            alpha=0.4,
-            lw=0,
-            label=band,
-        )
+        _draw_band(axes, time, expected, uncertainty, band)
         axes.errorbar(
             time,
             _part(answer, name),
@@ -96,15 +96,7 @@ def _draw_difference(axes: Axes, answer: Answer) -> None:
     share, error = _part(answer, "difference") / start, _part(answer, "difference_error") / abs(start)
     expected = _part(answer, "difference_theory") / start
     uncertainty = _part(answer, "difference_uncertainty") / abs(start)
-    axes.fill_between(
-        time,
-        expected - uncertainty,
-        expected + uncertainty,
-        color=COLOURS["band"],
-        alpha=0.4,
-        lw=0,
-        label="its known deviation",
-    )
+    _draw_band(axes, time, expected, uncertainty, "its known deviation")
     fine, curve = _theory(answer)
     axes.plot(
         fine, (curve[:, 0] - curve[:, 1]) / start, color=COLOURS["theory"], label="two Maxwellians", zorder=2

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -36,11 +36,14 @@ def load_object(path: Path) -> dict[str, Any] | None:
     return found if isinstance(found, dict) else None
 
 
-def files_of_finished_run(folder: Path, known: Iterable[str]) -> set[str] | None:
-    """Return which of the known names are files of the finished run in a folder; None where there is none."""
+def files_of_finished_run(folder: Path, known: Callable[[], Iterable[str]]) -> set[str] | None:
+    """Return which of the known names are files of the finished run in a folder; None where there is none.
+
+    The names are asked for only where there is one: to know them all takes loading every study.
+    """
     summary = load_object(folder / SUMMARY) or {}
     files = summary.get("files")
     ours = isinstance(summary.get("study"), str) and isinstance(summary.get("version"), str)
     if not ours or not isinstance(files, list) or SUMMARY not in files:
         return None
-    return {name for name in known if name in files and is_ordinary(folder / name)}
+    return {name for name in known() if name in files and is_ordinary(folder / name)}

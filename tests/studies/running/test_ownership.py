@@ -393,6 +393,18 @@ def test_every_file_that_a_program_writes_is_known():
         assert written == files, source
 
 
+def test_a_new_run_does_not_load_every_study(tmp_path, monkeypatch):
+    """The names of all files are asked for only where there is a finished run; sibling: such a folder."""
+
+    def asked():
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("studies.output.every_file", asked)
+    run(tmp_path / "new", "equation_of_state.csv")
+    with pytest.raises(ZeroDivisionError):
+        OutputFolder(tmp_path / "new", force=True).check(STUDY)
+
+
 def test_a_relative_folder_is_pinned(tmp_path, monkeypatch):
     """Results and checkpoints stay together when somebody goes elsewhere in between."""
     (tmp_path / "there").mkdir()
