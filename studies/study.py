@@ -43,6 +43,8 @@ from studies.running.resuming import Resumable
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from studies.viewer.replay import Replay
+
 __all__ = ["Replica", "Study", "conduct"]
 
 BETTER = "u: the measurement is better than the theory, whose uncertainty exceeds two standard errors"
@@ -168,6 +170,10 @@ class Study(Program):
 
     def show(self, recorders: Mapping[str, Any], answers: Sequence[Answer], out: OutputFolder) -> None:
         """Write what the recorders saw; their own files are in `out.checkpoints`."""
+
+    def replay(self) -> Replay | None:
+        """Return a small gas of the kind that the study is about, to be watched as `gas.html`; None: none."""
+        return None
 
     def to_precision(self, target: float) -> Study | None:
         """Return the study that reaches a relative standard error by itself; None: by more replicas."""
@@ -299,6 +305,9 @@ def conduct(
                 out.save_figure(f"{name}.png", figure, study.subject(answers))
             if recorded is not None:
                 study.show(recorded.estimators, answers, out)
+        if (replay := study.replay()) is not None:
+            with screen.working("running a gas to be watched"), out.partial("gas.html") as path:
+                replay.save(path)
         summary = summary_of(study, answers, replicas, out)
         summary["seconds"] = seconds_taken(began, ready, ran)
         out.write_json("summary.json", summary)
