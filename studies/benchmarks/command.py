@@ -35,6 +35,7 @@ class Benchmark(Program):
     """Collisions per second of the event loop alone."""
 
     name = "bench"
+    question = "How many collisions per second?"
     explanation = """
     Times the event loop alone, compiled and in equilibrium, on one core. Writes a summary and the windows;
     with --suite a table and a figure. Keeps no checkpoints, since an interruption would invalidate the

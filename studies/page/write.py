@@ -80,6 +80,7 @@ def write_report(
     summary: Mapping[str, Any],
     replay: Replay | None = None,
     replicas: int | None = None,
+    notes: Sequence[str] = (),
 ) -> None:
     """Write report.html from answers: the same tables and sentences as on the screen.
 
@@ -95,6 +96,8 @@ def write_report(
         What columns mean; what z is, is added.
     replicas : int, optional
         Runs of each gas, where the word has a meaning.
+    notes : sequence of str
+        What is to be known beside the notes of the answers.
 
     Raises
     ------
@@ -108,7 +111,7 @@ def write_report(
             subject=subject,
             question=question,
             answer=answer_in_words(answers),
-            notes=notes_of(answers),
+            notes=[*notes_of(answers), *notes],
             figures=figures,
             sections=sections(answers, replicas),
             legend=[*legend, *marks_of(answers)],
@@ -130,12 +133,15 @@ def write_page(out: OutputFolder, report: Report) -> None:
         lstrip_blocks=True,
     )
     engine.filters["numeric"] = _numeric
+    checks = report.summary.get("checks", {})
     page = engine.get_template(REPORT).render(
         report=report,
+        failures=checks.get("failures", ()),
+        passed=checks.get("passed", False),
         figures=list(_drawn(report, out.figure_format)),
         made=_made(report.summary),
         files=[each for each in report.summary.get("files", ()) if each != REPORT],
-        how=HOW,
+        how=HOW.split("`"),
         bibtex=BIBTEX,
     )
     with out.partial(REPORT) as path:
@@ -156,7 +162,7 @@ def _drawn(report: Report, form: str) -> Iterator[_Drawn]:
     from markupsafe import Markup
 
     for k, (name, figure) in enumerate(report.figures.items()):
-        caption = titles(figure).replace("$", "") or name.replace("_", " ")
+        caption = ": ".join(filter(None, (name.replace("_", " "), titles(figure))))
         svg = inline_svg(figure, f"{caption}: {report.subject}", f"figure{k}-")
         yield _Drawn(in_format(f"{name}.png", form), caption, Markup(svg), float(figure.get_figwidth()))
 

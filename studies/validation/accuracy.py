@@ -70,6 +70,7 @@ class Accuracy(Program):
     """
 
     name = "accuracy"
+    question = "What does exactness cost, beside two time-stepping programs?"
     explanation = """
     The engine, the all-pairs solver and bouncing balls by time steps on the same gases in one run: distance
     from the trajectory at 50 digits, missed collisions, overlaps, pressure and mean free path, and cost.

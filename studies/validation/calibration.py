@@ -42,6 +42,7 @@ class Calibrations(Program):
     """
 
     name = "calibration"
+    question = "Are the error bars right?"
     explanation = """
     It should follow Student's t with the degrees of freedom that the estimator quotes. Writes a summary, a
     table and a picture.

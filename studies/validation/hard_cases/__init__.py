@@ -47,6 +47,7 @@ class HardCases(Program):
     """Scenes whose answer is exact, or where methods break."""
 
     name = "hard-cases"
+    question = "Is the engine right where the answer is exact, or where methods break?"
     explanation = """
     Collisions that count digits of pi, cradles, wide ratios of mass and size, grazing collisions, close
     packing, huge and tiny boxes, reversal, symmetries, solved gases. Writes a table of the exact answer, the
