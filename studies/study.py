@@ -7,7 +7,6 @@ rest is done here: replicas over processes, checkpoints, tables, files.
 
 from __future__ import annotations
 
-import datetime
 import hashlib
 import time
 from abc import abstractmethod
@@ -37,6 +36,7 @@ from studies.report import (
     machine,
     say_checks,
     seconds_taken,
+    today,
 )
 from studies.running.ensemble import available_cores, run_replicas
 from studies.running.ownership import REPORT, SUMMARY
@@ -346,7 +346,7 @@ def conduct(
                 summary=summary,
                 replay=replay,
                 replicas=study.replicas,
-                notes=verdict,
+                spent=verdict,
             )
         out.write_json(SUMMARY, summary)
     _print(screen, study, answers, summary, out)
@@ -371,7 +371,7 @@ def summary_of(
         "command": study.command,
         "version": hs.__version__,
         "seed": study.seed,
-        "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+        "date": today(),
         "machine": machine(),
         "options": {
             each.name: getattr(study, each.name) for each, _ in options_of(study) if each.name != "workers"
