@@ -187,7 +187,10 @@ class Study(Program):
         """Write what the recorders saw; their own files are in `out.checkpoints`."""
 
     def replay(self) -> Replay | None:
-        """Return a small gas of the kind that the study is about, to be watched as `gas.html`; None: none."""
+        """Return a small gas of the kind that the study is about, or None.
+
+        It is to be watched in the report, and alone as `gas.html`, which `files` then names.
+        """
         return None
 
     def to_precision(self, target: float) -> Study | None:

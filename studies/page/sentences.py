@@ -77,7 +77,7 @@ def _over_many(quantity: str, answers: Sequence[Answer], told: Sequence[Sequence
     """Return how well a quantity was measured in many gases, and its largest deviation from theory."""
     pairs = zip(names_of(answers), told, strict=True)
     found = [(where, each) for where, numbers in pairs for each in numbers if each.quantity == quantity]
-    relative = [abs(each.measured.standard_error / each.measured.value) for _, each in found]
+    relative = [abs(each.measured.standard_error / (each.measured.value or math.nan)) for _, each in found]
     etas = [answer.gas.packing_fraction for answer in answers]
     text = f"{quantity} in {len(found)} gases, packing fractions {min(etas):g} to {max(etas):g}"
     if all(map(math.isfinite, relative)):
