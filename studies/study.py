@@ -264,7 +264,12 @@ def run_study(
     # the run that is watched
     with screen.progress("runs", len(runs)) as advance:
         found = run_replicas(
-            _Running(study, folder), runs[::-1], workers=study.workers, done=advance, shelf=shelf
+            _Running(study, folder),
+            runs[::-1],
+            workers=study.workers,
+            done=advance,
+            shelf=shelf,
+            note=screen.note,
         )[::-1]
     recorded = found.pop() if runs[-1].recording else None
     return [found[k * count : (k + 1) * count] for k in range(len(gases))], recorded
