@@ -431,7 +431,8 @@ function start() {
   let span = [0, 0], longest = gas.s[gas.events] || 1;
   function drawCourse() {
     const [g, w, h] = fit($("course")), L = 46, R = w - 8, T = 10, B = h - 32, m = gas.events;
-    let low = -.05, high = .05, thermal = gas.thermalA2();
+    const thermal = gas.thermalA2();
+    let low = -.05, high = .05;
     const points = Math.min(m + 1, 800), at = k => Math.round(k * m / Math.max(points - 1, 1));
     for (let k = 0; k < points; k++) { low = Math.min(low, gas.a2[at(k)]); high = Math.max(high, gas.a2[at(k)]); }
     const px = s => L + (R - L) * s / longest, py = a => B - (B - T) * (a - low) / (high - low);
@@ -490,7 +491,7 @@ function start() {
   addEventListener("keydown", event => {
     const name = keys[event.key];
     if (!name || event.ctrlKey || event.metaKey || event.altKey || $("manual").open && name !== "help") return;
-    if (event.key === " " && event.target.tagName === "BUTTON") return; // it is pressed
+    if (event.key === " " && event.target.closest("nav button")) return; // it presses that one
     event.preventDefault(); actions[name]();
   });
   $("slider").max = gas.events;
