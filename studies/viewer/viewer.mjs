@@ -316,7 +316,7 @@ function start() {
       const [px, py, , s] = seen[i], r = Math.max(gas.radii[i] * s, .8);
       g.drawImage(sprites[+(r * pixel < 12)][colour(i)], px - r, py - r, 2 * r, 2 * r);
     };
-    g.globalAlpha = rule ? .25 : 1;
+    g.globalAlpha = rule ? .35 : 1;
     for (const i of order.sort((a, b) => depth[a] - depth[b])) paint(i);
     g.globalAlpha = 1;
     if (rule) rule.bodies.map(body => body.i).sort((a, b) => depth[a] - depth[b]).forEach(paint);
@@ -455,8 +455,8 @@ function start() {
     if (rule) mark(g, see, rule);
     drawSpeeds(); drawCourse(); drawRule();
     const pace = direction * rate * 60 / duration;
-    $("numbers").textContent = `t = ${gas.t.toPrecision(5)}   s = ${gas.s[gas.done].toFixed(2)}   ` +
-      `a2 = ${gas.a2[gas.done].toFixed(3)}   pace ${pace.toPrecision(2)}`.replaceAll("-", "−");
+    $("numbers").textContent = (`t = ${gas.t.toPrecision(5)}   s = ${gas.s[gas.done].toFixed(2)}   ` +
+      `a2 = ${gas.a2[gas.done].toFixed(3)}   pace ${+pace.toPrecision(2)}`).replaceAll("-", "−");
     $("slider").value = gas.done;
     $("slider").setAttribute("aria-valuetext", `s = ${gas.s[gas.done].toFixed(2)}`);
   }
