@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -32,6 +33,7 @@ FloatArray = NDArray[np.float64]
 Gas = Any  # what a study measures; it has n, dim, packing_fraction, kind and scene(seed), and a text
 
 WIDEST = 6  # quantities that stand side by side
+SHOWN = 4  # by the `repr` of an answer
 _U = "u"  # marks a measurement that is better than its theory
 
 
@@ -98,6 +100,11 @@ class Column:
     printed: bool = True
     brief: bool = False
 
+    def __repr__(self) -> str:
+        """Return how many values there are, and where they lie."""
+        beside = " beside theory" if self.theory is not None and np.isfinite(self.theory).any() else ""
+        return f"<Column: {_span(self.value)}{beside}>"
+
     @property
     def better_than_theory(self) -> NDArray[np.bool_]:
         """Where the uncertainty of theory exceeds two standard errors, (L,); only where z is known."""
@@ -142,6 +149,11 @@ class Curves:
     columns: Mapping[str, Column]
     printed: bool = False
     beside: Mapping[str, FloatArray] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        """Return which curves they are, and over what."""
+        over = ", ".join(f"{name} ({_span(axis)})" for name, axis in self.axes.items())
+        return f"<Curves: {', '.join(self.columns)} over {over}>"
 
     def flat(self) -> dict[str, FloatArray]:
         """Return all columns of a file under their names."""
@@ -192,6 +204,27 @@ class Answer:
     main: Sequence[str] | str | None = None
     details: Mapping[str, Any] = field(default_factory=dict)
     hidden: Mapping[str, Any] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        """Return which gas it is of, the first numbers, and what failed."""
+        shown = [f"{found.quantity} {_measured(found)}" for found in self.numbers[:SHOWN]]
+        more = len(self.numbers) - len(shown)
+        shown += [f"{more} more"] * (more > 0) + [f"curves {name}" for name in self.curves]
+        shown += [f"{len(self.failures)} FAILED"] * bool(self.failures)
+        return f"<Answer on {self._title}: {', '.join(shown)}>"
+
+    def _repr_html_(self) -> str:
+        """Return the table of all numbers, with what is to be known about them, for a notebook."""
+        header, rows, _ = _long([self])
+        lines = [_html_row("th", header), *(_html_row("td", row) for row in rows)]
+        said = [*(f"CHECK FAILED, {why}" for why in self.failures), *self.notes]
+        remarks = "".join(f"<br>{html.escape(each)}" for each in said)
+        return f"<p>{html.escape(self._title)}{remarks}</p><table>{''.join(lines)}</table>"
+
+    @property
+    def _title(self) -> str:
+        density = getattr(self.gas, "packing_fraction", None)
+        return f"{self.gas}" if density is None else f"{self.gas}, packing fraction {density:.4g}"
 
     def __getitem__(self, quantity: str) -> TheoryCheck:
         """Return the number of this name."""
@@ -348,6 +381,16 @@ def _long(answers: Sequence[Answer]) -> tuple[list[str], list[list[str]], int]:
     if len(answers) == 1:
         return header[1:], [row[1:] for row in rows], 1
     return header, rows, 2
+
+
+def _html_row(tag: str, cells: Sequence[str]) -> str:
+    return f"<tr>{''.join(f'<{tag}>{html.escape(cell)}</{tag}>' for cell in cells)}</tr>"
+
+
+def _span(values: FloatArray) -> str:
+    known = values[np.isfinite(values)]
+    span = f" from {known.min():.4g} to {known.max():.4g}" if known.size else ", none known"
+    return f"{len(values)} values{span}"
 
 
 def _measured(found: TheoryCheck) -> str:

@@ -85,6 +85,12 @@ class Replica:
     notes: list[str] = field(default_factory=list)
     seen: dict[str, Any] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        """Return which run it is, how far it has come, and what it measured."""
+        state = "running" if self.running is not None else self.failure or f"ended after {self.seconds:.1f} s"
+        measured = ", ".join(f"{name}: {type(each).__name__}" for name, each in self.estimators.items())
+        return f"<Replica {self.index} of seed {self.root}, step {self.done}, {state:.100}; {measured}>"
+
     @property
     def simulation(self) -> hs.Simulation:
         """The gas; not kept when the run has ended."""
