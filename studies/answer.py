@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,9 @@ from numpy.typing import NDArray
 from analysis.statistics import Estimate, TheoryCheck
 from analysis.theory import Prediction
 from studies.report import Screen, alarming, estimate_json
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 __all__ = [
     "Answer",
@@ -162,6 +165,10 @@ class Curves:
             found |= dict(column.parts(name))
         return found
 
+    def to_dataframe(self) -> DataFrame:
+        """Return all columns of the file as a pandas DataFrame; ImportError where pandas is missing."""
+        return _dataframe(self.flat())
+
     def rows(self) -> tuple[list[str], list[list[str]]]:
         """Return header and rows of a printed table."""
         printed = [(name, [f"{x:.4g}" for x in axis]) for name, axis in self.axes.items()]
@@ -244,6 +251,16 @@ class Answer:
         """What tells this gas from others of its kind."""
         return f"packing fraction {self.gas.packing_fraction:g}"
 
+    def to_dataframe(self) -> DataFrame:
+        """Return the numbers as a pandas DataFrame, with the columns of the study's table; see `tidy`.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed: it is no dependency.
+        """
+        return _dataframe(tidy([self]))
+
     def summary(self) -> dict[str, Any]:
         """Return what summary.json tells of this gas."""
         main = [self.numbers[0].quantity] if self.main is None else self.main
@@ -299,6 +316,16 @@ def tidy(answers: Sequence[Answer]) -> dict[str, list[Any]]:
         "uncertainty": [found.uncertainty for _, found in rows],
         "z": [found.z for _, found in rows],
     }
+
+
+def _dataframe(columns: Mapping[str, Any]) -> DataFrame:
+    try:
+        import pandas
+    except ImportError as error:
+        raise ImportError(
+            "a DataFrame needs pandas, which is not installed here: pip install pandas"
+        ) from error
+    return pandas.DataFrame(columns)
 
 
 def _place(answer: Answer, answers: Sequence[Answer]) -> dict[str, Any]:
