@@ -140,17 +140,18 @@ class Estimator(ABC):
     def __repr__(self) -> str:
         """Return of which gas how much was added, and the main results with their errors, if any."""
         name, added = type(self).__name__, self._added
-        if not added:
+        if added == "":
             return f"<{name}: nothing added yet>"
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # reading the result itself gives the warning
             results = self._results() or self._checked() or ["no result yet"]
-        return f"<{name} of {self._gas}, {added}: {', '.join(results[:MOST])}>"
+        what = f"{name} of {self._gas}" if self._gas else name
+        return f"<{', '.join([what, added] if added else [what])}: {', '.join(results[:MOST])}>"
 
     @property
-    @abstractmethod
-    def _added(self) -> str:
-        """How much was added, in words; an empty string for nothing."""
+    def _added(self) -> str | None:
+        """How much was added, in words, an empty string for nothing; None where this is not known."""
+        return None
 
     def _results(self) -> list[str]:
         """Return the results that are numbers."""
