@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis import theory
+from analysis.brief import brief
 from analysis.reduced import Gas
 
 if TYPE_CHECKING:
@@ -127,6 +128,8 @@ class FrameWeights:
     _last: float = np.inf
     _tested: float = np.inf
     _span: float = 0.0  # collisions per particle between frames
+
+    __repr__ = brief
 
     def add(self, frame: Frame) -> bool:
         """Add a frame; return whether it is `INDEPENDENT` correlation times after the last one tested."""

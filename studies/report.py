@@ -33,6 +33,7 @@ __all__ = [
     "OutputError",
     "OutputFolder",
     "Screen",
+    "Summary",
     "alarming",
     "checks_of",
     "engine_of",
@@ -218,6 +219,19 @@ class Screen:
         if self.json_output:
             sys.stdout.write(json.dumps(jsonable(summary), indent=2) + "\n")
             sys.stdout.flush()
+
+
+class Summary(dict[str, Any]):
+    """The content of summary.json: a dict that a prompt or a notebook shows in a line."""
+
+    def __repr__(self) -> str:
+        """Return what was done, whether it was sound, and where to look."""
+        states, sound = len(self["states"]), self["checks"]["passed"]
+        return (
+            f"<Summary of {self['study']}, seed {self['seed']}: {states} gas{'es' * (states > 1)}, "
+            f"{self['collisions']} collisions, checks {'passed' if sound else 'FAILED'}; a dict of "
+            f"{', '.join(self)}>"
+        )
 
 
 def estimate_json(estimate: Estimate) -> dict[str, float]:

@@ -71,6 +71,11 @@ class TrajectoryWriter:
             if keep:
                 self._text.truncate(end)
 
+    def __repr__(self) -> str:
+        """Return which file it is, and whether it is open."""
+        is_open = self._text is not None or self._binary is not None
+        return f"<TrajectoryWriter of {self.path}, {'open' if is_open else 'closed'}>"
+
     def write(self, frame: Scene | FrameLike) -> None:
         """Append a frame or a scene.
 
