@@ -10,7 +10,9 @@ In a shorter run, quantities that depend on them keep their initial values, howe
 
 from __future__ import annotations
 
+import math
 import warnings
+from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -19,6 +21,7 @@ from numpy.typing import NDArray
 
 from analysis import theory
 from analysis.reduced import Gas
+from hardspheres.scene import drift
 
 if TYPE_CHECKING:
     from hardspheres import Frame, Scene
@@ -26,6 +29,7 @@ if TYPE_CHECKING:
 __all__ = [
     "FrameWeights",
     "FrozenWarning",
+    "MeasuredCollisions",
     "variance_growth",
     "velocity_correlation_times",
     "virial_block_length",
@@ -158,6 +162,55 @@ class FrameWeights:
         """Warn, as the function of this name, if fewer than `LONG_RUN` frames count as independent."""
         if self._span > 0.0 and float(self.effective.min()) < LONG_RUN:
             warn_if_frozen(self._times, self._span)
+
+
+class MeasuredCollisions:
+    """Collisions per particle between frames that come without, from how far velocities have decorrelated.
+
+    ds = -tau ln C, with C the correlation of the velocities of the most numerous species in successive
+    frames, and tau its velocity correlation time (`velocity_correlation_times`). C is that of the last few
+    pairs of frames, so many that its noise is at most 0.03; frames with C below twice its noise count as
+    independent. Only ds / tau matters for error bars, and that is right for any interaction whose velocity
+    correlation decays exponentially.
+
+    Attributes
+    ----------
+    s : float
+        Collisions per particle since the first frame.
+    correlation : float
+        C of all pairs of frames; NaN before there is one.
+    """
+
+    UNRELATED = 8.0  # correlation times between frames whose velocities show no correlation
+
+    def __init__(self) -> None:
+        self.s, self.correlation = 0.0, math.nan
+        self._before: NDArray[np.float64] | None = None
+        self._all = np.zeros(2)
+
+    def add(self, scene: Scene, velocities: NDArray[np.float64]) -> float:
+        """Take in the velocities, (N, d), of the next frame; return its `s`."""
+        peculiar = velocities - drift(velocities, scene.masses, scene.periodic)
+        if self._before is None:
+            size = np.bincount(scene.species)
+            most = int(np.argmax(size))
+            self._chosen = np.flatnonzero(scene.species == most)
+            self._tau = float(velocity_correlation_times(scene)[most])
+            self._numbers = scene.dim * int(size[most])
+            self._pairs: deque[NDArray[np.float64]] = deque(maxlen=math.ceil(1000 / self._numbers))
+        now = peculiar[self._chosen]
+        if self._before is not None:
+            squares = math.sqrt(float(np.vdot(now, now)) * float(np.vdot(self._before, self._before)))
+            self._pairs.append(np.array([float(np.vdot(now, self._before)), squares]))
+            self._all += self._pairs[-1]
+            self.correlation = float(self._all[0] / self._all[1])
+            product, square = np.sum(self._pairs, axis=0)
+            noise = 1.0 / math.sqrt(self._numbers * len(self._pairs))
+            related = float(product / square) > 2.0 * noise
+            apart = -math.log(min(product / square, 1.0)) if related else self.UNRELATED
+            self.s += self._tau * max(apart, 1e-9)  # s of a later frame is always larger
+        self._before = now
+        return self.s
 
 
 def warn_if_frozen(scene: Scene | NDArray[np.float64], collisions_per_particle: float) -> None:

@@ -5,7 +5,7 @@ Files in reading order: `xyz` (extended xyz, exact), `foreign` (formats with uni
 """
 
 from hardspheres.atoms import Reading, has_velocities, to_atoms
-from hardspheres.files.reader import read_scene, read_structure, read_trajectory
+from hardspheres.files.reader import read_scene, read_structure, read_trajectory, structures
 from hardspheres.files.writer import TrajectoryWriter
 
 __all__ = [
@@ -15,5 +15,6 @@ __all__ = [
     "read_scene",
     "read_structure",
     "read_trajectory",
+    "structures",
     "to_atoms",
 ]
