@@ -122,9 +122,14 @@ class VelocityMoments(PerFrame):
         return float(min(self._weights.effective.min(), self.n_frames))
 
     @property
-    def time(self) -> FloatArray:
-        """Time of each of `values`."""
-        return np.concatenate(self._columns(-1))
+    def table(self) -> dict[str, FloatArray]:
+        """Every quantity in each of `values`, by name, with the time of the frame as index."""
+        gas = self.gas
+        names = ["kT", *(f"kT_{axis}_over_kT" for axis in "xyz"[: gas.dim])]
+        kinds = range(1, len(gas.sizes) + 1)
+        names += [f"kT_{k}_over_kT" for k in kinds] + [f"a2_{k}" for k in kinds]
+        names += [f"momentum_{axis}" for axis in "xyz"[: gas.dim]] + ["index"]
+        return {name: np.concatenate(self._columns(1 + k)) for k, name in enumerate(names)}
 
     @property
     def energy_spread(self) -> float:
@@ -175,17 +180,19 @@ class VelocityMoments(PerFrame):
 
     @property
     def momentum(self) -> list[Estimate]:
-        """Total momentum along each axis over sqrt(M kT): of unit variance at equilibrium between walls.
+        """Total momentum along each axis over sqrt(M kT): of unit variance at equilibrium where it fluctuates.
 
-        Along periodic axes it is conserved, and comes without error.
+        Without error where it is the same in all frames, as along the axes of a periodic box.
         """
         self._require_values()
         first = 2 + self.gas.dim + 2 * len(self.gas.sizes)
-        conserved = self.gas.periodic
-        return [
-            Estimate(float(self._mean[first + k]), 0.0) if conserved[k] else self._settled(first + k, 1.0)
-            for k in range(self.gas.dim)
-        ]
+        found = []
+        for index in range(first, first + self.gas.dim):
+            column = np.concatenate(self._columns(index))
+            conserved = np.ptp(column) < CONSTANT if len(column) > 1 else self.gas.periodic[index - first]
+            value = float(self._mean[index])
+            found.append(Estimate(value, 0.0) if conserved else self._settled(index, 1.0))
+        return found
 
     @property
     def drift(self) -> Estimate:
@@ -229,7 +236,9 @@ class VelocityMoments(PerFrame):
                 try:
                     return self._pooled(columns, shortest=shortest)
                 except ShortSeriesWarning:
-                    found = [autocorrelation_time(column).n_effective for column in columns if len(column) > 1]
+                    found = [
+                        autocorrelation_time(column).n_effective for column in columns if len(column) > 1
+                    ]
                     effective = min(effective, sum(found))
         return Estimate(float(self._mean[index]), noise / math.sqrt(max(effective, 1.0)), effective)
 
