@@ -29,6 +29,10 @@ QUESTIONS = {
         "Follow the temperature equilibration of two species, beside kinetic theory.",
     ),
     "view": ("studies.viewer.command:View", "Watch the gas in a file in a browser, every collision."),
+    "analyse": (
+        "studies.analyse:Analyse",
+        "Analyse a trajectory of any program, its velocities beside Maxwell and Boltzmann's.",
+    ),
     "bench": (
         "studies.benchmarks.command:Benchmark",
         "Measure collisions per second, beside another engine.",

@@ -21,12 +21,14 @@ from studies.options import (
     MANY,
     OVER,
     boundary,
-    edges,
     of_labels,
     one_number,
     option,
+    own_box,
     positive,
     runs,
+    units,
+    velocities_are,
     word,
 )
 from studies.recording import Film, Recorder, Trajectory
@@ -233,22 +235,9 @@ class Thermalisation(Study):
     source: str | None = option(None, "Start from a structure in any file that ASE reads.", flag="--from")
     radius: float | dict[str, float] | None = option(None, **of_labels("--radius"))
     mass: float | dict[str, float] | None = option(None, **of_labels("--mass"))
-    units: str | None = option(
-        None,
-        "Units of --from, where ASE converts them: numbers as in the file (reduced), or Angstrom, u and eV "
-        "(ase).",
-        shown="refused where it matters",
-        **word("--units", "reduced", "ase"),
-    )
-    velocities_are: str | None = option(
-        None,
-        "A column of velocities in --from is in units of its lengths.",
-        shown="refused where there is one",
-        **word("--velocities-are", "reduced"),
-    )
-    box: tuple[float, ...] | None = option(
-        None, "Edges of the box for a file of --from without one, as in 10,10,10.", **edges("--box")
-    )
+    units: str | None = units("--from")
+    velocities_are: str | None = velocities_are("--from")
+    box: tuple[float, ...] | None = own_box("--from")
     frames: int = option(
         21, "Frames in trajectory.xyz, of the first replica.", at_least=0, at_most=MANY, metavar="NUMBER"
     )

@@ -5,7 +5,7 @@ their own), `reader`, `writer`. Scenes as ASE's Atoms, and back, are in `hardsph
 """
 
 from hardspheres.atoms import Reading, has_velocities, to_atoms
-from hardspheres.files.reader import read_scene, read_structure, read_trajectory
+from hardspheres.files.reader import read_scene, read_structure, read_trajectory, structures
 from hardspheres.files.writer import TrajectoryWriter
 
 __all__ = [
@@ -15,5 +15,6 @@ __all__ = [
     "read_scene",
     "read_structure",
     "read_trajectory",
+    "structures",
     "to_atoms",
 ]

@@ -97,7 +97,7 @@ def read_trajectory(
         When a frame is no valid scene.
     """
     how, said = Reading(radius, **reading), set()
-    for atoms, notes in _structures(path, how):
+    for atoms, notes in structures(path, how):
         with _named(path):
             scene, more = scene_and_notes(Scene, atoms, how)
         for note in [*notes, *more]:
@@ -154,7 +154,8 @@ def _one_of(items: Iterator[Item], index: int) -> Item | None:
     return last[0] if len(last) == -index else None
 
 
-def _structures(path: str | os.PathLike[str], reading: Reading) -> Iterator[tuple[Any, list[str]]]:
+def structures(path: str | os.PathLike[str], reading: Reading) -> Iterator[tuple[Any, list[str]]]:
+    """Yield each frame of a file as ASE's Atoms, and sentences about everything changed or not used."""
     from ase.io import iread
 
     file, form = existing(path), _format(path)
