@@ -13,17 +13,24 @@ from numpy.typing import NDArray
 
 from analysis.statistics import Estimate, TheoryCheck
 from analysis.theory import Prediction
-from studies.report import Screen, alarming, estimate_json
+from studies.report import Z_MEANS, Screen, alarming, estimate_json
 
 __all__ = [
     "Answer",
     "Column",
     "Curves",
     "Gas",
+    "Section",
+    "Table",
     "alarms",
+    "expected_cell",
     "heading",
+    "marks_of",
+    "measured_cell",
     "names_of",
+    "notes_of",
     "number",
+    "sections",
     "tidy",
     "write_tables",
 ]
@@ -33,6 +40,7 @@ Gas = Any  # what a study measures; it has n, dim, packing_fraction, kind and sc
 
 WIDEST = 6  # quantities that stand side by side
 _U = "u"  # marks a measurement that is better than its theory
+BETTER = f"{_U}: the measurement is better than the theory, whose uncertainty exceeds two standard errors"
 
 
 def number(quantity: str, measured: Estimate | float, theory: str = "", expected: Any = None) -> TheoryCheck:
@@ -287,27 +295,84 @@ def curve_files(answers: Sequence[Answer]) -> dict[str, dict[str, FloatArray]]:
     return files
 
 
-def heading(answers: Sequence[Answer], replicas: int) -> str:
-    """Return what was measured: replicas, the gas, and its packing fraction where there is one."""
-    kind = f"{replicas} x {answers[0].gas}"
+def heading(answers: Sequence[Answer], replicas: int | None) -> str:
+    """Return what was measured: replicas if any, the gas, and its packing fraction where there is one."""
+    kind = f"{replicas} x {answers[0].gas}" if replicas else str(answers[0].gas)
     return f"{kind}, {answers[0].label}" if len(answers) == 1 else kind
 
 
-def write_tables(screen: Screen, answers: Sequence[Answer], replicas: int) -> None:
-    """Print all numbers of all gases, and the curves that are short."""
+def marks_of(answers: Sequence[Answer]) -> list[str]:
+    """Return what z is, and the mark beside it where there is one, in sentences."""
+    return [Z_MEANS] + [BETTER] * any(answer.better_than_theory for answer in answers)
+
+
+def notes_of(answers: Sequence[Answer]) -> list[str]:
+    """Return the notes of all gases, each with what tells its gas from the others."""
+    return [
+        f"{where}: {note}" if where else note
+        for answer, where in zip(answers, names_of(answers), strict=True)
+        for note in answer.notes
+    ]
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table as it is shown, on the screen and on pages.
+
+    Attributes
+    ----------
+    header : list of str
+        Titles of the columns.
+    rows : list of list of str
+        Cells.
+    keys : int
+        How many of the first columns name a row.
+    """
+
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    keys: int = 1
+
+
+@dataclass(frozen=True)
+class Section:
+    """Tables of gases of one kind, under one title."""
+
+    title: str
+    tables: Sequence[Table]
+
+
+def sections(answers: Sequence[Answer], replicas: int | None) -> list[Section]:
+    """Return the tables of all numbers of all gases, and of the curves that are short.
+
+    Parameters
+    ----------
+    answers : sequence of Answer
+        Gases of one kind beside each other.
+    replicas : int or None
+        Runs of each gas; None where the word has no meaning.
+    """
+    found = []
     for _, group in groupby(answers, lambda answer: str(answer.gas)):
         same = list(group)
         count = f", {len(same)} packing fractions" if len(same) > 1 else ""
-        screen.say(heading(same, replicas) + count)
+        tables = [
+            Table(*curves.rows()) for answer in same for curves in answer.curves.values() if curves.printed
+        ]
+        numbers = Table(*(_wide(same) if _regular(same) else _long(same)))
+        found.append(
+            Section(heading(same, replicas) + count, [*tables, *([numbers] if numbers.rows else [])])
+        )
+    return found
+
+
+def write_tables(screen: Screen, answers: Sequence[Answer], replicas: int | None) -> None:
+    """Print all numbers of all gases, and the curves that are short."""
+    for section in sections(answers, replicas):
+        screen.say(section.title)
         screen.say()
-        for answer in same:
-            for curves in answer.curves.values():
-                if curves.printed:
-                    screen.table("", *curves.rows())
-                    screen.say()
-        header, rows, keys = _wide(same) if _regular(same) else _long(same)
-        if rows:
-            screen.table("", header, rows, keys=keys)
+        for table in section.tables:
+            screen.table("", table.header, table.rows, keys=table.keys)
             screen.say()
 
 
@@ -324,12 +389,12 @@ def _wide(answers: Sequence[Answer]) -> tuple[list[str], list[list[str]], int]:
     for k in range(count):
         found = [answer.numbers[k] for answer in answers]
         titles.append(found[0].quantity)
-        cells.append([_measured(each) for each in found])
+        cells.append([measured_cell(each) for each in found])
         if any(math.isfinite(each.z) for each in found):
             titles.append("z")
             cells.append([_deviation(each.z, _U * each.better_than_theory) for each in found])
-        expected = [_expected(each) for each in found]
-        last = k + 1 == count or expected != [_expected(answer.numbers[k + 1]) for answer in answers]
+        expected = [expected_cell(each) for each in found]
+        last = k + 1 == count or expected != [expected_cell(answer.numbers[k + 1]) for answer in answers]
         if last and any(cell not in ("", "0") for cell in expected):
             titles.append("theory")
             cells.append(expected)
@@ -343,18 +408,22 @@ def _long(answers: Sequence[Answer]) -> tuple[list[str], list[list[str]], int]:
         for k, found in enumerate(answer.numbers):
             eta = "" if k else f"{answer.gas.packing_fraction:.4g}"
             mark = _U * (found.better_than_theory and math.isfinite(found.z))
-            rows.append([eta, found.quantity, _measured(found), _expected(found), _deviation(found.z), mark])
+            rows.append(
+                [eta, found.quantity, measured_cell(found), expected_cell(found), _deviation(found.z), mark]
+            )
     header = ["packing fraction", "quantity", "measured", "theory", "z", ""]
     if len(answers) == 1:
         return header[1:], [row[1:] for row in rows], 1
     return header, rows, 2
 
 
-def _measured(found: TheoryCheck) -> str:
+def measured_cell(found: TheoryCheck) -> str:
+    """Return what was measured as tables show it, with its error in parentheses."""
     return _cell(found.measured.value, found.measured.standard_error)
 
 
-def _expected(found: TheoryCheck) -> str:
+def expected_cell(found: TheoryCheck) -> str:
+    """Return the value of theory as tables show it, with its uncertainty in parentheses; empty without one."""
     return _cell(found.expected, found.uncertainty)
 
 

@@ -11,7 +11,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from studies.exits import run_program
-from studies.options import App, OptionError, options_of, rewrapped
+from studies.options import App, OptionError, options_of, rewrapped, word
 from studies.registry import QUESTIONS, study_named
 
 if TYPE_CHECKING:
@@ -60,11 +60,15 @@ UntilError = Annotated[
         show_default="as many as --replicas",
     ),
 ]
+Format = Annotated[
+    str, typer.Option("--format", help="Format of figures.", **word("--format", "png", "svg", "pdf"))
+]
 OF_EVERY_RUN: dict[str, tuple[Any, Any]] = {
     "out": (Out, None),
     "force": (Force, False),
     "json": (Json, False),
 }
+OF_FIGURES: dict[str, tuple[Any, Any]] = {"figure_format": (Format, "png")}
 OF_LONG_RUNS: dict[str, tuple[Any, Any]] = {
     "checkpoint_every": (CheckpointEvery, 60.0),
     "resume": (Resume, False),
@@ -85,6 +89,7 @@ def function_of(kind: type[Program]) -> Callable[..., None]:
         out: Path | None,
         force: bool,
         json: bool,
+        figure_format: str = "png",
         until_error: float | None = None,
         checkpoint_every: float = 60.0,
         resume: bool = False,
@@ -96,6 +101,7 @@ def function_of(kind: type[Program]) -> Callable[..., None]:
         program = kind(**values)
         screen = Screen(json)
         folder = program.folder(out, checkpoint_every, resume, force)
+        folder.figure_format = figure_format
         program = program.prepared(screen.note)
         if until_error is None:
             summary, sound = program.conduct(folder, screen)
@@ -128,6 +134,8 @@ def function_of(kind: type[Program]) -> Callable[..., None]:
     parameters |= OF_EVERY_RUN
     if kind.page:
         parameters |= _of_a_page(kind.page)
+    if any(name.endswith(".png") for name in kind.files):
+        parameters |= OF_FIGURES
     if kind.resumable:
         parameters |= OF_LONG_RUNS
     if kind.to_an_error:

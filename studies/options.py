@@ -78,6 +78,14 @@ class Option:
         """Return the name on the command line of the field of this name."""
         return self.flag or f"--{name.replace('_', '-')}"
 
+    def typed(self, name: str, value: Any) -> list[str]:
+        """Return the words on the command line that give the field of this name this value, not its default."""
+        flag = [] if self.argument else [self.named(name)]
+        if isinstance(value, bool):
+            return flag
+        each_alone = value if self.several else [value]
+        return [word for each in each_alone for word in (*flag, _in_words(each))]
+
     def check(self, name: str, value: Any) -> None:
         """Raise OptionError where a value is beyond the limits."""
         if value is None or self.several:
@@ -116,6 +124,13 @@ def option(
     """
     made = Option(help or more.pop("help"), at_least, at_most, shown, flag, several, argument, more)
     return field(default=default, metadata={"option": made})
+
+
+def _in_words(value: Any) -> str:
+    """Return a value as one word of the command line."""
+    if isinstance(value, Mapping):
+        return ",".join(f"{key}={_in_words(each)}" for key, each in value.items())
+    return ",".join(map(_in_words, value)) if isinstance(value, (tuple, list)) else str(value)
 
 
 def options_of(study: Any) -> list[tuple[Field[Any], Option]]:
@@ -303,10 +318,18 @@ def packing_fractions(text: str) -> tuple[float, ...]:
     return tuple(sorted(set(values)))
 
 
-def densities(text: str) -> Any:
-    """Return the field for the packing fractions of a study, given its default as it is typed."""
+def densities(text: str, *, asked: bool = False) -> Any:
+    """Return the field for the packing fractions of a study, given its default as it is typed.
+
+    Parameters
+    ----------
+    text : str
+        The default.
+    asked : bool
+        Whether the field tells that none were asked for: it is None then.
+    """
     return option(
-        packing_fractions(text),
+        None if asked else packing_fractions(text),
         "Volume fractions of the spheres: one, several with commas, or first:last:count.",
         flag="--packing-fraction",
         shown=text,
@@ -362,11 +385,11 @@ def fraction() -> Any:
 
 
 PANELS = {
-    "The gas": "n dim packing_fraction packing_fractions boundary start velocities temperature "
-    "temperature_ratio mass_ratio diameter_ratio fraction source radius mass box units velocities_are",
+    "The gas": "gas n dim packing_fraction packing_fractions boundary start velocities temperature "
+    "pressure diameter temperature_ratio mass_ratio diameter_ratio fraction source radius mass box units velocities_are",
     "What and how long": "collisions collisions_per_particle relaxation_times discard replicas runs "
     "until_error suite quick size only against",
-    "Results": "out force json frames animate",
+    "Results": "out force json figure_format frames animate",
     "The run itself": "seed workers checkpoint_every resume",
 }
 _PANEL_OF = {name: panel for panel, names in PANELS.items() for name in names.split()}

@@ -18,7 +18,7 @@ import numpy as np
 
 from hardspheres.errors import CheckpointError
 from hardspheres.temporary import remove_leftovers, temporary_beside
-from studies.figures.style import figure_style, name_gas
+from studies.figures.style import FORMATS, figure_style, name_gas, save
 from studies.running.journal import (
     FOLDER,
     Journal,
@@ -29,7 +29,14 @@ from studies.running.journal import (
     not_written,
     require_same,
 )
-from studies.running.ownership import SUMMARY, every_file, files_of_finished_run, is_ordinary
+from studies.running.ownership import (
+    SUMMARY,
+    every_file,
+    files_of,
+    files_of_finished_run,
+    in_format,
+    is_ordinary,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -70,11 +77,15 @@ class OutputFolder:
         Replace the run in the folder. Its files stay until the first result of the new one is written; then
         its summary is removed, and when the new summary is written, so are all its files that have not been
         replaced.
+    figure_format : str, default "png"
+        Of figures: "png", "svg" or "pdf".
 
     Attributes
     ----------
     path : Path
         The folder.
+    figure_format : str
+        Of figures.
     files : list of str
         Names of the files written so far.
     """
@@ -86,11 +97,15 @@ class OutputFolder:
         checkpoint_every: float = 60.0,
         resume: bool = False,
         force: bool = False,
+        figure_format: str = "png",
     ) -> None:
+        if figure_format not in FORMATS:
+            raise OutputError(f"figure_format {figure_format!r} is not known; it can be png, svg or pdf")
+        self.figure_format = figure_format
         self.path, self._place = Path(path), Path(path).absolute()
         self.checkpoint_every, self.resume, self.force = checkpoint_every, resume, force
         self.files: list[str] = []
-        self._names: tuple[str, ...] = ()  # that the study writes beside its summary
+        self._names: tuple[str, ...] = ()  # that the study writes beside its summary, figures as .png
         self._own: set[str] | None = None  # names of files that may be replaced
         self._journal = Journal(self.path, self._place)
         self._manifest: dict[str, Any] | None = None  # while a run is in the journal
@@ -125,7 +140,7 @@ class OutputFolder:
         elif self._journal.unfinished():
             raise self._unfinished()
         else:
-            self._names = _names(study)
+            self._names = files_of(study)
             self._own = self._claim()
 
     @contextlib.contextmanager
@@ -212,10 +227,11 @@ class OutputFolder:
             writer.writerows(zip(*arrays.values(), strict=True))
 
     def save_figure(self, name: str, figure: Figure, gas: str) -> None:
-        """Write a figure as PNG, with the name of the gas above it."""
-        with self.partial(name) as path, figure_style():
-            name_gas(figure, gas)
-            figure.savefig(path, format="png")
+        """Write a figure with the name of the gas above it; in a file of this name, ending as its format."""
+        with self.partial(in_format(name, self.figure_format)) as path:
+            with figure_style():
+                name_gas(figure, gas)
+            save(figure, path, self.figure_format)
 
     def _require_writable(self) -> None:
         """Refuse a path at which no folder can be made, or none written to."""
@@ -236,7 +252,7 @@ class OutputFolder:
 
     def _agree(self, study: Any) -> set[str]:
         """Return the files that a run may replace; refuse what is in its way, or not what it resumes."""
-        self._names, before = _names(study), self._journal.unfinished()
+        self._names, before = files_of(study), self._journal.unfinished()
         if not self.resume:
             if before and not self.force:
                 raise self._unfinished()
@@ -265,7 +281,8 @@ class OutputFolder:
                 f"{self.path} holds a finished run; give another folder with --out, or --force to replace it"
             )
         own = (old or set()).union(map(str, unfinished))
-        for name in sorted({SUMMARY, *self._names} - own):
+        wanted = {in_format(name, self.figure_format) for name in self._names}
+        for name in sorted({SUMMARY, *wanted} - own):
             if os.path.lexists(self._place / name):
                 raise OutputError(
                     f"{self.path / name} is not of a finished run, and would be replaced; give another "
@@ -275,7 +292,7 @@ class OutputFolder:
 
     def _known(self) -> frozenset[str]:
         """Return the names of all files that may ever be replaced or removed."""
-        return every_file().union(self._names)
+        return every_file().union(in_format(name, form) for name in self._names for form in FORMATS)
 
     def _put(self, path: Path, name: str) -> None:
         """Move a whole file to its place, replacing only our own; the summary comes last."""
@@ -301,8 +318,3 @@ class OutputFolder:
         """Remove a file of an earlier run: one that studies write, and that is a file itself."""
         if name in (self._own or ()) and is_ordinary(self._place / name) and name in self._known():
             (self._place / name).unlink()
-
-
-def _names(study: Any) -> tuple[str, ...]:
-    """Return what a study writes beside its summary."""
-    return tuple(getattr(study, "files", ()))

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import shlex
+import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
-from studies.options import OptionError, check_options
+from studies.options import OptionError, check_options, options_of, rewrapped
+from studies.registry import QUESTIONS
 from studies.report import OutputFolder, Screen
 
 __all__ = ["Program"]
@@ -25,7 +28,10 @@ class Program(ABC):
     explanation : str
         What --help says after its first line.
     files : tuple of str
-        Everything that it writes beside summary.json.
+        Everything that it writes beside summary.json and report.html; figures, which have any format, as
+        .png.
+    reports : bool
+        Whether it writes report.html.
     resumable : bool
         Whether it keeps checkpoints.
     to_an_error : bool
@@ -37,6 +43,7 @@ class Program(ABC):
     name: ClassVar[str]
     explanation: ClassVar[str]
     files: ClassVar[tuple[str, ...]]
+    reports: ClassVar[bool] = False
     resumable: ClassVar[bool] = True
     to_an_error: ClassVar[bool] = False
     page: ClassVar[str] = ""
@@ -48,6 +55,28 @@ class Program(ABC):
     def prepared(self, say: Callable[[str], object]) -> Self:
         """Return the program with every file read that it starts from, once; `say` takes remarks on them."""
         return self
+
+    @property
+    def question(self) -> str:
+        """What it is about, in a sentence: that of the list of commands, else its explanation's first."""
+        if self._listed:
+            return QUESTIONS[self.name][1]
+        return rewrapped(self.explanation).split(". ")[0].rstrip(".") + "."
+
+    @property
+    def _listed(self) -> bool:
+        """Whether it is a command of this package."""
+        return QUESTIONS.get(self.name, ("",))[0] == f"{type(self).__module__}:{type(self).__qualname__}"
+
+    @property
+    def command(self) -> str:
+        """The command that does the same, whole, but for where its files go and what changes no number."""
+        words = ["hardspheres", self.name] if self._listed else ["python", _program_of(type(self))]
+        for each, its in options_of(self):
+            value = getattr(self, each.name)
+            if each.name != "workers" and (value != each.default or each.name == "seed"):
+                words += its.typed(each.name, value)
+        return shlex.join(words)
 
     @property
     def which(self) -> str:
@@ -86,3 +115,9 @@ class Program(ABC):
         HardSpheresError
             If options make no sense, or the folder cannot be written.
         """
+
+
+def _program_of(kind: type[Program]) -> str:
+    """Return the name of the file that a class is in; where there is none, of its module."""
+    module = sys.modules.get(kind.__module__)
+    return Path(getattr(module, "__file__", None) or f"-m {kind.__module__}").name

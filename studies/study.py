@@ -8,6 +8,7 @@ rest is done here: replicas over processes, checkpoints, tables, files.
 from __future__ import annotations
 
 import datetime
+import hashlib
 import time
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,14 +20,14 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 import hardspheres as hs
-from studies.answer import Answer, Gas, curve_files, heading, names_of, tidy, write_tables
+from studies.answer import Answer, Gas, curve_files, heading, marks_of, names_of, notes_of, tidy, write_tables
 from studies.fluid import broken, representatives
 from studies.options import options_of, runs, seed, workers
+from studies.page import write_report
 from studies.program import Program
 from studies.recording import Recorder
 from studies.report import (
     ALARM,
-    Z_MEANS,
     OutputFolder,
     Screen,
     checks_of,
@@ -38,6 +39,7 @@ from studies.report import (
     seconds_taken,
 )
 from studies.running.ensemble import available_cores, run_replicas
+from studies.running.ownership import REPORT, SUMMARY
 from studies.running.resuming import Resumable
 
 if TYPE_CHECKING:
@@ -46,8 +48,6 @@ if TYPE_CHECKING:
     from studies.viewer.replay import Replay
 
 __all__ = ["Replica", "Study", "conduct"]
-
-BETTER = "u: the measurement is better than the theory, whose uncertainty exceeds two standard errors"
 
 
 @dataclass
@@ -72,6 +72,8 @@ class Replica:
         What the estimators had to say on the way.
     seen : dict
         What else the study wants to know of the gas at the end: plain values.
+    digest : str
+        Of the state at the end, see `digest_of`.
     """
 
     root: int
@@ -84,6 +86,7 @@ class Replica:
     failure: str | None = None
     notes: list[str] = field(default_factory=list)
     seen: dict[str, Any] = field(default_factory=dict)
+    digest: str = ""
 
     @property
     def simulation(self) -> hs.Simulation:
@@ -100,7 +103,16 @@ class Replica:
     def finish(self, seconds: float) -> None:
         """Check the gas a last time, and let it go."""
         self.status, self.failure = self.simulation.status(), broken(self.simulation)
+        self.digest = digest_of(self.simulation)
         self.seconds, self.running = seconds, None
+
+
+def digest_of(simulation: hs.Simulation) -> str:
+    """Return the SHA-256 of a state: equal for equal bits of every particle, of the time and of the counts."""
+    arrays = (simulation.positions, simulation.velocities, simulation.unwrapped_positions)
+    counts = (simulation.time, simulation.collisions, simulation.wall_collisions)
+    parts = [np.ascontiguousarray(each, dtype="<f8").tobytes() for each in (*arrays, counts)]
+    return hashlib.sha256(b"".join(parts)).hexdigest()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,6 +125,7 @@ class Study(Program):
         The file of all numbers, without ending.
     """
 
+    reports = True
     to_an_error = True
     table: ClassVar[str]
 
@@ -251,7 +264,12 @@ def run_study(
     # the run that is watched
     with screen.progress("runs", len(runs)) as advance:
         found = run_replicas(
-            _Running(study, folder), runs[::-1], workers=study.workers, done=advance, shelf=shelf
+            _Running(study, folder),
+            runs[::-1],
+            workers=study.workers,
+            done=advance,
+            shelf=shelf,
+            note=screen.note,
         )[::-1]
     recorded = found.pop() if runs[-1].recording else None
     return [found[k * count : (k + 1) * count] for k in range(len(gases))], recorded
@@ -301,7 +319,8 @@ def conduct(
         for name, columns in curve_files(answers).items():
             out.write_csv(f"{name}.csv", columns)
         with screen.working("drawing"), figure_style():
-            for name, figure in study.figures(answers).items():
+            figures = study.figures(answers)
+            for name, figure in figures.items():
                 out.save_figure(f"{name}.png", figure, study.subject(answers))
             if recorded is not None:
                 study.show(recorded.estimators, answers, out)
@@ -310,7 +329,20 @@ def conduct(
                 replay.save(path)
         summary = summary_of(study, answers, replicas, out)
         summary["seconds"] = seconds_taken(began, ready, ran)
-        out.write_json("summary.json", summary)
+        with screen.working("writing the report"):
+            write_report(
+                out,
+                name=study.name,
+                question=study.question,
+                answers=answers,
+                subject=study.subject(answers),
+                legend=study.legend(answers),
+                figures=figures,
+                summary=summary,
+                replay=replay,
+                replicas=study.replicas,
+            )
+        out.write_json(SUMMARY, summary)
     _print(screen, study, answers, summary, out)
     return summary, bool(summary["checks"]["passed"])
 
@@ -328,6 +360,7 @@ def summary_of(
     collisions = sum(status["collisions"] for status in statuses)
     return {
         "study": study.name,
+        "command": study.command,
         "version": hs.__version__,
         "seed": study.seed,
         "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
@@ -344,7 +377,8 @@ def summary_of(
         "engine_collisions_per_second": engine_rate(statuses),
         "checks": checks_of(statuses, failures) | {"alarm_in_standard_errors": ALARM},
         "engine": engine_of(statuses[0]),
-        "files": sorted({*out.files, "summary.json"}),
+        "digest": hashlib.sha256("".join(run.digest for run in runs).encode()).hexdigest(),
+        "files": sorted({*out.files, REPORT, SUMMARY}),
         "seconds": {},
     }
 
@@ -353,12 +387,6 @@ def _print(
     screen: Screen, study: Study, answers: Sequence[Answer], summary: Mapping[str, Any], out: OutputFolder
 ) -> None:
     write_tables(screen, answers, study.replicas)
-    for sentence in study.legend(answers):
+    for sentence in (*study.legend(answers), *marks_of(answers), *notes_of(answers)):
         screen.say(sentence)
-    screen.say(Z_MEANS)
-    if any(answer.better_than_theory for answer in answers):
-        screen.say(BETTER)
-    for answer, where in zip(answers, names_of(answers), strict=True):
-        for note in answer.notes:
-            screen.say(f"{where}: {note}" if where else note)
     say_checks(screen, summary, out)

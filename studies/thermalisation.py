@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from studies.report import OutputFolder
+    from studies.viewer.replay import Replay
 
 __all__ = ["RelaxingGas", "Thermalisation", "sampling_points"]
 
@@ -44,6 +45,7 @@ FloatArray = NDArray[np.float64]
 
 RATE, RATE_WINDOW = "decay rate of a2", (2.0, 5.0)
 FILM_FRAMES = 120
+WATCHED = 400  # particles of the gas to be watched: more and nobody can follow one
 AT_EQUILIBRIUM = "at equilibrium a2 and H - Heq vanish and KS is noise"
 
 
@@ -187,6 +189,7 @@ class Thermalisation(Study):
         "distributions.png",
         "relaxation.png",
         Trajectory.FILE,
+        "gas.html",
         "gas.gif",
     )
 
@@ -417,6 +420,19 @@ class Thermalisation(Study):
             first = answers[0].gas.scene(np.random.SeedSequence(self.seed, spawn_key=(0,)))
             with out.partial("gas.gif") as path:
                 animation(recorders["film"], first, answers[0], path, heading(answers, self.replicas))
+
+    def replay(self) -> Replay | None:
+        """Return a gas of this kind with few particles, or a small --from itself; None of a large one."""
+        from studies.viewer.replay import replay_by_steps
+
+        gas = self.gases()[0]
+        if gas.base is None:
+            gas = replace(gas, n=min(gas.n, WATCHED))
+        try:
+            scene = gas.scene(np.random.SeedSequence(self.seed, spawn_key=(0,)))
+            return replay_by_steps(scene) if gas.n <= 2 * WATCHED else None
+        except hs.HardSpheresError:  # the few have no room, or do not collide
+            return None
 
 
 def _require(condition: bool, sentence: str) -> None:

@@ -1,29 +1,33 @@
-"""One style for all figures: colours for any colour vision, the name of the gas, deviations, upper limits."""
+"""One style for all figures: colours for any colour vision, the gas's name, deviations, upper limits, files."""
 
 from __future__ import annotations
 
 import contextlib
 import textwrap
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
 from analysis.estimator import PALETTE
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
 
 __all__ = [
     "COLOURS",
+    "FORMATS",
     "MARKS",
     "SPECIES",
     "deviations",
     "falling",
     "figure_style",
     "name_gas",
+    "save",
     "species_look",
 ]
 
@@ -42,6 +46,9 @@ SPECIES, MARKS = PALETTE, ("o", "s", "^", "D", "v")
 """Colours and marks of species, the same in all figures."""
 
 SEEN = 2.0  # standard errors below which a decaying quantity counts as lost in noise
+
+FORMATS: dict[str, Any] = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
+"""Formats of figures, with the metadata that would differ from day to day left out."""
 
 LIMIT = "upper limit (2 std. errors)"
 
@@ -68,6 +75,8 @@ _STYLE: Any = {
     "lines.linewidth": 1.6,
     "errorbar.capsize": 0,
     "mathtext.fontset": "dejavusans",
+    "svg.fonttype": "path",  # looks the same everywhere
+    "svg.hashsalt": "hardspheres",  # the same figure, the same bytes
 }
 
 
@@ -91,6 +100,16 @@ def name_gas(figure: Figure, gas: str) -> None:
     text = textwrap.fill(gas, int(14 * width))
     figure.set_size_inches(width, height + 0.1 + 0.17 * (1 + text.count("\n")))
     figure.suptitle(text, x=0.01, ha="left", fontsize=9.5, color=COLOURS["words"])
+
+
+def save(figure: Figure, where: Path | IO[bytes], form: str) -> None:
+    """Write a figure in one of the `FORMATS`; the same figure gives the same bytes.
+
+    It is laid out once: what is written later has everything in the same place.
+    """
+    with figure_style():
+        figure.savefig(where, format=form, metadata=FORMATS[form])
+        figure.set_layout_engine("none")
 
 
 def deviations(axes: Axes, *series: tuple[ArrayLike, ArrayLike, dict[str, Any]]) -> None:

@@ -8,18 +8,38 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
+from studies.figures.style import FORMATS
 from studies.registry import QUESTIONS, study_named
 
-__all__ = ["SUMMARY", "every_file", "files_of_finished_run", "is_ordinary", "load_object"]
+__all__ = [
+    "REPORT",
+    "SUMMARY",
+    "every_file",
+    "files_of",
+    "files_of_finished_run",
+    "in_format",
+    "is_ordinary",
+    "load_object",
+]
 
-SUMMARY = "summary.json"
+SUMMARY, REPORT = "summary.json", "report.html"
+
+
+def in_format(name: str, form: str) -> str:
+    """Return the name of a file where figures have this format: of .png another ending, else the same."""
+    return f"{name.removesuffix('png')}{form}" if name.endswith(".png") else name
+
+
+def files_of(study: Any) -> tuple[str, ...]:
+    """Return what a study writes beside its summary, figures as .png: its `files`, and its report if any."""
+    return (*getattr(study, "files", ()), *[REPORT] * getattr(study, "reports", False))
 
 
 @functools.cache
 def every_file() -> frozenset[str]:
-    """Return all names of files that the studies of this package write."""
-    of_studies = [study_named(name).files for name in QUESTIONS]
-    return frozenset({SUMMARY}.union(*of_studies))
+    """Return all names of files that the studies of this package write, figures in every format."""
+    names = {SUMMARY}.union(*(files_of(study_named(name)) for name in QUESTIONS))
+    return frozenset(in_format(name, form) for name in names for form in FORMATS)
 
 
 def is_ordinary(path: Path) -> bool:

@@ -1,0 +1,97 @@
+"""The answer of a study in words, from the same numbers as its table."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from scipy.special import ndtr
+
+from analysis.statistics import TheoryCheck
+from studies.answer import Answer, expected_cell, measured_cell, names_of
+
+__all__ = ["answer_in_words", "main_numbers"]
+
+FEW = 3  # gases whose numbers are told one by one
+
+
+def main_numbers(answer: Answer) -> list[TheoryCheck]:
+    """Return the main numbers of a gas; where none of them has a theory, also the first that has one."""
+    if not answer.numbers:
+        return []
+    named = () if answer.main is None or isinstance(answer.main, str) else answer.main
+    found = [each for each in answer.numbers if each.quantity in named] or [answer.numbers[0]]
+    if not any(math.isfinite(each.z) for each in found):
+        found += [each for each in answer.numbers if math.isfinite(each.z)][:1]
+    return found
+
+
+def answer_in_words(answers: Sequence[Answer]) -> list[str]:
+    """Return the answer in a few sentences: main numbers with error bars, and how far they are from theory.
+
+    Parameters
+    ----------
+    answers : sequence of Answer
+        Of one or more gases.
+    """
+    told = [main_numbers(answer) for answer in answers]
+    if len(answers) <= FEW:
+        words = [
+            _sentence(f"{where}: " if where else "", numbers)
+            for where, numbers in zip(names_of(answers), told, strict=True)
+            if numbers
+        ]
+    else:
+        quantities = dict.fromkeys(each.quantity for numbers in told for each in numbers)
+        words = [_over_many(quantity, answers, told) for quantity in quantities]
+    return words + _chance([each.z for numbers in told for each in numbers if math.isfinite(each.z)])
+
+
+def _sentence(where: str, numbers: Sequence[TheoryCheck]) -> str:
+    text = where + "; ".join(map(_one, numbers))
+    first = text.split(" ", 1)[0]
+    return (text[0].upper() if first.isalpha() and len(first) > 1 else text[0]) + text[1:] + "."
+
+
+def _one(found: TheoryCheck) -> str:
+    """Return a number, its error bar, its theory and its deviation."""
+    text = f"{found.quantity} = {measured_cell(found) or 'not known'}"
+    expected, theory = expected_cell(found), found.theory or "the value expected"
+    if not expected:
+        return text
+    if not math.isfinite(found.z):
+        return f"{text}, beside {expected} of {theory}"
+    way = "above" if found.z > 0.0 else "below"
+    text += f", {abs(found.z):.1f} standard errors {way} {theory}, {expected}"
+    return text + ", whose own uncertainty is the larger one" * found.better_than_theory
+
+
+def _over_many(quantity: str, answers: Sequence[Answer], told: Sequence[Sequence[TheoryCheck]]) -> str:
+    """Return how well a quantity was measured in many gases, and its largest deviation from theory."""
+    pairs = zip(names_of(answers), told, strict=True)
+    found = [(where, each) for where, numbers in pairs for each in numbers if each.quantity == quantity]
+    relative = [abs(each.measured.standard_error / each.measured.value) for _, each in found]
+    etas = [answer.gas.packing_fraction for answer in answers]
+    text = f"{quantity} in {len(found)} gases, packing fractions {min(etas):g} to {max(etas):g}"
+    if all(map(math.isfinite, relative)):
+        text += f", to {100 * max(relative):.1g} % or better (one standard error)"
+    compared = [(where, each) for where, each in found if math.isfinite(each.z)]
+    if compared:
+        where, worst = max(compared, key=lambda pair: abs(pair[1].z))
+        way = "above" if worst.z > 0.0 else "below"
+        text += (
+            f": at most {abs(worst.z):.1f} standard errors from theory, which is at {where}, "
+            f"{measured_cell(worst)}, {way} {worst.theory or 'the value expected'}, {expected_cell(worst)}"
+        )
+    return text + "."
+
+
+def _chance(deviations: Sequence[float]) -> list[str]:
+    """Return how often chance alone makes the largest of some deviations as large."""
+    if not deviations:
+        return []
+    count, largest = len(deviations), max(map(abs, deviations))
+    p = -math.expm1(count * math.log1p(-min(2.0 * float(ndtr(-largest)), 1.0 - 1e-16)))
+    what = "a deviation" if count == 1 else f"the largest of {count} deviations"
+    often = f"{100 * p:.2g} %" if p >= 1e-3 else f"{p:.0e}"
+    return [f"By chance alone {what} would be that large in {often} of such studies."]
