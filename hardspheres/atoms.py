@@ -142,9 +142,9 @@ def to_atoms(state: "Scene | FrameLike", units: str | None = None) -> Any:
     ase.Atoms
         Positions, momenta, masses, cell and pbc; radii in ``arrays["radius"]`` and, since ASE's ``.traj``
         drops that array, in ``info["radius"]`` once it is written there; velocities in ``arrays["Velo"]``;
-        `time`, `collisions`, `dimension` in ``info``. All particles are ``X`` where there is one species; up
-        to ten species are called O, N, S, Cl, I, C, P, F, B, H in the order of `Scene.species` (colours only,
-        the masses are the scene's); of more than ten all are ``X``.
+        labels as tags, where there are some; `time`, `collisions`, `dimension` in ``info``. All particles are
+        ``X`` where there is one species; up to ten species are called O, N, S, Cl, I, C, P, F, B, H in the
+        order of `Scene.species` (colours only, the masses are the scene's); of more than ten all are ``X``.
     """
     from ase import Atoms
     from ase.data import atomic_numbers
@@ -167,6 +167,8 @@ def to_atoms(state: "Scene | FrameLike", units: str | None = None) -> Any:
     )
     if units is not None:
         atoms.info["units"] = units
+    if scene.labels is not None:
+        atoms.set_tags(scene.labels)
     atoms.set_array("radius", scene.radii, float, ())
     atoms.set_array(VELOCITY, np.hstack([state.velocities, flat]), float, (3,))
     return atoms
@@ -204,7 +206,9 @@ def scene_and_notes(kind: "type[Scene]", atoms: Any, reading: Reading) -> "tuple
     """
     atoms = _in_order(atoms)
     found = find(atoms)
-    used = {name for quantity in ("id", "label") if quantity in found for name in found[quantity].names}
+    read = [found[quantity].names for quantity in ("id", "species", "labels") if quantity in found]
+    used = {name for names in read for name in names}
+    used |= {name for name, values in atoms.arrays.items() if name == "tags" and not values.any()}
     notes: list[str] = []
     box, boundary = _box(atoms, reading)
     dim = len(box)
@@ -228,8 +232,9 @@ def scene_and_notes(kind: "type[Scene]", atoms: Any, reading: Reading) -> "tuple
     if reduced is not radii:
         less = float((radii - reduced).max())
         notes.append(f"all radii made smaller by {less:.3g}, so that rounded positions do not overlap")
+    labels = found["labels"].values if "labels" in found else None
     try:
-        return make(positions, velocities, reduced, masses, box, boundary), notes
+        return make(positions, velocities, reduced, masses, box, boundary, labels), notes
     except SceneError as error:
         raise (SceneError(f"{error}; {plane}") if plane else error) from None
 
@@ -406,7 +411,10 @@ def _by_label(atoms: Any, found: dict[str, Found], values: Any, name: str) -> An
     """Return the value of each particle's label in a mapping; anything else unchanged."""
     if not isinstance(values, Mapping):
         return values
-    labels = [str(s) for s in (found["label"].values if "label" in found else atoms.get_chemical_symbols())]
+    symbols = found["species"].values if "species" in found else atoms.get_chemical_symbols()
+    if "labels" in found and not set(values) & set(symbols):
+        symbols = found["labels"].values
+    labels = [str(s) for s in symbols]
     kinds = dict.fromkeys(labels)
     for label in [*(label for label in kinds if label not in values), *(k for k in values if k not in kinds)]:
         what = "has no particle" if label in values else f"has no {name}"
