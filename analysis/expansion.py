@@ -31,8 +31,7 @@ FloatArray = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 HALF_WAY = 0.25  # share in the upper half, of the 1/2 in equilibrium
-PER_COLLISION = 0.008
-MOST = 0.25
+PER_COLLISION, MOST, MIXING = 0.008, 0.25, 0.012  # known errors of theory, see `Spreading.theory`
 
 
 def started_below(scene: Scene, axis: int) -> Bools:
@@ -174,32 +173,42 @@ class Spreading(SampledReplicas):
         filled = (0.5 * (edges[0] + edges[-1]) if self.filled is None else self.filled) - start
         return theory.spread_shares(displacement, edges - start, float(edges[-1] - start), float(filled))
 
-    def _predicted(self, of_shares: Callable[[FloatArray], FloatArray], per_collision: float) -> Prediction:
+    def _predicted(self, of_shares: Callable[[FloatArray], FloatArray]) -> Prediction:
         """Return a function of the shares in theory at `time`, and what is known of its error."""
         displacement = self.displacement(self.time)
         value = of_shares(self._spread(displacement.value))
         other = of_shares(self._spread(displacement.value + displacement.uncertainty))
-        return Prediction(value, np.hypot(other - value, np.minimum(per_collision * self.s, MOST)))
+        most = MIXING if self.mixing else MOST
+        return Prediction(value, np.hypot(other - value, np.minimum(PER_COLLISION * self.s, most)))
 
     @property
     def theory(self) -> Prediction:
         """What is expected of `crossed`, (S,).
 
-        Without collisions it is exact. They change it by at most 0.008 for each collision per particle, as
-        this package found (1000 spheres and discs, packing fractions 0.001 to 0.1): u = 0.008 s. Of two
-        halves that mix, it was too ... .
+        Without collisions it is exact. Each collision per particle was found to change it by up to 0.008
+        (this package, 1000 spheres and discs, packing fractions 0.001 to 0.1 at the start): u = 0.008 s, at
+        most 0.25. In an equilibrium that mixes it was off by up to 0.01 where the mean free path is a third
+        of the box: u = 0.008 s, at most 0.012, and what the uncertainty of D makes.
         """
         half = self.cells // 2
-        return self._predicted(lambda shares: shares[..., half:].sum(axis=-1), self._per_collision)
+        return self._predicted(lambda shares: shares[..., half:].sum(axis=-1))
 
     @property
     def theory_entropy(self) -> Prediction:
-        """What is expected of `entropies`, (S,); u as in `theory`."""
-        return self._predicted(theory.spread_entropy, self._per_collision)
+        """What is expected of `entropies`, (S,); u as in `theory`, and `layering`."""
+        found = self._predicted(theory.spread_entropy)
+        return Prediction(found.value, np.hypot(found.uncertainty, self.layering))
 
     @property
-    def _per_collision(self) -> float:
-        return 0.0 if self.mixing else PER_COLLISION
+    def layering(self) -> float:
+        """By how much the entropy of a gas at rest may be below ln 2: its density is higher at the walls.
+
+        (1.5 eta sigma/w)^2 / b for b cells of width w, from an excess of 1.5 eta sigma times the density
+        at each wall, as it was found at eta = 0.1 (this package); an upper limit in denser gases.
+        """
+        gas = self.gas
+        width = float(self.edges[1] - self.edges[0])
+        return (1.5 * gas.packing_fraction * float(gas.diameters[0]) / width) ** 2 / self.cells
 
     @property
     def checks(self) -> list[TheoryCheck]:
@@ -222,10 +231,8 @@ class Spreading(SampledReplicas):
         fine = np.linspace(0.0, float(time[-1]), 200)
         shares = self.expected(fine)
         lines = (shares[:, self.cells // 2 :].sum(axis=1), theory.spread_entropy(shares))
-        values = (
-            (crossed, self.crossed_error),
-            tuple(zip(*((e.value, e.standard_error) for e in entropies))),
-        )
+        both = ([getattr(each, part) for each in entropies] for part in ("value", "standard_error"))
+        values = ((crossed, self.crossed_error), tuple(map(np.array, both)))
         names = ("share in the upper half", "entropy per particle")
         for line, (value, error), name, colour in zip(lines, values, names, PALETTE, strict=False):
             axes.plot(fine, line, color=colour, lw=1.5)

@@ -111,7 +111,9 @@ def require_gas(study: Any, *names: str) -> None:
             raise SceneError(f"--{name} goes with --gas, as in --gas Ar; without it units are reduced")
 
 
-def in_units(numbers: Iterable[TheoryCheck], units: Mapping[str, tuple[str, float]] = UNITS) -> list[TheoryCheck]:
+def in_units(
+    numbers: Iterable[TheoryCheck], units: Mapping[str, tuple[str, float]] = UNITS
+) -> list[TheoryCheck]:
     """Return measured numbers in the units of `UNITS`, which their names tell; others as they are.
 
     Parameters
@@ -121,7 +123,9 @@ def in_units(numbers: Iterable[TheoryCheck], units: Mapping[str, tuple[str, floa
     units : mapping, optional
         Name and size of the unit of each.
     """
-    return [_converted(found, *units[found.quantity]) if found.quantity in units else found for found in numbers]
+    return [
+        _converted(found, *units[found.quantity]) if found.quantity in units else found for found in numbers
+    ]
 
 
 def _converted(found: TheoryCheck, unit: str, factor: float) -> TheoryCheck:
@@ -144,7 +148,9 @@ def mean_free_path(gas: RealGas) -> float:
 
 def words_of(n: int, gas: RealGas) -> str:
     """Return so many molecules of a gas in words."""
-    return f"{n} {gas.formula} {'atoms' if gas.substance.atomic else 'molecules'}, {str(gas).partition(', ')[2]}"
+    return (
+        f"{n} {gas.formula} {'atoms' if gas.substance.atomic else 'molecules'}, {str(gas).partition(', ')[2]}"
+    )
 
 
 def remarks_of(gas: RealGas) -> list[str]:
