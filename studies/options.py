@@ -416,11 +416,11 @@ def fraction() -> Any:
 
 
 PANELS = {
-    "The gas": "gas n dim packing_fraction packing_fractions boundary start velocities temperature pressure "
-    "diameter temperature_ratio mass_ratio diameter_ratio fraction source radius mass box units "
-    "velocities_are",
+    "The gas": "gas n dim packing_fraction packing_fractions boundary start velocities temperature "
+    "pressure diameter temperature_ratio mass_ratio diameter_ratio fraction source radius mass box units "
+    "velocities_are mix",
     "What and how long": "collisions collisions_per_particle relaxation_times discard replicas runs "
-    "until_error suite quick size only against",
+    "transits reverse_after cells until_error suite quick size only against",
     "Results": "out force json figure_format frames animate",
     "The run itself": "seed workers checkpoint_every resume",
 }
