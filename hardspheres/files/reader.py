@@ -164,6 +164,8 @@ def _structures(path: str | os.PathLike[str], reading: Reading) -> Iterator[tupl
         return
     if form == "gsd":
         with hoomd.Reader(file) as structures:
+            if not len(structures):
+                raise TrajectoryError(f"{file} holds no frame")
             yield from structures
         return
     options = foreign.reader_options(form, reading)
