@@ -248,7 +248,7 @@ class Thermalisation(Study):
     )
     collisions_per_particle: float = option(10.0, "How long to run, s = 2 collisions / n.")
     replicas: int = runs(100)
-    source: str | None = option(None, "Start from a structure in any file that ASE reads.", flag="--from")
+    source: str | None = option(None, "Start from a file of any format of ASE, or .gsd.", flag="--from")
     radius: float | dict[str, float] | None = option(None, **of_labels("--radius"))
     mass: float | dict[str, float] | None = option(None, **of_labels("--mass"))
     units: str | None = units("--from")
