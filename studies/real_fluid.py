@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -153,6 +154,8 @@ def remarks_of(gas: RealGas) -> list[str]:
             continue
         if size != gas.size:
             told += f"; {_diameter_of(other)}, would give {mean_free_path(other):.4g} nm"
+    thermal, mean = 1e3 * math.sqrt(gas.kT / gas.mass), 1e3 * theory.mean_speed(3, gas.mass, gas.kT)
+    told += f"; sqrt(kT/m) is {thermal:.4g} m/s, the mean speed in equilibrium {mean:.4g} m/s"
     return [told, "in the files lengths are in nm, times in ps, masses in u, where no name says more"]
 
 
