@@ -120,14 +120,20 @@ class FreePaths(Study):
     def answer(self, gas: Fluid, replicas: Sequence[Replica]) -> Answer:
         """Return means, rates, moments and distributions, with the error bars of all replicas' blocks."""
         found, curves, notes, times = [], [], [], 0.0
+        of_speed = Notices()  # the mean speed is correlated for longer than all else
         for replica in replicas:
             paths, notices = replica.estimators["paths"], Notices(list(replica.notes))
             with notices.of("free paths"):
-                found.append(_physical(paths) if isinstance(gas, RealFluid) else paths.checks)
+                found.append(paths.checks)
+            if isinstance(gas, RealFluid):
+                with of_speed.of("mean speed"):
+                    found[-1] = _physical(paths, found[-1])
             with notices.of("distributions of free paths"):
                 curves.append(_curves(paths))
             notes += notices.notes
             times = max(times, notices.times)
+        length = self.collisions_per_particle
+        notes += [*of_speed.notes, *(f"mean speed: {why}" for why in too_short(of_speed.times, length))]
         notices, numbers = Notices(list(dict.fromkeys(notes))), []
         for checks in zip(*found, strict=True):
             measured = [check.measured for check in checks]
@@ -140,7 +146,7 @@ class FreePaths(Study):
             gas,
             numbers,
             {name: _pooled(name, [of_one[name] for of_one in curves]) for name in CURVES},
-            [*gas.remarks, *notices.notes, *too_short(times, self.collisions_per_particle)],
+            [*gas.remarks, *notices.notes, *too_short(times, length)],
             alarms(numbers),
             main=[each.quantity for each in numbers if each.quantity.startswith("mean free path")],
             details={"flights": sum(one.flights for one in paths), "species": paths[0].labels},
@@ -167,9 +173,9 @@ class FreePaths(Study):
         return figure(answers)
 
 
-def _physical(paths: FreePath) -> list[TheoryCheck]:
-    """Return what is measured of a real gas: also the mean speed, and the pressure of its collisions."""
-    path, time, *others = paths.checks
+def _physical(paths: FreePath, checks: Sequence[TheoryCheck]) -> list[TheoryCheck]:
+    """Return checks of a real gas with its mean speed, and the pressure that follows from its collisions."""
+    path, time, *others = checks
     exact = path.expected / time.expected  # of the velocities of N particles at this temperature
     speed = TheoryCheck("mean speed", "Maxwell", paths.mean_speed[0], exact, 0.0)
     z, ideal = others[-1], paths.scene.number_density * paths.scene.temperature

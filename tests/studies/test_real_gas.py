@@ -4,9 +4,11 @@ import csv
 import json
 import math
 import sys
+from pathlib import Path
 
 import pytest
 
+from hardspheres.gases import DIAMETERS, GASES, RealGas
 from studies import real_fluid
 from studies.cli import main
 from studies.free_path import FreePaths
@@ -43,6 +45,7 @@ def agrees(study, own):
     return max(gaps) < 5
 
 
+@pytest.mark.filterwarnings("ignore:.*samples are too few for an error bar")
 def test_free_paths_of_argon_in_si(replicas):
     """Once in 4e5 runs of four numbers false; z is that of theory in the same units."""
     study, own = replicas
@@ -51,6 +54,11 @@ def test_free_paths_of_argon_in_si(replicas):
     assert not answer.failures and all(abs(found.z) < 5 for found in answer.numbers)
     for name, value in BY_HAND.items():
         assert answer[name].expected == pytest.approx(value, rel=4e-3)
+    paths = own[0].estimators["paths"]
+    assert [note for note in answer.notes[2:] if not note.startswith("mean speed: ")] == []
+    assert paths.mean_speed[0].value == pytest.approx(
+        paths.mean_free_path[0].value / paths.mean_free_time[0].value, rel=1e-4
+    )
     assert answer.main == ["mean free path [nm]"]
     assert answer.notes[0].startswith(
         "the kinetic diameter (Breck 1974), 0.34 nm, gives a mean free path of 72.53 nm"
@@ -112,6 +120,20 @@ def test_every_study_of_gases_takes_one(name, tmp_path, monkeypatch, capsys):
         assert times[0] == 0.0 and 5 * 60 < times[-1] < 5 * 85  # 71 ps a collision
         lattice = (out / "trajectory.xyz").read_text().split('"')[1].split()
         assert float(lattice[0]) ** 3 == pytest.approx(1000 / (2e5 / (K * 300)) * 1e27, rel=6e-3)
+
+
+def test_the_table_of_the_readme():
+    """Diameters and mean free paths of all gases, to the last digit."""
+    lines = (Path(__file__).parents[2] / "studies" / "README.md").read_text(encoding="utf-8").splitlines()
+    table = lines[next(k for k, line in enumerate(lines) if line.startswith("| 273.15 K, 101325 Pa")) :]
+    head, _, *rows = ([cell.strip() for cell in line.split("|")[2:-1]] for line in table[:6])
+    assert head == [*GASES]
+    gases = [RealGas(formula, size=size) for size in DIAMETERS for formula in GASES]
+    said = (
+        [f"{gas.diameter:.3f}" for gas in gases],
+        [f"{real_fluid.mean_free_path(gas):.1f}" for gas in gases],
+    )
+    assert (rows[0] + rows[2], rows[1] + rows[3]) == said
 
 
 def test_without_a_gas_nothing_has_units():
