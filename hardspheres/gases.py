@@ -257,7 +257,7 @@ def real_gas(
     temperature : float
         In kelvin; with the diameter from the viscosity from 200 to 500.
     pressure : float
-        In Pa.
+        In Pa, of a large box; one of n particles, whose momentum is zero, has 1/n less.
     n : int
         Number of particles.
     diameter : "viscosity", "kinetic" or float

@@ -150,6 +150,7 @@ EXCLUDED = [
     ("free-path", ["--dim", "2"], "--dim has no effect with --gas, which has three dimensions"),
     ("thermalise", ["--dim", "2"], "--dim has no effect with --gas, which has three dimensions"),
     ("free-path", ["--mass-ratio", "2"], "--mass-ratio has no effect with --gas, which has one kind of molecule"),
+    ("free-path", ["--fraction", "0.2"], "--fraction has no effect with --gas, which has one kind of molecule"),
     ("thermalise", ["--diameter-ratio", "2"], "--diameter-ratio has no effect with --gas, which has one kind"),
     ("thermalise", ["--from", "gas.xyz"], "--from has no effect with --gas, which makes its own structure"),
     ("free-path", ["--temperature", "-3"], "--temperature -3 must be positive and finite: it is the temperature of"),
