@@ -7,10 +7,10 @@ A molecule has no one diameter. Two usual choices are in the table:
 
 - ``"viscosity"``: the spheres have the viscosity of the gas, mu = 1.016034 x 5/(16 d^2) sqrt(m kT/pi)
   (Chapman and Cowling, The Mathematical Theory of Non-Uniform Gases, 3rd ed., 1970, chapter 10; the factor is
-  the converged Sonine series). Molecules are soft, so that d falls with temperature: that of argon by 7 % from
-  200 to 500 K. Viscosities, in uPa s at low pressure: CRC Handbook of Chemistry and Physics, section 6,
+  the converged Sonine series). Molecules are soft, so that d falls with temperature: that of argon by 7 %
+  from 200 to 300 K. Viscosities, in uPa s at low pressure: CRC Handbook of Chemistry and Physics, section 6,
   "Viscosity of gases" (Huber and Harvey), three digits at 200, 300, 400 and 500 K, between which log mu is
-  linear in log T. Their uncertainty is said to be below 3 %, that of d then is half of it.
+  linear in log T. Their uncertainty is said to be below 3 %; that of d is half of it.
 - ``"kinetic"``: the narrowest pore that molecules pass (Breck, Zeolite Molecular Sieves, Wiley 1974, p. 636).
   What is long and thin, as CO2, is slim there.
 
@@ -21,6 +21,7 @@ import math
 from dataclasses import dataclass
 from difflib import get_close_matches
 from numbers import Real
+from typing import Any
 
 from hardspheres.compression import EASY, compressed_gas
 from hardspheres.errors import SceneError
@@ -42,13 +43,25 @@ SONINE = 1.016034  # of the viscosity of hard spheres
 DIAMETERS = ("viscosity", "kinetic")
 
 FREEZING = 0.494
-"""Packing fraction up to which the fluid of hard spheres counts as the state in equilibrium. They freeze at 0.492
-(Fernandez et al. 2012, doi 10.1103/PhysRevLett.108.165701; older work has 0.494)."""
+"""Packing fraction up to which the fluid of hard spheres counts as the state in equilibrium. They freeze at
+0.492 (Fernandez et al. 2012, doi 10.1103/PhysRevLett.108.165701; older work has 0.494)."""
 
 
 @dataclass(frozen=True)
 class Substance:
-    """What is known of a gas: English name, mass [u], viscosities at `TEMPERATURES` [uPa s], kinetic diameter [nm]."""
+    """What is known of a gas.
+
+    Attributes
+    ----------
+    name : str
+        In English.
+    mass : float
+        Of a molecule, u.
+    viscosities : tuple of float
+        At `TEMPERATURES`, uPa s.
+    kinetic : float
+        Kinetic diameter, nm.
+    """
 
     name: str
     mass: float
@@ -118,15 +131,15 @@ class RealGas:
             value = getattr(self, name)
             if not _positive(value):
                 raise SceneError(f"{name} is {value!r}; it must be positive and finite, in {unit}")
-        if not (self.size in DIAMETERS if isinstance(self.size, str) else _positive(self.size)):
+        if not (self.size in DIAMETERS if isinstance(self.size, str) else _positive(self.size, 0.01, 10.0)):
             raise SceneError(
-                f'diameter is {self.size!r}; it must be "viscosity", "kinetic", or a positive number of nm'
+                f'diameter is {self.size!r}; it must be "viscosity", "kinetic", or nm between 0.01 and 10'
             )
         low, high = TEMPERATURES[0], TEMPERATURES[-1]
         if self.size == "viscosity" and not low <= self.temperature <= high:
             raise SceneError(
-                f"the diameter of {self.formula} from its viscosity is known from {low:g} to {high:g} K, not at "
-                f'{self.temperature:g} K; give a diameter in nm, or "kinetic"'
+                f"the diameter of {self.formula} from its viscosity is known from {low:g} to {high:g} K, not "
+                f'at {self.temperature:g} K; give a diameter in nm, or "kinetic"'
             )
         most = _reduced_pressure(FREEZING) * self.kT / self.diameter**3 * PASCAL
         if self.pressure > most:
@@ -158,7 +171,7 @@ class RealGas:
         between = math.log(self.temperature / TEMPERATURES[k]) / math.log(
             TEMPERATURES[k + 1] / TEMPERATURES[k]
         )
-        return 1e-6 * known[k] * (known[k + 1] / known[k]) ** between
+        return float(1e-6 * known[k] * (known[k + 1] / known[k]) ** between)
 
     @property
     def diameter(self) -> float:
@@ -171,7 +184,7 @@ class RealGas:
     @property
     def packing_fraction(self) -> float:
         """Packing fraction at which hard spheres have this pressure (Carnahan and Starling 1969)."""
-        wanted = self.pressure / PASCAL * self.diameter**3 / self.kT
+        wanted = float(self.pressure) / PASCAL * self.diameter**3 / self.kT
         eta = FREEZING
         for _ in range(20):  # Newton's method from above falls to the root: p d^3 / kT is convex
             eta -= (_reduced_pressure(eta) - wanted) / _slope(eta)
@@ -182,20 +195,15 @@ class RealGas:
         """Molecules per nm^3."""
         return self.packing_fraction / (math.pi / 6.0 * self.diameter**3)
 
-    @property
-    def origin(self) -> str:
-        """Where the diameter comes from, in words."""
-        return {"viscosity": "from its viscosity", "kinetic": "its kinetic diameter"}.get(
-            str(self.size), "as given"
-        )
 
-    def __str__(self) -> str:
-        """Return the gas in words."""
-        return f"{self.formula}, {self.temperature:g} K, {self.pressure:g} Pa, diameter {self.diameter:.4g} nm"
-
-
-def _positive(value: object) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool) and 0.0 < value < math.inf
+def _positive(value: Any, low: float = 0.0, high: float = math.inf) -> bool:
+    """Return whether this is a number between two, both excluded."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        return False
+    try:
+        return low < float(value) < high
+    except OverflowError:  # a Python integer beyond all floats
+        return False
 
 
 def _unknown(formula: object) -> str:
@@ -218,6 +226,8 @@ def _slope(eta: float) -> float:
 
 def _rounded_down(value: float) -> str:
     """Return a number in three digits that is not larger."""
+    if value == 0.0:
+        return "0"
     step = 10.0 ** (math.floor(math.log10(value)) - 2)
     return f"{math.floor(value / step) * step:.3g}"
 
@@ -237,8 +247,8 @@ def real_gas(
 
     The density follows from temperature and pressure by the equation of state of hard spheres; real molecules
     also attract each other. Which diameter stands for a molecule is a choice: argon at 273.15 K and 101325 Pa
-    has a mean free path of 61.9 nm with that from its viscosity, 72.5 nm with the kinetic one, and both are in
-    use. `hardspheres.gases` says where the numbers come from.
+    has a mean free path of 61.9 nm with that from its viscosity, 72.5 nm with the kinetic one, and both are
+    in use. `hardspheres.gases` says where the numbers come from.
 
     Parameters
     ----------
@@ -247,7 +257,7 @@ def real_gas(
     temperature : float
         In kelvin; with the diameter from the viscosity from 200 to 500.
     pressure : float
-        In Pa.
+        In Pa, of a large box; one of n particles, whose momentum is zero, has 1/n less.
     n : int
         Number of particles.
     diameter : "viscosity", "kinetic" or float

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from analysis import theory
-from analysis.statistics import Estimate, TheoryCheck
+from analysis.statistics import TheoryCheck
 from hardspheres.errors import SceneError
 from hardspheres.gases import DIAMETERS, GASES, PASCAL, RealGas
 from studies.fluid import Fluid
@@ -26,8 +27,6 @@ UNITS = {
     "decay rate of a2 in time": ("1/ns", 1e3),
 }
 """Unit of each measured number, and how many of them are one in nm, ps and u."""
-
-SOURCES = {"viscosity": "CRC Handbook, Viscosity of gases", "kinetic": "Breck 1974"}
 
 _EXCLUDED = {  # options that make no sense beside --gas, and why
     "packing_fraction": "whose density follows from its temperature and pressure",
@@ -77,8 +76,8 @@ def diameter() -> Any:
     """Return the field for the diameter of the molecules of a real gas."""
     return option(
         None,
-        "With --gas: which diameter its molecules have: viscosity (from that of the gas), kinetic (of the pores "
-        "that they pass), or a number of nm.",
+        "With --gas: which diameter its molecules have: viscosity (from that of the gas), kinetic (of the "
+        "pores that they pass), or a number of nm.",
         shown="viscosity",
         parser=_diameter,
         metavar="WORD|NUMBER",
@@ -86,55 +85,52 @@ def diameter() -> Any:
     )
 
 
-def real_gas_of(study: Any) -> RealGas | None:
+def real_gas_of(study: Any, own: Sequence[str] = ("temperature", "pressure", "diameter")) -> RealGas | None:
     """Return the gas of --gas, None where none is asked for; SceneError for options that exclude each other.
 
     Parameters
     ----------
     study : Study
         With the fields `gas`, `temperature`, `pressure` and `diameter`.
+    own : sequence of str
+        Those that make no sense without a gas.
     """
     if study.gas is None:
+        for name in own:
+            if getattr(study, name) is not None:
+                raise SceneError(f"--{name} goes with --gas, as in --gas Ar; without it units are reduced")
         return None
     for each, its in options_of(study):
-        value = getattr(study, each.name)
-        if each.name in _EXCLUDED and value not in (each.default, 3 if each.name == "dim" else each.default):
+        harmless = (each.default, 3 if each.name == "dim" else each.default)
+        if each.name in _EXCLUDED and getattr(study, each.name) not in harmless:
             raise SceneError(f"{its.named(each.name)} has no effect with --gas, {_EXCLUDED[each.name]}")
     given = {"temperature": study.temperature, "pressure": study.pressure, "size": study.diameter}
     return RealGas(study.gas, **{name: value for name, value in given.items() if value is not None})
 
 
-def require_gas(study: Any, *names: str) -> None:
-    """Raise SceneError where options of a real gas are given without one."""
-    for name in names:
-        if study.gas is None and getattr(study, name) is not None:
-            raise SceneError(f"--{name} goes with --gas, as in --gas Ar; without it units are reduced")
-
-
-def in_units(numbers: Iterable[TheoryCheck], units: Mapping[str, tuple[str, float]] = UNITS) -> list[TheoryCheck]:
-    """Return measured numbers in the units of `UNITS`, which their names tell; others as they are.
-
-    Parameters
-    ----------
-    numbers : iterable of TheoryCheck
-        In nm, ps and u.
-    units : mapping, optional
-        Name and size of the unit of each.
-    """
-    return [_converted(found, *units[found.quantity]) if found.quantity in units else found for found in numbers]
-
-
-def _converted(found: TheoryCheck, unit: str, factor: float) -> TheoryCheck:
-    measured = found.measured
-    return replace(
-        found,
-        quantity=f"{found.quantity} [{unit}]",
-        measured=replace(
-            measured, value=measured.value * factor, standard_error=measured.standard_error * factor
-        ),
-        expected=found.expected * factor,
-        uncertainty=found.uncertainty * factor,
+def scaled(found: TheoryCheck, quantity: str, factor: float, in_theory: float | None = None) -> TheoryCheck:
+    """Return a number times a factor under another name, its theory times the same or a factor of its own."""
+    expected, measured = factor if in_theory is None else in_theory, found.measured
+    return TheoryCheck(
+        quantity,
+        found.theory,
+        replace(measured, value=measured.value * factor, standard_error=measured.standard_error * factor),
+        found.expected * expected,
+        found.uncertainty * expected,
     )
+
+
+def in_units(numbers: Iterable[TheoryCheck]) -> list[TheoryCheck]:
+    """Return numbers measured in nm, ps and u in the units of `UNITS`, which their names tell then."""
+    return [
+        scaled(found, named(found.quantity), UNITS[found.quantity][1]) if found.quantity in UNITS else found
+        for found in numbers
+    ]
+
+
+def named(quantity: str) -> str:
+    """Return the name of a measured number of a real gas: with its unit, where it has one."""
+    return f"{quantity} [{UNITS[quantity][0]}]" if quantity in UNITS else quantity
 
 
 def mean_free_path(gas: RealGas) -> float:
@@ -144,24 +140,34 @@ def mean_free_path(gas: RealGas) -> float:
 
 def words_of(n: int, gas: RealGas) -> str:
     """Return so many molecules of a gas in words."""
-    return f"{n} {gas.formula} {'atoms' if gas.substance.atomic else 'molecules'}, {str(gas).partition(', ')[2]}"
+    kind = "atoms" if gas.substance.atomic else "molecules"
+    return (
+        f"{n} {gas.formula} {kind}, {gas.temperature:g} K, {gas.pressure:g} Pa, "
+        f"diameter {gas.diameter:.4g} nm"
+    )
 
 
 def remarks_of(gas: RealGas) -> list[str]:
     """Return which diameter a gas has and what another would change, and the units of all files."""
-    from_where = f" ({SOURCES[str(gas.size)]})" if gas.size in SOURCES else ""
-    told = f"the diameter, {gas.diameter:.4g} nm, is {gas.origin}{from_where}"
-    told += f": mean free path {mean_free_path(gas):.1f} nm"
+    told = f"{_diameter_of(gas)}, gives a mean free path of {mean_free_path(gas):.4g} nm"
     for size in DIAMETERS:
-        if size == gas.size:
-            continue
         try:
             other = replace(gas, size=size)
         except SceneError:  # it is not known at this temperature, or these spheres are frozen
             continue
-        told += f"; {other.diameter:.4g} nm, {other.origin} ({SOURCES[size]}), would make it "
-        told += f"{mean_free_path(other):.1f} nm"
-    return [told, "in the files lengths are in nm, times in ps, masses in u, where no column says more"]
+        if size != gas.size:
+            told += f"; {_diameter_of(other)}, would give {mean_free_path(other):.4g} nm"
+    thermal, mean = 1e3 * math.sqrt(gas.kT / gas.mass), 1e3 * theory.mean_speed(3, gas.mass, gas.kT)
+    told += f"; sqrt(kT/m) is {thermal:.4g} m/s, the mean speed in equilibrium {mean:.4g} m/s"
+    return [told, "in the files lengths are in nm, times in ps, masses in u, where no name says more"]
+
+
+def _diameter_of(gas: RealGas) -> str:
+    words = {
+        "viscosity": "the diameter from the viscosity (CRC Handbook, Viscosity of gases)",
+        "kinetic": "the kinetic diameter (Breck 1974)",
+    }
+    return f"{words.get(str(gas.size), 'the diameter that was given')}, {gas.diameter:.4g} nm"
 
 
 @dataclass(frozen=True)
@@ -188,7 +194,7 @@ class RealFluid(Fluid):
 
     def named(self, quantity: str) -> str:
         """Return the name of a measured number in an answer: with its unit, where it has one."""
-        return f"{quantity} [{UNITS[quantity][0]}]" if quantity in UNITS else quantity
+        return named(quantity)
 
     def in_units(self, numbers: Iterable[TheoryCheck]) -> list[TheoryCheck]:
         """Return numbers converted to the units of `UNITS`."""
