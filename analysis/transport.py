@@ -79,6 +79,8 @@ class Diffusion(Estimator):
         Snapshots per level; even, at least 4.
     species : int, optional
         Only the particles of this species; all by default.
+    label : int, optional
+        Only the particles with this label in `Scene.labels`, such as a tracer.
 
     Notes
     -----
@@ -88,11 +90,12 @@ class Diffusion(Estimator):
     spread of the particles, see `mean_square_displacement_error`.
     """
 
-    def __init__(self, points: int = 16, species: int | None = None) -> None:
+    def __init__(self, points: int = 16, species: int | None = None, label: int | None = None) -> None:
         if points < 4 or points % 2:
             raise ValueError(f"points = {points}; expected an even number of at least 4")
         self.points = points
         self.species = species
+        self.label = label
         self._times: list[float] = []
         self._count = 0
         self._particles = 0
@@ -118,19 +121,15 @@ class Diffusion(Estimator):
         Raises
         ------
         ValueError
-            If it has no unwrapped positions, comes at another spacing than the others, or the species is not
-            there.
+            If it has no unwrapped positions, comes at another spacing than the others, or no particle is of
+            the species and has the label.
         """
         positions = getattr(frame, "unwrapped_positions", None)
         if positions is None:
             raise ValueError("the frame has no unwrapped positions; add the simulation itself: add(sim)")
         self._check_time(float(frame.time))
         scene = frame.scene
-        members = (
-            np.arange(scene.n) if self.species is None else np.flatnonzero(scene.species == self.species)
-        )
-        if len(members) == 0:
-            raise ValueError(f"species = {self.species}; the gas has {int(scene.species.max()) + 1}")
+        members = self._members(scene)
         self._particles = len(members)
         self._scene = self._scene or scene
         self._gas = self._gas or Gas.of(scene)
@@ -211,6 +210,21 @@ class Diffusion(Estimator):
             missing = -len(x) % groups.shape[1]
             groups += np.pad(each, ((0, 0), (0, missing))).reshape(len(each), -1, groups.shape[1]).sum(axis=1)
         past.append((x, v))
+
+    def _members(self, scene: Scene) -> NDArray[np.intp]:
+        """Particles of the species with the label."""
+        chosen = np.ones(scene.n, dtype=bool)
+        if self.species is not None:
+            chosen = scene.species == self.species
+            if not chosen.any():
+                raise ValueError(f"species = {self.species}; the gas has {int(scene.species.max()) + 1}")
+        if self.label is not None:
+            if scene.labels is None:
+                raise ValueError(f"label = {self.label}, but the particles have no labels; give Scene some")
+            chosen = chosen & (scene.labels == self.label)
+            if not chosen.any():
+                raise ValueError(f"label = {self.label}, but no particle (of the species) has it")
+        return np.flatnonzero(chosen)
 
     # Lags ---------------------------------------------------------------------------------------------------
 
