@@ -205,6 +205,10 @@ class MeasuredCollisions:
         ]
         self._sums = np.zeros((len(self._taus), 2))
 
+    def __repr__(self) -> str:
+        """Return how many collisions have passed."""
+        return f"<MeasuredCollisions: {self.s:.4g} per particle>"
+
     @property
     def correlation(self) -> float:
         """C of all pairs of frames, of the species whose velocities decay most slowly; NaN without a pair."""

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 import hardspheres as hs
 from analysis import theory
+from analysis.brief import brief
 from analysis.expansion import Spreading, cell_counts
 from analysis.statistics import (
     Estimate,
@@ -198,6 +199,8 @@ class WayBack:
     crossed: list[list[float]] = field(default_factory=list)
     distance: list[list[float]] = field(default_factory=list)
     counts: list[FloatArray] = field(default_factory=list)
+
+    __repr__ = brief
 
     def turn(self, simulation: hs.Simulation) -> None:
         """Reverse all velocities of a gas, in a gas of its own."""
