@@ -85,7 +85,8 @@ class Findings:
         if not none:
             return
         if not self.gas.moving:
-            raise hs.TrajectoryError(f"{self.gas.path} has no velocities, and there is no g(r): {none}")
+            lacking = "all particles are at rest" if self.gas.at_rest else "there are no velocities"
+            raise hs.TrajectoryError(f"{self.gas.path}: {lacking}, and there is no g(r): {none}")
         self.notes.append(f"no g(r): {none}")
 
     def _no_pairs(self, scene: hs.Scene) -> str:
@@ -102,6 +103,8 @@ class Findings:
                 return f"the box is only {2.0 * half / largest:.3g} diameters wide"
             self.pairs = PairDistribution(depth=depth, bins=max(round(100 * depth), 60))
         else:
+            if not gas.points:
+                self.notes.append("no radii in the file, so no contact value; --radius 0.5 gives them")
             spacing = float(scene.number_density ** (-1.0 / scene.dim))
             depth = min(REACH * spacing, 0.999 * half) / largest - 1.0
             self.pairs = PairDistribution(depth=depth, window=depth)
@@ -248,7 +251,8 @@ class Analyse(Program):
         )
         out.write_json("summary.json", summary)
         write_tables(screen, [answer], None)
-        for sentence in [*legend(found), *marks_of([answer]), *answer.notes]:
+        marks = marks_of([answer]) if answer.numbers else []
+        for sentence in [*legend(found), *marks, *answer.notes]:
             screen.say(sentence)
         screen.say(f"written to {out.path}: {', '.join(summary['files'])}")
         return summary, True
@@ -280,7 +284,8 @@ def answer_of(found: Findings) -> Analysis:
             curves |= _curves(found)
             notes += _of_velocities(found, details)
         else:
-            notes.append("no velocities in the file: nothing but g(r)")
+            lacking = "all particles are at rest" if gas.at_rest else "no velocities in the file"
+            notes.append(f"{lacking}: nothing but g(r)")
     with warnings.catch_warnings(record=True) as of_pairs:
         warnings.simplefilter("always")
         if found.pairs is not None:
@@ -319,12 +324,12 @@ def _of_velocities(found: Findings, details: dict[str, Any]) -> list[str]:
     if frames == 1:
         notes.append("one frame: errors of velocities are the noise of so many particles at equilibrium")
     elif counted < ALMOST * frames:
-        apart = gas.clock.s / (frames - 1)
+        apart = round(gas.clock.s / (frames - 1), 6)
         notes.append(
             f"frames are {apart:.2g} mean free times apart (the velocities of successive ones are correlated by "
             f"{gas.clock.correlation:.2g}): {frames} frames count as {counted:.2g}, and error bars allow for it"
         )
-    notes += _steadiness(found)
+    notes += _steadiness(found) + (_drifting(found) if frames > 1 else [])
     still = [axis for axis, each in zip("xyz", moments.momentum, strict=False) if _vanishes(each)]
     if still:
         notes.append(f"total momentum is zero along {', '.join(still)}")
@@ -355,6 +360,19 @@ def _of_velocities(found: Findings, details: dict[str, Any]) -> list[str]:
         "energy_spread": moments.energy_spread,
     }
     return notes
+
+
+def _drifting(found: Findings) -> list[str]:
+    """Return which temperatures change relative to that of all, in a sentence."""
+    changed = {
+        name: change
+        for name, change in found.moments.share_drifts.items()
+        if change.p_value(0.0) < SIGNIFICANT
+    }
+    if not changed:
+        return []
+    told = ", ".join(f"{name} by {100 * change.value:+.2g} %" for name, change in changed.items())
+    return [f"not in equilibrium: over the file changes {told} of kT"]
 
 
 def _vanishes(momentum: Estimate) -> bool:
@@ -471,13 +489,13 @@ def _pair_curves(found: Findings) -> Curves:
 
 def legend(found: Findings) -> Sequence[str]:
     """Return what the quantities are."""
-    told = []
-    if found.gas.moving:
-        told = [
-            "kT = 2 K / D, without the common motion along periodic axes; momentum in units of sqrt(M kT), M the "
-            "mass of all particles",
-            "KS distance: from Maxwell and Boltzmann's law of the same mean square, for "
-            f"{found.test.n_tested} of {found.gas.n_frames} frames, which are independent; theory: its mean and "
-            "spread at equilibrium",
-        ]
-    return told
+    if not found.gas.moving:
+        return []
+    tested, all_frames = found.test.n_tested, found.gas.n_frames
+    some = f", for {tested} of {all_frames} frames, which are independent" if tested < all_frames else ""
+    return [
+        "kT = 2 K / D, without the common motion along periodic axes; momentum in units of sqrt(M kT), M the mass "
+        "of all particles",
+        f"KS distance: from Maxwell and Boltzmann's law of the same mean velocity and mean square{some}; theory: "
+        "its mean and spread at equilibrium",
+    ]
