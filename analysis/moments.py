@@ -113,6 +113,7 @@ class VelocityMoments(PerFrame):
     @property
     def n_frames(self) -> int:
         """Number of frames."""
+        self._require_values()
         return sum(series.n_samples for series in self._series())
 
     @property
@@ -256,12 +257,12 @@ class VelocityMoments(PerFrame):
                 warnings.simplefilter("error", ShortSeriesWarning)
                 shortest = [math.ceil(needed / series.samples_per_row) for series in self._series()]
                 try:
-                    return self._pooled(columns, shortest=shortest)
+                    found = self._pooled(columns, shortest=shortest)
+                    if found.standard_error > 0.0:  # frames that repeat themselves have none
+                        return found
                 except ShortSeriesWarning:
-                    found = [
-                        autocorrelation_time(column).n_effective for column in columns if len(column) > 1
-                    ]
-                    effective = min(effective, sum(found))
+                    each = [autocorrelation_time(column).n_effective for column in columns if len(column) > 1]
+                    effective = min(effective, sum(each))
         return Estimate(float(self._mean[index]), noise / math.sqrt(max(effective, 1.0)), effective)
 
     @property
