@@ -412,6 +412,8 @@ def _long(answers: Sequence[Answer]) -> tuple[list[str], list[list[str]], int]:
                 [eta, found.quantity, measured_cell(found), expected_cell(found), _deviation(found.z), mark]
             )
     header = ["packing fraction", "quantity", "measured", "theory", "z", ""]
+    if not any(row[-1] for row in rows):
+        header, rows = header[:-1], [row[:-1] for row in rows]
     if len(answers) == 1:
         return header[1:], [row[1:] for row in rows], 1
     return header, rows, 2
@@ -423,7 +425,7 @@ def measured_cell(found: TheoryCheck) -> str:
 
 
 def expected_cell(found: TheoryCheck) -> str:
-    """Return the value of theory as tables show it, with its uncertainty in parentheses; empty without one."""
+    """Return the value of theory as tables show it, with its uncertainty; empty without a theory."""
     return _cell(found.expected, found.uncertainty)
 
 

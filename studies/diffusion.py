@@ -117,6 +117,7 @@ class SelfDiffusion(Study):
     """Displacements of particles in a periodic box, and D of this box and of the infinite fluid."""
 
     name = "diffusion"
+    question = "How fast do particles diffuse in the infinite fluid?"
     explanation = """
     Mean square displacement and velocity autocorrelation against time, and D from the slope of the first with
     the correction for the periodic box. Writes a summary, two tables and a picture.

@@ -52,6 +52,7 @@ class FreePaths(Study):
     """Flights between two collisions of a particle, in a periodic box."""
 
     name = "free-path"
+    question = "How far do particles fly between collisions?"
     explanation = """
     Mean free path and time, collision rates between species, moments and survival functions of all flights,
     and the free path at each speed, with error bars, at several packing fractions. Writes a summary, four

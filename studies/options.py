@@ -79,7 +79,7 @@ class Option:
         return self.flag or f"--{name.replace('_', '-')}"
 
     def typed(self, name: str, value: Any) -> list[str]:
-        """Return the words on the command line that give the field of this name this value, not its default."""
+        """Return the words of the command line that give the field of this name this value."""
         flag = [] if self.argument else [self.named(name)]
         if isinstance(value, bool):
             return flag
@@ -130,6 +130,8 @@ def _in_words(value: Any) -> str:
     """Return a value as one word of the command line."""
     if isinstance(value, Mapping):
         return ",".join(f"{key}={_in_words(each)}" for key, each in value.items())
+    if isinstance(value, float):
+        return f"{value:g}" if float(f"{value:g}") == value else str(value)
     return ",".join(map(_in_words, value)) if isinstance(value, (tuple, list)) else str(value)
 
 

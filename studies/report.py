@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import datetime
 import json
 import math
 import os
@@ -41,6 +42,7 @@ __all__ = [
     "machine",
     "say_checks",
     "seconds_taken",
+    "today",
 ]
 
 Z_MEANS = "z: standard errors from theory, its own uncertainty and few replicas allowed for"
@@ -282,6 +284,11 @@ def seconds_taken(began: float, ready: float, ran: float, work: str = "runs") ->
         "analysis_and_figures": now - ran,
         "total": now - began,
     }
+
+
+def today() -> str:
+    """Return the date, as YYYY-MM-DD of UTC."""
+    return datetime.datetime.now(datetime.UTC).date().isoformat()
 
 
 def machine() -> dict[str, Any]:

@@ -7,11 +7,10 @@ rest is done here: replicas over processes, checkpoints, tables, files.
 
 from __future__ import annotations
 
-import datetime
 import hashlib
 import time
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -37,6 +36,7 @@ from studies.report import (
     machine,
     say_checks,
     seconds_taken,
+    today,
 )
 from studies.running.ensemble import available_cores, run_replicas
 from studies.running.ownership import REPORT, SUMMARY
@@ -108,7 +108,7 @@ class Replica:
 
 
 def digest_of(simulation: hs.Simulation) -> str:
-    """Return the SHA-256 of a state: equal for equal bits of every particle, of the time and of the counts."""
+    """Return the SHA-256 of a state: equal for equal bits of all particles, the time and the counts."""
     arrays = (simulation.positions, simulation.velocities, simulation.unwrapped_positions)
     counts = (simulation.time, simulation.collisions, simulation.wall_collisions)
     parts = [np.ascontiguousarray(each, dtype="<f8").tobytes() for each in (*arrays, counts)]
@@ -162,8 +162,10 @@ class Study(Program):
         return ()
 
     def subject(self, answers: Sequence[Answer]) -> str:
-        """Return what was measured, for the head of a figure."""
-        return heading(answers, self.replicas)
+        """Return what was measured, for the head of figures and of the report."""
+        etas = [answer.gas.packing_fraction for answer in answers]
+        several = f", packing fractions {min(etas):g} to {max(etas):g}" if len(etas) > 1 else ""
+        return heading(answers, self.replicas) + several
 
     def figures(self, answers: Sequence[Answer]) -> Mapping[str, Figure]:
         """Return figures by the names of their files, without ending."""
@@ -271,7 +273,12 @@ def run_study(
 
 
 def conduct(
-    study: Study, out: OutputFolder, screen: Screen, *, record: bool = True
+    study: Study,
+    out: OutputFolder,
+    screen: Screen,
+    *,
+    record: bool = True,
+    conclude: Callable[[dict[str, Any]], str] | None = None,
 ) -> tuple[dict[str, Any], bool]:
     """Run a study, print its results and write its files.
 
@@ -285,6 +292,8 @@ def conduct(
         Where results and progress are shown.
     record : bool, default True
         Whether to write what is recorded of the first replica, such as a trajectory.
+    conclude : callable, optional
+        Takes the summary before it is written, may add to it, and returns what it means, in a sentence.
 
     Returns
     -------
@@ -324,11 +333,12 @@ def conduct(
                 replay.save(path)
         summary = summary_of(study, answers, replicas, out)
         summary["seconds"] = seconds_taken(began, ready, ran)
+        verdict = [conclude(summary)] if conclude is not None else []
         with screen.working("writing the report"):
             write_report(
                 out,
                 name=study.name,
-                question=study.question,
+                question=study.asked,
                 answers=answers,
                 subject=study.subject(answers),
                 legend=study.legend(answers),
@@ -336,9 +346,12 @@ def conduct(
                 summary=summary,
                 replay=replay,
                 replicas=study.replicas,
+                spent=verdict,
             )
         out.write_json(SUMMARY, summary)
     _print(screen, study, answers, summary, out)
+    for sentence in verdict:
+        screen.say(sentence)
     return summary, bool(summary["checks"]["passed"])
 
 
@@ -358,7 +371,7 @@ def summary_of(
         "command": study.command,
         "version": hs.__version__,
         "seed": study.seed,
-        "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+        "date": today(),
         "machine": machine(),
         "options": {
             each.name: getattr(study, each.name) for each, _ in options_of(study) if each.name != "workers"

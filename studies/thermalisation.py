@@ -177,6 +177,7 @@ class Thermalisation(Study):
     """Cumulants, KS distance and H against collisions per particle, after a start far from equilibrium."""
 
     name = "thermalise"
+    question = "How does a gas come to Maxwell and Boltzmann's velocities?"
     explanation = """
     Measures the fourth cumulant a2, the Kolmogorov-Smirnov distance and Boltzmann's H against collisions per
     particle, averaged over replicas, beside the Boltzmann equation. Writes a summary, two tables, pictures
