@@ -148,14 +148,14 @@ class VelocityMoments(PerFrame):
 
     @property
     def along_axes(self) -> list[Estimate]:
-        """kT along each axis over kT."""
+        """KT along each axis over kT."""
         self._require_values()
         noise = _share_noise(_along(self.gas), self.gas.degrees_of_freedom)
         return [self._settled(2 + k, float(noise[k])) for k in range(self.gas.dim)]
 
     @property
     def of_species(self) -> list[Estimate]:
-        """kT of each species over kT."""
+        """KT of each species over kT."""
         self._require_values()
         noise = _share_noise(_of_species(self.gas), self.gas.degrees_of_freedom)
         first = 2 + self.gas.dim
@@ -181,9 +181,9 @@ class VelocityMoments(PerFrame):
 
     @property
     def momentum(self) -> list[Estimate]:
-        """Total momentum along each axis over sqrt(M kT).
+        """Total momentum along each axis over sqrt(M kT): of unit variance where it fluctuates at equilibrium.
 
-        Of unit variance at equilibrium where it fluctuates. Without error where it is the same in all frames, as along the axes of a periodic box.
+        Without error where it is the same in all frames, as along the axes of a periodic box.
         """
         self._require_values()
         first = 2 + self.gas.dim + 2 * len(self.gas.sizes)
@@ -267,7 +267,7 @@ class VelocityMoments(PerFrame):
 
     @property
     def checks(self) -> list[TheoryCheck]:
-        """kT along each axis and of each species beside kT, and a2 beside that of fixed energy."""
+        """KT along each axis and of each species beside kT, and a2 beside that of fixed energy."""
         labels = [f"species {k + 1}" for k in range(len(self.gas.sizes))]
         several = len(labels) > 1
         axes = [
@@ -314,7 +314,7 @@ def _of_species(gas: Gas) -> FloatArray:
 
 
 def _share_noise(own: FloatArray, whole: float) -> FloatArray:
-    """Standard deviation in one frame of kT of some degrees of freedom over that of all, at fixed energy.
+    """Return the noise in one frame of kT of some degrees of freedom over that of all, at fixed energy.
 
     Their share of the energy follows Beta(own/2, (whole - own)/2).
     """

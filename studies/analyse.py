@@ -6,7 +6,7 @@ import datetime
 import math
 import time
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -38,6 +38,7 @@ from studies.options import (
 from studies.page import write_report
 from studies.program import Program
 from studies.report import OutputFolder, Screen, figure_style, machine, seconds_taken
+from studies.running.ownership import REPORT, SUMMARY
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -224,7 +225,7 @@ class Analyse(Program):
             out.write_csv(f"{name}.csv", columns)
         for name, figure in figures.items():
             out.save_figure(f"{name}.png", figure, subject)
-        summary = {
+        summary: dict[str, Any] = {
             "study": self.name,
             "version": hs.__version__,
             "command": self.command,
@@ -236,7 +237,7 @@ class Analyse(Program):
             "dim": found.gas.dim,
             "states": [answer.summary()],
             "checks": {"passed": True, "failures": []},
-            "files": sorted({*out.files, "report.html", "summary.json"}),
+            "files": sorted({*out.files, REPORT, SUMMARY}),
             "seconds": seconds_taken(began, began, read, work="reading"),
         }
         write_report(
@@ -249,7 +250,7 @@ class Analyse(Program):
             figures=figures,
             summary=summary,
         )
-        out.write_json("summary.json", summary)
+        out.write_json(SUMMARY, summary)
         write_tables(screen, [answer], None)
         marks = marks_of([answer]) if answer.numbers else []
         for sentence in [*legend(found), *marks, *answer.notes]:
@@ -326,8 +327,9 @@ def _of_velocities(found: Findings, details: dict[str, Any]) -> list[str]:
     elif counted < ALMOST * frames:
         apart = round(gas.clock.s / (frames - 1), 6)
         notes.append(
-            f"frames are {apart:.2g} mean free times apart (the velocities of successive ones are correlated by "
-            f"{gas.clock.correlation:.2g}): {frames} frames count as {counted:.2g}, and error bars allow for it"
+            f"frames are {apart:.2g} mean free times apart (the velocities of successive ones are correlated "
+            f"by {gas.clock.correlation:.2g}): {frames} frames count as {counted:.2g}, and error bars allow "
+            "for it"
         )
     notes += _steadiness(found) + (_drifting(found) if frames > 1 else [])
     still = [axis for axis, each in zip("xyz", moments.momentum, strict=False) if _vanishes(each)]
@@ -385,21 +387,15 @@ def _steadiness(found: Findings) -> list[str]:
     if found.gas.n_frames == 1:
         return []
     if moments.energy_spread < CONSTANT:
-        return [
-            f"kinetic energy the same in all frames, to {max(moments.energy_spread, 1e-16):.0e}: kT has no error "
-            "bar, and does not drift"
-        ]
+        same = f"kinetic energy the same in all frames, to {max(moments.energy_spread, 1e-16):.0e}"
+        return [f"{same}: kT has no error bar, and does not drift"]
     change = moments.drift
     per = "" if found.gas.times is not None else " (the file has no times)"
+    changes = f"kT changes by {100 * change.value:+.2g} % over the file{per}"
     if math.isnan(change.standard_error):
-        return [
-            f"kT changes by {100 * change.value:+.2g} % over the file{per}; too few frames to say if by chance"
-        ]
-    p = change.p_value(0.0)
-    return [
-        f"kT changes by {100 * change.value:+.2g} % over the file{per}: "
-        + _verdict(p, "no more than chance", "a drift, so that its mean is that of no steady state")
-    ]
+        return [f"{changes}; too few frames to say if by chance"]
+    drifts = "a drift, so that its mean is that of no steady state"
+    return [f"{changes}: {_verdict(change.p_value(0.0), 'no more than chance', drifts)}"]
 
 
 def _verdict(p: float, same: str, different: str) -> str:
@@ -449,7 +445,7 @@ def _about_pairs(said: Sequence[warnings.WarningMessage]) -> list[str]:
 def _curves(found: Findings) -> dict[str, Curves]:
     """Return frames, speeds and components as files."""
     moments, speeds, times = found.moments, found.speeds, found.gas.times
-    kinds, dim = len(moments.gas.sizes), found.gas.dim
+    kinds = len(moments.gas.sizes)
     rows = moments.table
     index = rows.pop("index")
     when = index if times is None else np.interp(index, np.arange(len(times)), times)
@@ -491,11 +487,12 @@ def legend(found: Findings) -> Sequence[str]:
     """Return what the quantities are."""
     if not found.gas.moving:
         return []
-    tested, all_frames = found.test.n_tested, found.gas.n_frames
-    some = f", for {tested} of {all_frames} frames, which are independent" if tested < all_frames else ""
+    tested, count = found.test.n_tested, found.gas.n_frames
+    some = f", for {tested} of {count} frames, which are independent" if tested < count else ""
+    momentum = "; momentum in units of sqrt(M kT), M the mass of all particles"
+    moves = not all(map(_vanishes, found.moments.momentum))
+    law = "Maxwell and Boltzmann's law of the same mean velocity and mean square"
     return [
-        "kT = 2 K / D, without the common motion along periodic axes; momentum in units of sqrt(M kT), M the mass "
-        "of all particles",
-        f"KS distance: from Maxwell and Boltzmann's law of the same mean velocity and mean square{some}; theory: "
-        "its mean and spread at equilibrium",
+        f"kT = 2 K / D, without the common motion along periodic axes{momentum * moves}",
+        f"KS distance: from {law}{some}; theory: its mean and spread at equilibrium",
     ]

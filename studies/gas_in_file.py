@@ -55,7 +55,7 @@ class GasInFile:
     """
 
     def __init__(self, path: str, reading: Reading) -> None:
-        self.path, self.points = path, np.ndim(reading.radius) == 0 and reading.radius == 0
+        self.path, self.points = path, isinstance(reading.radius, (int, float)) and not reading.radius
         self._reading = replace(reading, radius=None) if self.points else reading
         self.moving = self.boxed = self.sized = False
         self.steady, self.at_rest = True, False
@@ -203,8 +203,8 @@ class GasInFile:
         first = self.scene
         if (scene.n, scene.dim) != (first.n, first.dim):
             raise hs.TrajectoryError(
-                f"{self.path}: frame {index} has {scene.n} particles in {scene.dim} dimensions, the first has "
-                f"{first.n} in {first.dim}; give a file of one gas, whose particles stay the same"
+                f"{self.path}: frame {index} has {scene.n} particles in {scene.dim} dimensions, the first "
+                f"has {first.n} in {first.dim}; give a file of one gas, whose particles stay the same"
             )
         if not np.allclose(scene.masses, first.masses, rtol=SAME, atol=0.0):
             raise hs.TrajectoryError(

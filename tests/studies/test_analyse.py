@@ -275,7 +275,9 @@ def test_positions_alone_give_pairs_alone(tmp_path):
     g = answer.curves["pair_distribution"].columns["g"]
     z = (g.value - 0.99) / g.error
     assert np.abs(z[20:]).max() < 4.5  # an ideal gas of 100
-    rest = written(tmp_path / "rest.xyz", frames()[1:2], lambda k, scene: {"velocities": 0 * scene.velocities})
+    rest = written(
+        tmp_path / "rest.xyz", frames()[1:2], lambda k, scene: {"velocities": 0 * scene.velocities}
+    )
     answer = analysed(rest)
     assert (
         answer.notes == ["all particles are at rest: nothing but g(r)"] and abs(answer["g at contact"].z) < 4
