@@ -181,7 +181,7 @@ class VelocityMoments(PerFrame):
 
     @property
     def momentum(self) -> list[Estimate]:
-        """Total momentum along each axis over sqrt(M kT): of unit variance where it fluctuates at equilibrium.
+        """Total momentum along each axis over sqrt(M kT): of unit variance at equilibrium if not fixed.
 
         Without error where it is the same in all frames, as along the axes of a periodic box.
         """

@@ -23,7 +23,18 @@ from analysis.series import SeriesWarning
 from analysis.statistics import Estimate, TheoryCheck
 from analysis.structure import PairDistribution
 from hardspheres.files import Reading
-from studies.answer import Answer, Column, Curves, curve_files, heading, marks_of, number, tidy, write_tables
+from studies.answer import (
+    Answer,
+    Column,
+    Curves,
+    curve_files,
+    heading,
+    marks_of,
+    number,
+    sections,
+    tidy,
+    write_tables,
+)
 from studies.fluid import Boundary
 from studies.gas_in_file import GasInFile
 from studies.options import (
@@ -35,7 +46,7 @@ from studies.options import (
     units,
     velocities_are,
 )
-from studies.page import write_report
+from studies.page.write import Report, write_page
 from studies.program import Program
 from studies.report import OutputFolder, Screen, figure_style, machine, seconds_taken
 from studies.running.ownership import REPORT, SUMMARY
@@ -150,7 +161,9 @@ def findings(gas: GasInFile) -> Findings:
 
 @dataclass(frozen=True)
 class Analysis(Answer):
-    """The answer for one file."""
+    """The answer for one file, with what it comes to, in a sentence or two."""
+
+    verdict: str = ""
 
     @property
     def label(self) -> str:
@@ -219,6 +232,7 @@ class Analyse(Program):
         with screen.working("testing and drawing"), figure_style():
             answer = answer_of(found)
             subject, figures = heading([answer], None), self.figures(answer)
+        told = [*legend(found), *(marks_of([answer]) if answer.numbers else [])]
         out.create()
         out.write_csv("analysis.csv", tidy([answer]))
         for name, columns in curve_files([answer]).items():
@@ -236,24 +250,24 @@ class Analyse(Program):
             "n": found.gas.n,
             "dim": found.gas.dim,
             "states": [answer.summary()],
-            "checks": {"passed": True, "failures": []},
             "files": sorted({*out.files, REPORT, SUMMARY}),
             "seconds": seconds_taken(began, began, read, work="reading"),
         }
-        write_report(
-            out,
+        page = Report(
             name=self.name,
-            question=self.question,
-            answers=[answer],
             subject=subject,
-            legend=legend(found),
+            question=self.question,
+            answer=[answer.verdict],
+            notes=answer.notes,
             figures=figures,
+            sections=sections([answer], None),
+            legend=told,
             summary=summary,
         )
+        write_page(out, page)
         out.write_json(SUMMARY, summary)
         write_tables(screen, [answer], None)
-        marks = marks_of([answer]) if answer.numbers else []
-        for sentence in [*legend(found), *marks, *answer.notes]:
+        for sentence in [*told, *answer.notes, answer.verdict]:
             screen.say(sentence)
         screen.say(f"written to {out.path}: {', '.join(summary['files'])}")
         return summary, True
@@ -278,24 +292,53 @@ def answer_of(found: Findings) -> Analysis:
     curves: dict[str, Curves] = {}
     notes = [*gas.notes]
     details: dict[str, Any] = {"file": gas.path, "frames": gas.n_frames, "boundary": list(gas.scene.boundary)}
+    lacking = "all particles are at rest" if gas.at_rest else "no velocities in the file"
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         if gas.moving:
             numbers += _numbers(found)
             curves |= _curves(found)
             notes += _of_velocities(found, details)
-        else:
-            lacking = "all particles are at rest" if gas.at_rest else "no velocities in the file"
-            notes.append(f"{lacking}: nothing but g(r)")
     with warnings.catch_warnings(record=True) as of_pairs:
         warnings.simplefilter("always")
         if found.pairs is not None:
             numbers += _of_pairs(found)
             curves["pair_distribution"] = _pair_curves(found)
     notes += [*found.notes, *dict.fromkeys(str(each.message) for each in said), *_about_pairs(of_pairs)]
+    details["verdict"] = verdict = (
+        _of_all(found) if gas.moving else f"{lacking[0].upper()}{lacking[1:]}: nothing but g(r)."
+    )
     main = [each.quantity for each in numbers if each.quantity in ("kT", "a2", "g at contact")]
     main += [each.quantity for each in numbers if each.quantity.startswith("KS distance of speeds")]
-    return Analysis(gas, numbers, curves, notes, main=main, details=details, hidden={"found": found})
+    hidden = {"found": found}
+    return Analysis(gas, numbers, curves, notes, main=main, details=details, hidden=hidden, verdict=verdict)
+
+
+def _of_all(found: Findings) -> str:
+    """Return what all tests of velocities come to."""
+    moments, several = found.moments, len(found.moments.gas.sizes) > 1
+    amiss = []
+    if moments.equal_axes < SIGNIFICANT:
+        amiss.append("axes have different temperatures")
+    if several and moments.equal_species < SIGNIFICANT:
+        amiss.append("species have different temperatures")
+    for kind, row in enumerate(found.test.p_values):
+        whose = f" of species {kind + 1}" if several else ""
+        odd = [name for name, p in zip(("speeds", *"xyz"), row, strict=False) if p < SIGNIFICANT]
+        if odd:
+            what = ", ".join(name if name == "speeds" else f"velocities along {name}" for name in odd)
+            amiss.append(f"{what}{whose} are not Maxwell and Boltzmann's")
+    for each in moments.checks:
+        if each.quantity.startswith("a2") and each.p_value < SIGNIFICANT:
+            amiss.append(f"{each.quantity} is {each.z:+.1f} standard errors from equilibrium's")
+    many = found.gas.n_frames > 1
+    if many and moments.drift.p_value(0.0) < SIGNIFICANT:
+        amiss.append("kT drifts")
+    if many and any(change.p_value(0.0) < SIGNIFICANT for change in moments.share_drifts.values()):
+        amiss.append("temperatures drift apart, or together")
+    if amiss:
+        return f"This gas is not in equilibrium: {'; '.join(amiss)}."
+    return "Nothing in the velocities tells this gas from one in equilibrium."
 
 
 def _numbers(found: Findings) -> list[TheoryCheck]:

@@ -76,6 +76,7 @@ def test_a_gas_in_equilibrium_is_found_to_be_one(tmp_path):
     assert "speeds: Maxwell-Boltzmann" in said(answer) and "axes: one temperature" in said(answer)
     assert str(answer.gas) == "gas.xyz: 20 frames of 500 hard spheres, periodic box"
     assert answer.label == "packing fraction 0.2"
+    assert answer.verdict == "Nothing in the velocities tells this gas from one in equilibrium."
 
 
 def test_equal_speeds_are_not_maxwellian(tmp_path):
@@ -83,6 +84,7 @@ def test_equal_speeds_are_not_maxwellian(tmp_path):
     answer = analysed(written(tmp_path / "gas.xyz", start))
     assert "speeds: not Maxwell-Boltzmann (p = 0.0005)" in said(answer)
     assert answer["a2"].z < -5
+    assert answer.verdict.startswith("This gas is not in equilibrium: speeds, velocities along x, ")
     assert float(answer["KS distance of speeds"].measured) > 5 * answer["KS distance of speeds"].expected
 
 
@@ -93,6 +95,7 @@ def test_a_heated_axis_is_found(tmp_path):
     answer = analysed(hot)
     assert answer["kT along x / kT"].z > 5 and answer["kT along y / kT"].z < -2
     assert "axes: different temperatures" in said(answer)
+    assert "not in equilibrium: axes have different temperatures" in answer.verdict
 
 
 def test_species_of_different_temperatures_are_found(tmp_path):
@@ -106,6 +109,7 @@ def test_species_of_different_temperatures_are_found(tmp_path):
 
     answer = analysed(written(tmp_path / "hot.xyz", given, hotter))
     assert answer["kT of species 1 / kT"].z > 5 and "species: different temperatures" in said(answer)
+    assert "species have different temperatures" in answer.verdict
 
 
 def test_a_drift_is_found_and_its_significance(tmp_path):
@@ -124,6 +128,7 @@ def test_a_drift_is_found_and_its_significance(tmp_path):
     assert 0.004 < steady["kT"].measured.standard_error < 0.012  # 0.03 over the root of 20
     drifts = analysed(written(tmp_path / "drifts.xyz", frames(), changed(0.2)))
     assert drifts["change of kT / kT"].z > 3.3 and "a drift, so that its mean is that of no" in said(drifts)
+    assert "kT drifts" in drifts.verdict and "kT drifts" not in steady.verdict
     assert float(drifts["change of kT / kT"].measured) == pytest.approx(0.2, abs=0.06)
 
 
@@ -270,7 +275,7 @@ def test_positions_alone_give_pairs_alone(tmp_path):
     given = [Atoms("Ar100", rng.random((100, 3)) * 10, cell=[10] * 3, pbc=True) for _ in range(8)]
     ase.io.write(tmp_path / "XDATCAR", given, format="vasp-xdatcar")
     answer = analysed(tmp_path / "XDATCAR")
-    assert answer.notes[:1] == ["no velocities in the file: nothing but g(r)"]
+    assert answer.verdict == "No velocities in the file: nothing but g(r)."
     assert list(answer.curves) == ["pair_distribution"] and answer.numbers == []
     g = answer.curves["pair_distribution"].columns["g"]
     z = (g.value - 0.99) / g.error
@@ -280,7 +285,7 @@ def test_positions_alone_give_pairs_alone(tmp_path):
     )
     answer = analysed(rest)
     assert (
-        answer.notes == ["all particles are at rest: nothing but g(r)"] and abs(answer["g at contact"].z) < 4
+        answer.verdict == "All particles are at rest: nothing but g(r)." and abs(answer["g at contact"].z) < 4
     )
 
 
