@@ -20,6 +20,8 @@ import hardspheres as hs
 from analysis.distributions import ComponentDistribution, EnergyDistribution, SpeedDistribution
 from analysis.estimator import Estimator, NoDataError
 from analysis.free_path import FreePath
+from analysis.maxwell_test import MaxwellTest
+from analysis.moments import VelocityMoments
 from analysis.order import BondOrder
 from analysis.pressure import Pressure
 from analysis.relaxation import RelaxationCurve
@@ -37,6 +39,8 @@ STREAMING = [
     FourthCumulant,
     KolmogorovSmirnov,
     HFunction,
+    VelocityMoments,
+    MaxwellTest,
     BondOrder,
     PairDistribution,
     Diffusion,
