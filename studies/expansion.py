@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -44,8 +45,9 @@ AXIS = 0  # along which it expands
 FEWEST = 16  # particles
 MOMENTS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0)  # transit times
 SHORTEST, LONGEST = 6.0, 30.0  # transit times that are run by default
+MOST = 100_000  # transit times: years of computing
 DIED_OUT, ENOUGH = 4.0, 3.0  # e-folds of the last wave, or slowest mode of mixing: run by default, needed
-MIRRORS = 48  # moments on the way there that are looked at again on the way back
+STOPS = 48  # on the way there, at which the way back is compared with it
 HORIZONS = (0.5, 1.0, 1.5, 2.0, 3.0)  # of retracing, after which velocities are reversed by default
 WATCHED = 120  # particles in gas.html
 RETURNED = 1e-3  # diameters that count as back at the start
@@ -181,57 +183,82 @@ class HalfFull:
 
 @dataclass
 class WayBack:
-    """What one gas does after all its velocities were reversed, several times from the same way there.
+    """One gas on its way there, and back again after all its velocities were reversed, several times.
 
     Attributes
     ----------
+    ahead, running : Simulation or None
+        The gas on its way there, and on the way back that it is on now.
     there : list of (N, d) array
-        Positions on the way there, at multiples of a step, as long as they are needed.
-    running : Simulation or None
-        The gas that is on its way back now.
-    began : list of (float, float)
-        Time and collisions per particle of each reversal.
+        Positions on the way there, at each of the stops, as long as they are needed.
+    times, reached : lists of float
+        Of the stops: time and collisions per particle since the opening.
+    turned : list of int
+        The stops at which velocities were reversed.
     s, crossed, distance : lists of list of float
-        Of each way back, step by step from the reversal on: collisions per particle since, share of the
-        followed particles in the upper half, root mean square distance from where they were on the way there.
+        Of each way back, at each stop again from the last on: collisions per particle since the reversal,
+        share of the followed particles in the upper half, root mean square distance from where they were.
     counts : list of array
-        Particles in each cell at the end of each way back, when all should be where they started.
+        Followed particles in each cell at the end of each way back, when all should be where they started.
     """
 
-    there: list[FloatArray] = field(default_factory=list)
+    ahead: hs.Simulation | None = None
     running: hs.Simulation | None = None
-    began: list[tuple[float, float]] = field(default_factory=list)
+    there: list[FloatArray] = field(default_factory=list)
+    times: list[float] = field(default_factory=list)
+    reached: list[float] = field(default_factory=list)
+    turned: list[int] = field(default_factory=list)
     s: list[list[float]] = field(default_factory=list)
     crossed: list[list[float]] = field(default_factory=list)
     distance: list[list[float]] = field(default_factory=list)
     counts: list[FloatArray] = field(default_factory=list)
 
-    def turn(self, simulation: hs.Simulation) -> None:
+    def go(self, stops: Mapping[int, bool], cells: int) -> Iterator[None]:
+        """Go on, from stop to stop and back; pause wherever this may be saved.
+
+        Parameters
+        ----------
+        stops : mapping of int to bool
+            Pair collisions of each stop, 0 first, and whether velocities are reversed there.
+        cells : int
+            Along x, for `counts`.
+        """
+        for goal, reverse in [*stops.items()][len(self.times) - (self.running is not None) :]:
+            if self.running is None:
+                assert self.ahead is not None
+                yield from until(self.ahead, goal)
+                self.there.append(self.ahead.positions)
+                self.times.append(self.ahead.time)
+                self.reached.append(self.ahead.collisions_per_particle)
+                if reverse:
+                    self.turn(self.ahead.to_scene())
+            while self.running is not None:
+                self.look(cells)
+                yield
+            yield
+        self.ahead, self.there = None, []
+
+    def turn(self, scene: hs.Scene) -> None:
         """Reverse all velocities of a gas, in a gas of its own."""
-        scene = simulation.to_scene()
         self.running = hs.Simulation(scene.with_state(scene.positions, -scene.velocities))
-        self.began.append((simulation.time, simulation.collisions_per_particle))
+        self.turned.append(len(self.times) - 1)
         for each in (self.s, self.crossed, self.distance):
             each.append([])
 
-    def look(self, cells: int) -> bool:
-        """Take in the gas on its way back, after its next step; return whether that was the last one."""
+    def look(self, cells: int) -> None:
+        """Go back to the next stop, and take in where everybody is."""
         assert self.running is not None
-        scene, positions = self.running.scene, self.running.positions
-        followed = scene.labels == 0
-        counts = cell_counts(positions[followed], scene, AXIS, cells)
-        steps = len(self.s[-1])
-        last = round(len(self.there) - 1 - steps)
-        off = positions - self.there[last]
-        off -= np.where(scene.periodic, scene.box * np.rint(off / scene.box), 0.0)
-        self.s[-1].append(self.running.collisions_per_particle)
+        stop = len(self.times) - 1 - len(self.s[-1])
+        (frame,) = self.running.frames(times=[self.times[-1] - self.times[stop]])
+        counts = cell_counts(frame.positions[frame.scene.labels == 0], frame.scene, AXIS, cells)
+        off = frame.positions - self.there[stop]
+        off -= np.where(frame.scene.periodic, frame.scene.box * np.rint(off / frame.scene.box), 0.0)
+        self.s[-1].append(frame.collisions_per_particle)
         self.crossed[-1].append(float(counts[cells // 2 :].sum() / counts.sum()))
         self.distance[-1].append(math.sqrt(float(np.mean(np.sum(off * off, axis=1)))))
-        if last > 0:
-            return False
-        self.counts.append(counts)
-        self.running = None
-        return True
+        if stop == 0:
+            self.counts.append(counts)
+            self.running = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -295,6 +322,8 @@ class Expansion(Study):
         if self.cells % 2:
             raise OptionError(f"--cells {self.cells} is odd; the middle of the box must be an edge of cells")
         check_spread(self.replicas)
+        if self.transits is not None and self.transits > MOST:
+            raise OptionError(f"--transits {self.transits:g} would never end; ask for at most {MOST}")
         gas = HalfFull(start, self.mix)
         end = self.length(gas) * gas.half * gas.rate
         if self.reverse_after is not None and self.reverse_after[-1] > end:
@@ -324,68 +353,51 @@ class Expansion(Study):
         wanted = [h * horizon for h in HORIZONS] if math.isfinite(horizon) else [0.3 * end, end]
         return sorted({float(f"{min(s, end):.2g}") for s in wanted})
 
-    def step(self, gas: HalfFull) -> float:
-        """Return the time between two moments that are looked at again on the way back."""
-        return self.reversals(gas)[-1] / gas.rate / MIRRORS
+    def stops(self, gas: HalfFull) -> dict[int, bool]:
+        """Return the pair collisions after which the way there is looked at, and whether it is reversed."""
+        reversals = self.reversals(gas)
+        found = {0: False}
+        for begin, end in itertools.pairwise([0.0, *reversals]):
+            count = max(4, round(STOPS * (end - begin) / reversals[-1]))
+            for s in np.linspace(begin, end, count + 1)[1:]:
+                found.setdefault(max(1, math.ceil(s * gas.n / 2 - 1e-9)), False)
+            found[max(found)] = True
+        return found
 
     def estimators(self, gas: HalfFull, simulation: hs.Simulation) -> dict[str, Any]:
         """Return what measures where the particles are, there and on the way back."""
-        filled = None if self.mix else gas.half - 0.5
-        return {"there": Spreading(AXIS, self.cells, filled), "back": WayBack()}
+        return {"there": self._spreading(gas), "back": WayBack()}
+
+    def _spreading(self, gas: HalfFull) -> Spreading:
+        return Spreading(AXIS, self.cells, None if self.mix else gas.half - 0.5)
 
     def advance(self, gas: HalfFull, replica: Replica) -> Iterator[None]:
-        """Equilibrate, open the box, and go on; at each reversal, go back in a gas of its own."""
+        """Equilibrate and open the box; go there and back, then the whole way there."""
+        there, back = replica.estimators["there"], replica.estimators["back"]
         if replica.done == 0:
             yield from until(replica.simulation, gas.settled)
             replica.seen["temperature"] = replica.simulation.temperature
-            replica.running = hs.Simulation(gas.opened(replica.simulation.to_scene()))
+            opened = gas.opened(replica.simulation.to_scene())
+            replica.running, back.ahead = hs.Simulation(opened), hs.Simulation(opened)
             replica.done = 1
             yield
-        there, back = replica.estimators["there"], replica.estimators["back"]
+        if back.ahead is not None:
+            yield from back.go(self.stops(gas), self.cells)
         moments = [t * gas.half for t in self.moments(gas)]
-        step, reversals, simulation = self.step(gas), self.reversals(gas), replica.simulation
-        seen = replica.seen
-        seen.setdefault("moments", 0)
-        seen.setdefault("steps", 0)
-        while True:
-            if back.running is not None:
-                yield from self._back(back, step)
-            pending = len(back.began) < len(reversals)
-            mirror = seen["steps"] * step if pending else math.inf
-            moment = moments[seen["moments"]] if seen["moments"] < len(moments) else math.inf
-            if not min(mirror, moment) < math.inf:
-                break
-            (frame,) = simulation.frames(times=[max(min(mirror, moment), simulation.time)])
-            if moment <= mirror:
-                there.add(frame)
-                seen["moments"] += 1
-            if mirror <= moment:
-                back.there.append(frame.positions)
-                seen["steps"] += 1
-                while pending and simulation.collisions_per_particle >= reversals[len(back.began)]:
-                    back.turn(simulation)
-                    yield from self._back(back, step)
-                    pending = len(back.began) < len(reversals)
+        for frame in replica.simulation.frames(times=moments[replica.done - 1 :]):
+            there.add(frame)
+            replica.done += 1
             yield
-        back.there = []
-        seen["cooled"] = simulation.temperature / seen["temperature"] - 1.0
-
-    def _back(self, back: WayBack, step: float) -> Iterator[None]:
-        """Follow a gas on its way back, step by step."""
-        while back.running is not None:
-            if back.s[-1]:
-                next(iter(back.running.frames(times=[len(back.s[-1]) * step])))
-            back.look(self.cells)
-            yield
+        replica.seen["cooled"] = replica.simulation.temperature / replica.seen["temperature"] - 1.0
 
     def answer(self, gas: HalfFull, replicas: Sequence[Replica]) -> Answer:
         """Return numbers and curves, with errors from the spread of the replicas."""
-        there = Spreading(AXIS, self.cells, None if self.mix else gas.half - 0.5)
+        there = self._spreading(gas)
         for replica in replicas:
             there.merge(replica.estimators["there"])
         back = [replica.estimators["back"] for replica in replicas]
         spreading, failures = _spreading(gas, there)
-        returns, lost = _returns(gas, self.reversals(gas), back)
+        returns, lost = _returns(gas, back)
         cooled = max((replica.seen["cooled"] for replica in replicas), key=abs)
         died_out = gas.decay * self.length(gas)
         numbers = [
@@ -420,7 +432,7 @@ class Expansion(Study):
                 "spreading": spreading,
                 "returns": returns,
                 "profiles": _profiles(gas, there),
-                "way_back": _way_back(gas, self.reversals(gas), back, self.step(gas)),
+                "way_back": _way_back(gas, back),
             },
             notes=notes,
             failures=[*failures, *lost, *alarms(numbers)],
@@ -582,10 +594,10 @@ def _retraced(gas: HalfFull, back: Sequence[WayBack]) -> list[TheoryCheck]:
     return [number(quantity, estimate_from_replicas(found), "Lyapunov exponent", expected)]
 
 
-def _returns(gas: HalfFull, reversals: Sequence[float], back: Sequence[WayBack]) -> tuple[Curves, list[str]]:
+def _returns(gas: HalfFull, back: Sequence[WayBack]) -> tuple[Curves, list[str]]:
     """Return how much came back from each reversal, and a sentence where it should have and did not."""
-    count = len(reversals)
-    time, s = _began(back)
+    time, s = _turned(back)
+    count = len(s)
     left_then = replica_mean([[1.0 - one.crossed[k][0] for k in range(count)] for one in back])
     left = replica_mean([[1.0 - one.crossed[k][-1] for k in range(count)] for one in back])
     log_off, log_error = replica_mean(
@@ -622,39 +634,30 @@ def _log_off(gas: HalfFull, distance: Any) -> Any:
     return np.log(np.maximum(distance, gas.rounding))
 
 
-def _began(back: Sequence[WayBack]) -> FloatArray:
-    """Return mean time, and mean collisions per particle, of each reversal, (2, k)."""
-    return np.asarray(np.mean([one.began for one in back], axis=0).T)
+def _turned(back: Sequence[WayBack]) -> tuple[FloatArray, FloatArray]:
+    """Return mean time of each reversal, and collisions per particle by then: those of all ways back."""
+    stops = back[0].turned
+    return np.mean([one.times for one in back], axis=0)[stops], np.array(back[0].reached)[stops]
 
 
 def _entropy(counts: FloatArray) -> float:
     return float(theory.spread_entropy(counts))
 
 
-def _way_back(gas: HalfFull, reversals: Sequence[float], back: Sequence[WayBack], step: float) -> Curves:
-    """Return each way back against the time since the opening that it retraces, of all replicas."""
-    parts: list[list[FloatArray]] = []
-    for k in range(len(reversals)):
-        shortest = min(len(one.s[k]) for one in back)
-        s, crossed, distance = (
-            np.array([getattr(one, name)[k][-shortest:] for one in back])
-            for name in ("s", "crossed", "distance")
+def _way_back(gas: HalfFull, back: Sequence[WayBack]) -> Curves:
+    """Return each way back, stop by stop: the time since the opening that is retraced, and how well."""
+    times = np.mean([one.times for one in back], axis=0) / gas.half
+    parts = []
+    for k, (stop, s) in enumerate(zip(back[0].turned, _turned(back)[1], strict=True)):
+        since, crossed, distance = (
+            np.array([getattr(one, name)[k] for one in back]) for name in ("s", "crossed", "distance")
         )
         log_off, log_error = replica_mean(_log_off(gas, distance))
-        retraced = np.arange(shortest - 1, -1, -1.0) * step / gas.half
         off = np.exp(log_off)
-        share, error = replica_mean(crossed)
-        parts.append(
-            [
-                np.full(shortest, _began(back)[1][k]),
-                retraced,
-                s.mean(axis=0),
-                share,
-                error,
-                off,
-                off * log_error,
-            ]
-        )
-    reversed_at, retraced, since, share, error, off, off_error = (np.concatenate(row) for row in zip(*parts))
+        rows = (np.full(stop + 1, s), times[stop::-1], since.mean(axis=0))
+        parts.append([*rows, *replica_mean(crossed), off, off * log_error])
+    reversed_at, retraced, since, share, error, off, off_error = (
+        np.concatenate(rows) for rows in zip(*parts, strict=True)
+    )
     axes = {"reversed": reversed_at, "t_retraced": retraced, "s_since": since}
     return Curves(axes, {"right": Column(share, error), "off": Column(off, off_error)})
