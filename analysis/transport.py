@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import warnings
 from collections import deque
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis import theory
-from analysis.estimator import Estimator, axes_or_new, labelled, over_runs
+from analysis.estimator import Estimator, NoDataError, axes_or_new, counted, labelled, over_runs
 from analysis.reduced import Gas
 from analysis.series import BlockSeries, SeriesWarning, estimate_from_runs, estimate_from_series
 from analysis.statistics import Estimate, TheoryCheck
@@ -149,6 +150,16 @@ class Diffusion(Estimator):
             level, every = level + 1, 2 * every
         self._count += 1
         return self
+
+    @property
+    def _added(self) -> str:
+        return counted(sum(run._count for run in (self, *self._merged)), "moment")
+
+    def _checked(self) -> list[str]:
+        with contextlib.suppress(NoDataError):
+            reach = f"lags from {self.lags[0]:.4g} to {self.lags[-1]:.4g}"
+            return super()._checked() or [reach]
+        return []
 
     @property
     def scene(self) -> Scene:

@@ -7,10 +7,10 @@ A molecule has no one diameter. Two usual choices are in the table:
 
 - ``"viscosity"``: the spheres have the viscosity of the gas, mu = 1.016034 x 5/(16 d^2) sqrt(m kT/pi)
   (Chapman and Cowling, The Mathematical Theory of Non-Uniform Gases, 3rd ed., 1970, chapter 10; the factor is
-  the converged Sonine series). Molecules are soft, so that d falls with temperature: that of argon by 7 % from
-  200 to 500 K. Viscosities, in uPa s at low pressure: CRC Handbook of Chemistry and Physics, section 6,
+  the converged Sonine series). Molecules are soft, so that d falls with temperature: that of argon by 7 %
+  from 200 to 400 K. Viscosities, in uPa s at low pressure: CRC Handbook of Chemistry and Physics, section 6,
   "Viscosity of gases" (Huber and Harvey), three digits at 200, 300, 400 and 500 K, between which log mu is
-  linear in log T. Their uncertainty is said to be below 3 %, that of d then is half of it.
+  linear in log T. Their uncertainty is said to be below 3 %; that of d is half of it.
 - ``"kinetic"``: the narrowest pore that molecules pass (Breck, Zeolite Molecular Sieves, Wiley 1974, p. 636).
   What is long and thin, as CO2, is slim there.
 
@@ -21,6 +21,7 @@ import math
 from dataclasses import dataclass
 from difflib import get_close_matches
 from numbers import Real
+from typing import Any
 
 from hardspheres.compression import EASY, compressed_gas
 from hardspheres.errors import SceneError
@@ -42,13 +43,25 @@ SONINE = 1.016034  # of the viscosity of hard spheres
 DIAMETERS = ("viscosity", "kinetic")
 
 FREEZING = 0.494
-"""Packing fraction up to which the fluid of hard spheres counts as the state in equilibrium. They freeze at 0.492
-(Fernandez et al. 2012, doi 10.1103/PhysRevLett.108.165701; older work has 0.494)."""
+"""Packing fraction up to which the fluid of hard spheres counts as the state in equilibrium. They freeze at
+0.492 (Fernandez et al. 2012, doi 10.1103/PhysRevLett.108.165701; older work has 0.494)."""
 
 
 @dataclass(frozen=True)
 class Substance:
-    """What is known of a gas: English name, mass [u], viscosities at `TEMPERATURES` [uPa s], kinetic diameter [nm]."""
+    """What is known of a gas.
+
+    Attributes
+    ----------
+    name : str
+        In English.
+    mass : float
+        Of a molecule, u.
+    viscosities : tuple of float
+        At `TEMPERATURES`, uPa s.
+    kinetic : float
+        Kinetic diameter, nm.
+    """
 
     name: str
     mass: float
@@ -125,8 +138,8 @@ class RealGas:
         low, high = TEMPERATURES[0], TEMPERATURES[-1]
         if self.size == "viscosity" and not low <= self.temperature <= high:
             raise SceneError(
-                f"the diameter of {self.formula} from its viscosity is known from {low:g} to {high:g} K, not at "
-                f'{self.temperature:g} K; give a diameter in nm, or "kinetic"'
+                f"the diameter of {self.formula} from its viscosity is known from {low:g} to {high:g} K, not "
+                f'at {self.temperature:g} K; give a diameter in nm, or "kinetic"'
             )
         most = _reduced_pressure(FREEZING) * self.kT / self.diameter**3 * PASCAL
         if self.pressure > most:
@@ -158,7 +171,7 @@ class RealGas:
         between = math.log(self.temperature / TEMPERATURES[k]) / math.log(
             TEMPERATURES[k + 1] / TEMPERATURES[k]
         )
-        return 1e-6 * known[k] * (known[k + 1] / known[k]) ** between
+        return float(1e-6 * known[k] * (known[k + 1] / known[k]) ** between)
 
     @property
     def diameter(self) -> float:
@@ -182,19 +195,8 @@ class RealGas:
         """Molecules per nm^3."""
         return self.packing_fraction / (math.pi / 6.0 * self.diameter**3)
 
-    @property
-    def origin(self) -> str:
-        """Where the diameter comes from, in words."""
-        return {"viscosity": "from its viscosity", "kinetic": "its kinetic diameter"}.get(
-            str(self.size), "as given"
-        )
 
-    def __str__(self) -> str:
-        """Return the gas in words."""
-        return f"{self.formula}, {self.temperature:g} K, {self.pressure:g} Pa, diameter {self.diameter:.4g} nm"
-
-
-def _positive(value: object) -> bool:
+def _positive(value: Any) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool) and 0.0 < value < math.inf
 
 
@@ -237,8 +239,8 @@ def real_gas(
 
     The density follows from temperature and pressure by the equation of state of hard spheres; real molecules
     also attract each other. Which diameter stands for a molecule is a choice: argon at 273.15 K and 101325 Pa
-    has a mean free path of 61.9 nm with that from its viscosity, 72.5 nm with the kinetic one, and both are in
-    use. `hardspheres.gases` says where the numbers come from.
+    has a mean free path of 61.9 nm with that from its viscosity, 72.5 nm with the kinetic one, and both are
+    in use. `hardspheres.gases` says where the numbers come from.
 
     Parameters
     ----------

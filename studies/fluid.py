@@ -30,6 +30,7 @@ __all__ = [
     "THEORY_UP_TO",
     "Boundary",
     "Fluid",
+    "box_of",
     "broken",
     "check_length",
     "check_spread",
@@ -236,17 +237,18 @@ class Fluid:
         if self.mixed:
             text += f", diameters 1:{self.diameter_ratio:g}, masses 1:{self.mass_ratio:g}"
             text += f", {self.fraction:g} of them of the second species"
-        return f"{text}, {_box(self.boundary)}"
+        return f"{text}, {box_of(self.boundary)}"
 
 
-def _box(boundary: Boundary) -> str:
+def box_of(boundary: Boundary) -> str:
+    """Return the box in words."""
     words = [boundary] if isinstance(boundary, str) else boundary
     return f"{words[0] if len(set(words)) == 1 else ', '.join(words)} box"
 
 
 def _kind(dim: int, species: int, boundary: Boundary) -> str:
     mixture = "" if species == 1 else f" of {'two' if species == 2 else species} species"
-    return f"hard {'spheres' if dim == 3 else 'discs'}{mixture}, {_box(boundary)}"
+    return f"hard {'spheres' if dim == 3 else 'discs'}{mixture}, {box_of(boundary)}"
 
 
 def kind_of(scene: hs.Scene) -> str:

@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 
 import hardspheres as hs
 from analysis.free_path import SURVIVAL_AT, FreePath
-from analysis.statistics import Estimate, combine_replicas, pool_replicas
-from studies import options
+from analysis.statistics import Estimate, TheoryCheck, combine_replicas, pool_replicas
+from studies import options, real_fluid
 from studies.answer import Answer, Column, Curves, alarms
 from studies.fluid import Fluid, check_length, number_fraction
 from studies.noticing import Notices, too_short
-from studies.options import densities, dimension, option, particles
+from studies.options import densities, dimension, option, packing_fractions, particles
+from studies.real_fluid import RealFluid, real_gas_of, require_gas
 from studies.running.resuming import in_blocks
 from studies.study import Replica, Study
 
@@ -29,6 +30,7 @@ __all__ = ["FreePaths"]
 
 FloatArray = NDArray[np.float64]
 
+USUAL = "0.001,0.01,0.1,0.3"  # packing fractions
 BLOCKS = 192  # of each run; they are joined as their correlation demands
 FEWEST_FLIGHTS = 2000  # of each species, to know them by speed
 CURVES = {  # file: (what is at the abscissae, what is measured)
@@ -52,6 +54,7 @@ class FreePaths(Study):
     """Flights between two collisions of a particle, in a periodic box."""
 
     name = "free-path"
+    question = "How far do particles fly between collisions?"
     explanation = """
     Mean free path and time, collision rates between species, moments and survival functions of all flights,
     and the free path at each speed, with error bars, at several packing fractions. Writes a summary, four
@@ -60,7 +63,11 @@ class FreePaths(Study):
     table = "free_path"
     files = ("free_path.csv", *(f"{name}.csv" for name in CURVES), "free_path.png")
 
-    packing_fractions: tuple[float, ...] = densities("0.001,0.01,0.1,0.3")
+    packing_fractions: tuple[float, ...] | None = densities(USUAL, asked=True)
+    gas: str | None = real_fluid.gas()
+    temperature: float | None = real_fluid.temperature()
+    pressure: float | None = real_fluid.pressure()
+    diameter: str | float | None = real_fluid.diameter()
     n: int = particles(4000)
     dim: int = dimension()
     diameter_ratio: float = options.diameter_ratio()
@@ -72,9 +79,13 @@ class FreePaths(Study):
 
     def gases(self) -> list[Fluid]:
         """Return the gases to measure, by ascending packing fraction."""
+        require_gas(self, "temperature", "pressure", "diameter")
         share = number_fraction(self.fraction, self.diameter_ratio, self.mass_ratio)
         second = (self.diameter_ratio, self.mass_ratio, share)
-        fluids = [Fluid(self.n, self.dim, eta, "periodic", *second) for eta in self.packing_fractions]
+        etas = self.packing_fractions or packing_fractions(USUAL)
+        fluids = [Fluid(self.n, self.dim, eta, "periodic", *second) for eta in etas]
+        if (real := real_gas_of(self)) is not None:
+            fluids = [RealFluid.of(self.n, real)]
         for fluid in fluids:
             fluid.check_within("the theory of this study")
         few = round(share * self.n) if fluids[0].mixed else self.n
@@ -113,7 +124,7 @@ class FreePaths(Study):
         for replica in replicas:
             paths, notices = replica.estimators["paths"], Notices(list(replica.notes))
             with notices.of("free paths"):
-                found.append(paths.checks)
+                found.append(_physical(paths) if isinstance(gas, RealFluid) else paths.checks)
             with notices.of("distributions of free paths"):
                 curves.append(_curves(paths))
             notes += notices.notes
@@ -124,12 +135,13 @@ class FreePaths(Study):
             with notices.of(checks[0].quantity):
                 combine_replicas(measured)
             numbers.append(replace(checks[0], measured=pool_replicas(measured)))
+        numbers = gas.in_units(numbers)
         paths = [replica.estimators["paths"] for replica in replicas]
         return Answer(
             gas,
             numbers,
             {name: _pooled(name, [of_one[name] for of_one in curves]) for name in CURVES},
-            [*notices.notes, *too_short(times, self.collisions_per_particle)],
+            [*gas.remarks, *notices.notes, *too_short(times, self.collisions_per_particle)],
             alarms(numbers),
             main=[each.quantity for each in numbers if each.quantity.startswith("mean free path")],
             details={"flights": sum(one.flights for one in paths), "species": paths[0].labels},
@@ -154,6 +166,19 @@ class FreePaths(Study):
         from studies.figures.free_path import figure
 
         return figure(answers)
+
+
+def _physical(paths: FreePath) -> list[TheoryCheck]:
+    """Return what is measured of a real gas: also the mean speed, and the pressure of its collisions."""
+    path, time, *others = paths.checks
+    exact = path.expected / time.expected  # of the velocities of N particles at this temperature
+    speed = TheoryCheck("mean speed", "Maxwell", paths.mean_speed[0], exact, 0.0)
+    z, ideal = others[-1], paths.scene.number_density * paths.scene.temperature
+    measured = replace(
+        z.measured, value=z.measured.value * ideal, standard_error=z.measured.standard_error * ideal
+    )
+    pressure = TheoryCheck("pressure", z.theory, measured, z.expected * ideal, z.uncertainty * ideal)
+    return [path, time, speed, pressure, *others]
 
 
 def _curves(paths: FreePath) -> dict[str, list[_Curve]]:

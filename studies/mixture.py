@@ -41,6 +41,7 @@ class Mixture(Study):
     """Two species in a periodic box, hot and cold at the start; kT of the whole is 1."""
 
     name = "mixture"
+    question = "How do two species of different temperatures come to one?"
     explanation = """
     Temperatures of both against time, averaged over replicas, beside the two-Maxwellian equations with their
     known deviation, and the collision rate. Writes a summary, two tables and a picture.

@@ -79,7 +79,7 @@ class Option:
         return self.flag or f"--{name.replace('_', '-')}"
 
     def typed(self, name: str, value: Any) -> list[str]:
-        """Return the words on the command line that give the field of this name this value, not its default."""
+        """Return the words of the command line that give the field of this name this value."""
         flag = [] if self.argument else [self.named(name)]
         if isinstance(value, bool):
             return flag
@@ -130,6 +130,8 @@ def _in_words(value: Any) -> str:
     """Return a value as one word of the command line."""
     if isinstance(value, Mapping):
         return ",".join(f"{key}={_in_words(each)}" for key, each in value.items())
+    if isinstance(value, float):
+        return f"{value:g}" if float(f"{value:g}") == value else str(value)
     return ",".join(map(_in_words, value)) if isinstance(value, (tuple, list)) else str(value)
 
 
@@ -218,13 +220,15 @@ def _number(text: str, option: str) -> float:
         raise OptionError(f"{option}: {text!r} is no number") from None
 
 
-def of_labels(option: str) -> dict[str, Any]:
+def of_labels(option: str, file: str = "--from") -> dict[str, Any]:
     """Return what `typer.Option` needs for a number of all particles of a file, or of each label.
 
     Parameters
     ----------
     option : str
         Its name, with dashes.
+    file : str
+        What the command line calls the file.
     """
 
     def parsed(text: str) -> float | dict[str, float]:
@@ -238,7 +242,7 @@ def of_labels(option: str) -> dict[str, Any]:
     return {
         "parser": parsed,
         "metavar": "NUMBER|LABEL=NUMBER,...",
-        "help": "Of all particles of --from, or of each label, as in A=0.5,B=0.3.",
+        "help": f"Of all particles of {file}, or of each label, as in A=0.5,B=0.3.",
         "shown": "that of the file",
     }
 
@@ -256,6 +260,33 @@ def edges(option: str) -> dict[str, Any]:
         return tuple(_number(edge, option) for edge in text.split(","))
 
     return {"parser": parsed, "metavar": "LX,LY[,LZ]"}
+
+
+def units(file: str) -> Any:
+    """Return the field for the units of a file, which the command line calls `file`."""
+    return option(
+        None,
+        f"Units of {file}, where ASE converts them: numbers as in the file (reduced), or Angstrom, u and eV "
+        "(ase).",
+        shown="refused where it matters",
+        **word("--units", "reduced", "ase"),
+    )
+
+
+def velocities_are(file: str) -> Any:
+    """Return the field for the units of a column of velocities in a file."""
+    return option(
+        None,
+        f"A column of velocities in {file} is in units of its lengths.",
+        shown="refused where there is one",
+        **word("--velocities-are", "reduced"),
+    )
+
+
+def own_box(file: str) -> Any:
+    """Return the field for the box of a file that has none."""
+    what = "a file of --from" if file == "--from" else "a file"
+    return option(None, f"Edges of the box for {what} without one, as in 10,10,10.", **edges("--box"))
 
 
 def _one_number(text: str | float) -> float:

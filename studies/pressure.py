@@ -56,6 +56,7 @@ class EquationOfState(Study):
     """Z from the virial, from the rate of collisions and from the walls, and theory."""
 
     name = "pressure"
+    question = "What is the equation of state of the fluid?"
     explanation = """
     Pressure from the virial, from the collision rate and from the walls (where there are some), with error
     bars, at several packing fractions. Writes a summary, a table and a picture with residuals.

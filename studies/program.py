@@ -6,7 +6,7 @@ import shlex
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -27,6 +27,8 @@ class Program(ABC):
         On the command line.
     explanation : str
         What --help says after its first line.
+    question : str
+        What it asks, at the head of its report.
     files : tuple of str
         Everything that it writes beside summary.json and report.html; figures, which have any format, as
         .png.
@@ -42,11 +44,24 @@ class Program(ABC):
 
     name: ClassVar[str]
     explanation: ClassVar[str]
+    question: ClassVar[str] = ""
     files: ClassVar[tuple[str, ...]]
     reports: ClassVar[bool] = False
     resumable: ClassVar[bool] = True
     to_an_error: ClassVar[bool] = False
     page: ClassVar[str] = ""
+
+    def __init_subclass__(cls, **more: Any) -> None:
+        """Keep `repr` as it is here, where a dataclass would list all options."""
+        super().__init_subclass__(**more)
+        if "__repr__" not in vars(cls):
+            cls.__repr__ = Program.__repr__  # type: ignore[method-assign]
+
+    def __repr__(self) -> str:
+        """Return the call that makes it; options that were not given, and have no default, are left out."""
+        options = [(each.name, getattr(self, each.name)) for each in fields(self)]
+        given = ", ".join(f"{name}={value!r}" for name, value in options if value is not None)
+        return f"{type(self).__name__}({given})"
 
     def __post_init__(self) -> None:
         """Refuse options beyond their limits."""
@@ -57,21 +72,15 @@ class Program(ABC):
         return self
 
     @property
-    def question(self) -> str:
-        """What it is about, in a sentence: that of the list of commands, else its explanation's first."""
-        if self._listed:
-            return QUESTIONS[self.name][1]
-        return rewrapped(self.explanation).split(". ")[0].rstrip(".") + "."
-
-    @property
-    def _listed(self) -> bool:
-        """Whether it is a command of this package."""
-        return QUESTIONS.get(self.name, ("",))[0] == f"{type(self).__module__}:{type(self).__qualname__}"
+    def asked(self) -> str:
+        """Its question; where it has none, the first sentence of its explanation."""
+        return self.question or rewrapped(self.explanation).split(". ")[0].rstrip(".") + "."
 
     @property
     def command(self) -> str:
         """The command that does the same, whole, but for where its files go and what changes no number."""
-        words = ["hardspheres", self.name] if self._listed else ["python", _program_of(type(self))]
+        listed = QUESTIONS.get(self.name, ("",))[0] == f"{type(self).__module__}:{type(self).__qualname__}"
+        words = ["hardspheres", self.name] if listed else ["python", _program_of(type(self))]
         for each, its in options_of(self):
             value = getattr(self, each.name)
             if each.name != "workers" and (value != each.default or each.name == "seed"):

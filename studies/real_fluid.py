@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from analysis import theory
-from analysis.statistics import Estimate, TheoryCheck
+from analysis.statistics import TheoryCheck
 from hardspheres.errors import SceneError
 from hardspheres.gases import DIAMETERS, GASES, PASCAL, RealGas
 from studies.fluid import Fluid
@@ -26,8 +26,6 @@ UNITS = {
     "decay rate of a2 in time": ("1/ns", 1e3),
 }
 """Unit of each measured number, and how many of them are one in nm, ps and u."""
-
-SOURCES = {"viscosity": "CRC Handbook, Viscosity of gases", "kinetic": "Breck 1974"}
 
 _EXCLUDED = {  # options that make no sense beside --gas, and why
     "packing_fraction": "whose density follows from its temperature and pressure",
@@ -77,8 +75,8 @@ def diameter() -> Any:
     """Return the field for the diameter of the molecules of a real gas."""
     return option(
         None,
-        "With --gas: which diameter its molecules have: viscosity (from that of the gas), kinetic (of the pores "
-        "that they pass), or a number of nm.",
+        "With --gas: which diameter its molecules have: viscosity (from that of the gas), kinetic (of the "
+        "pores that they pass), or a number of nm.",
         shown="viscosity",
         parser=_diameter,
         metavar="WORD|NUMBER",
@@ -111,20 +109,10 @@ def require_gas(study: Any, *names: str) -> None:
             raise SceneError(f"--{name} goes with --gas, as in --gas Ar; without it units are reduced")
 
 
-def in_units(
-    numbers: Iterable[TheoryCheck], units: Mapping[str, tuple[str, float]] = UNITS
-) -> list[TheoryCheck]:
-    """Return measured numbers in the units of `UNITS`, which their names tell; others as they are.
-
-    Parameters
-    ----------
-    numbers : iterable of TheoryCheck
-        In nm, ps and u.
-    units : mapping, optional
-        Name and size of the unit of each.
-    """
+def in_units(numbers: Iterable[TheoryCheck]) -> list[TheoryCheck]:
+    """Return numbers measured in nm, ps and u in the units of `UNITS`, which their names tell then."""
     return [
-        _converted(found, *units[found.quantity]) if found.quantity in units else found for found in numbers
+        _converted(found, *UNITS[found.quantity]) if found.quantity in UNITS else found for found in numbers
     ]
 
 
@@ -148,26 +136,32 @@ def mean_free_path(gas: RealGas) -> float:
 
 def words_of(n: int, gas: RealGas) -> str:
     """Return so many molecules of a gas in words."""
+    kind = "atoms" if gas.substance.atomic else "molecules"
     return (
-        f"{n} {gas.formula} {'atoms' if gas.substance.atomic else 'molecules'}, {str(gas).partition(', ')[2]}"
+        f"{n} {gas.formula} {kind}, {gas.temperature:g} K, {gas.pressure:g} Pa, "
+        f"diameter {gas.diameter:.4g} nm"
     )
 
 
 def remarks_of(gas: RealGas) -> list[str]:
     """Return which diameter a gas has and what another would change, and the units of all files."""
-    from_where = f" ({SOURCES[str(gas.size)]})" if gas.size in SOURCES else ""
-    told = f"the diameter, {gas.diameter:.4g} nm, is {gas.origin}{from_where}"
-    told += f": mean free path {mean_free_path(gas):.1f} nm"
+    told = f"{_diameter_of(gas)}, gives a mean free path of {mean_free_path(gas):.4g} nm"
     for size in DIAMETERS:
-        if size == gas.size:
-            continue
         try:
             other = replace(gas, size=size)
         except SceneError:  # it is not known at this temperature, or these spheres are frozen
             continue
-        told += f"; {other.diameter:.4g} nm, {other.origin} ({SOURCES[size]}), would make it "
-        told += f"{mean_free_path(other):.1f} nm"
-    return [told, "in the files lengths are in nm, times in ps, masses in u, where no column says more"]
+        if size != gas.size:
+            told += f"; {_diameter_of(other)}, would give {mean_free_path(other):.4g} nm"
+    return [told, "in the files lengths are in nm, times in ps, masses in u, where no name says more"]
+
+
+def _diameter_of(gas: RealGas) -> str:
+    words = {
+        "viscosity": "the diameter from the viscosity (CRC Handbook, Viscosity of gases)",
+        "kinetic": "the kinetic diameter (Breck 1974)",
+    }
+    return f"{words.get(str(gas.size), 'the diameter that was given')}, {gas.diameter:.4g} nm"
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import datetime
 import json
 import math
 import os
@@ -32,6 +33,7 @@ __all__ = [
     "OutputError",
     "OutputFolder",
     "Screen",
+    "Summary",
     "alarming",
     "checks_of",
     "engine_of",
@@ -42,6 +44,7 @@ __all__ = [
     "machine",
     "say_checks",
     "seconds_taken",
+    "today",
 ]
 
 Z_MEANS = "z: standard errors from theory, its own uncertainty and few replicas allowed for"
@@ -218,6 +221,19 @@ class Screen:
             sys.stdout.flush()
 
 
+class Summary(dict[str, Any]):
+    """The content of summary.json: a dict that a prompt or a notebook shows in a line."""
+
+    def __repr__(self) -> str:
+        """Return what was done, whether it was sound, and where to look."""
+        states, sound = len(self["states"]), self["checks"]["passed"]
+        return (
+            f"<Summary of {self['study']}, seed {self['seed']}: {states} gas{'es' * (states > 1)}, "
+            f"{self['collisions']} collisions, checks {'passed' if sound else 'FAILED'}; a dict of "
+            f"{', '.join(self)}>"
+        )
+
+
 def estimate_json(estimate: Estimate) -> dict[str, float]:
     """Return the entry of an estimate in a summary."""
     return {
@@ -308,6 +324,11 @@ def seconds_taken(began: float, ready: float, ran: float, work: str = "runs") ->
         "analysis_and_figures": now - ran,
         "total": now - began,
     }
+
+
+def today() -> str:
+    """Return the date, as YYYY-MM-DD of UTC."""
+    return datetime.datetime.now(datetime.UTC).date().isoformat()
 
 
 def machine() -> dict[str, Any]:

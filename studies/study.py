@@ -7,13 +7,12 @@ rest is done here: replicas over processes, checkpoints, tables, files.
 
 from __future__ import annotations
 
-import datetime
 import hashlib
 import time
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -30,6 +29,7 @@ from studies.report import (
     ALARM,
     OutputFolder,
     Screen,
+    Summary,
     checks_of,
     engine_of,
     engine_rate,
@@ -37,6 +37,7 @@ from studies.report import (
     machine,
     say_checks,
     seconds_taken,
+    today,
 )
 from studies.running.ensemble import available_cores, run_replicas
 from studies.running.ownership import REPORT, SUMMARY
@@ -88,6 +89,12 @@ class Replica:
     seen: dict[str, Any] = field(default_factory=dict)
     digest: str = ""
 
+    def __repr__(self) -> str:
+        """Return which run it is, how far it has come, and what it measured."""
+        state = "running" if self.running is not None else self.failure or f"ended after {self.seconds:.1f} s"
+        measured = ", ".join(f"{name}: {type(each).__name__}" for name, each in self.estimators.items())
+        return f"<Replica {self.index} of seed {self.root}, step {self.done}, {state:.100}; {measured}>"
+
     @property
     def simulation(self) -> hs.Simulation:
         """The gas; not kept when the run has ended."""
@@ -108,7 +115,7 @@ class Replica:
 
 
 def digest_of(simulation: hs.Simulation) -> str:
-    """Return the SHA-256 of a state: equal for equal bits of every particle, of the time and of the counts."""
+    """Return the SHA-256 of a state: equal for equal bits of all particles, the time and the counts."""
     arrays = (simulation.positions, simulation.velocities, simulation.unwrapped_positions)
     counts = (simulation.time, simulation.collisions, simulation.wall_collisions)
     parts = [np.ascontiguousarray(each, dtype="<f8").tobytes() for each in (*arrays, counts)]
@@ -137,6 +144,41 @@ class Study(Program):
         """Run it, print its results and write its files, see `conduct`."""
         return conduct(self, out, screen)
 
+    def answers(self, screen: Screen | None = None) -> list[Answer]:
+        """Run it and return the answer of each gas; shows progress, prints no results and writes no files.
+
+        >>> from studies.pressure import EquationOfState
+        >>> study = EquationOfState(packing_fractions=(0.1, 0.2), n=500)
+        >>> for answer in study.answers():  # doctest: +SKIP
+        ...     print(answer["Z from the virial"])
+
+        Parameters
+        ----------
+        screen : Screen, optional
+            Where progress is shown: by default where people see it, a terminal or a notebook.
+
+        Returns
+        -------
+        list of Answer
+            `figure(answers)` draws them, `to_dataframe` of each makes tables of them. What a check found
+            broken is among their `failures`.
+
+        Raises
+        ------
+        HardSpheresError
+            As `conduct` does, but for files.
+        """
+        screen = screen or Screen()
+        study = self.prepared(screen.note)
+        gases = study.gases()
+        _compile(study, gases, screen)
+        found = []
+        for gas, own in zip(gases, run_study(study, screen)[0], strict=True):
+            answer = study.answer(gas, own)
+            broken_ones = [f"replica {k}: {run.failure}" for k, run in enumerate(own) if run.failure]
+            found.append(replace(answer, failures=[*broken_ones, *answer.failures]))
+        return found
+
     @abstractmethod
     def gases(self) -> Sequence[Gas]:
         """Return the gases, easiest first; SceneError for options that make no sense."""
@@ -162,8 +204,10 @@ class Study(Program):
         return ()
 
     def subject(self, answers: Sequence[Answer]) -> str:
-        """Return what was measured, for the head of a figure."""
-        return heading(answers, self.replicas)
+        """Return what was measured, for the head of figures and of the report."""
+        etas = [answer.gas.packing_fraction for answer in answers]
+        several = f", packing fractions {min(etas):g} to {max(etas):g}" if len(etas) > 1 else ""
+        return heading(answers, self.replicas) + several
 
     def figures(self, answers: Sequence[Answer]) -> Mapping[str, Figure]:
         """Return figures by the names of their files, without ending."""
@@ -275,8 +319,20 @@ def run_study(
     return [found[k * count : (k + 1) * count] for k in range(len(gases))], recorded
 
 
+def _compile(study: Study, gases: Sequence[Gas], screen: Screen) -> None:
+    """Compile all that the gases of a study need, before its workers start."""
+    with screen.compiling("; ".join(dict.fromkeys(gas.kind for gas in gases))):
+        for gas in representatives(gases):
+            study.start(gas, np.random.SeedSequence(0, spawn_key=(0,))).run(collisions=1)
+
+
 def conduct(
-    study: Study, out: OutputFolder, screen: Screen, *, record: bool = True
+    study: Study,
+    out: OutputFolder,
+    screen: Screen,
+    *,
+    record: bool = True,
+    conclude: Callable[[dict[str, Any]], str] | None = None,
 ) -> tuple[dict[str, Any], bool]:
     """Run a study, print its results and write its files.
 
@@ -290,6 +346,8 @@ def conduct(
         Where results and progress are shown.
     record : bool, default True
         Whether to write what is recorded of the first replica, such as a trajectory.
+    conclude : callable, optional
+        Takes the summary before it is written, may add to it, and returns what it means, in a sentence.
 
     Returns
     -------
@@ -307,9 +365,7 @@ def conduct(
     study = study.prepared(screen.note)
     gases = study.gases()
     out.check(study)
-    with screen.compiling("; ".join(dict.fromkeys(gas.kind for gas in gases))):
-        for gas in representatives(gases):
-            study.start(gas, np.random.SeedSequence(0, spawn_key=(0,))).run(collisions=1)
+    _compile(study, gases, screen)
     ready = time.perf_counter()
     with out.running(study) as shelf:
         replicas, recorded = run_study(study, screen, shelf, shelf.folder, record)
@@ -327,13 +383,14 @@ def conduct(
         if (replay := study.replay()) is not None:
             with screen.working("running a gas to be watched"), out.partial("gas.html") as path:
                 replay.save(path)
-        summary = summary_of(study, answers, replicas, out)
+        summary = Summary(summary_of(study, answers, replicas, out))
         summary["seconds"] = seconds_taken(began, ready, ran)
+        verdict = [conclude(summary)] if conclude is not None else []
         with screen.working("writing the report"):
             write_report(
                 out,
                 name=study.name,
-                question=study.question,
+                question=study.asked,
                 answers=answers,
                 subject=study.subject(answers),
                 legend=study.legend(answers),
@@ -341,9 +398,12 @@ def conduct(
                 summary=summary,
                 replay=replay,
                 replicas=study.replicas,
+                spent=verdict,
             )
         out.write_json(SUMMARY, summary)
     _print(screen, study, answers, summary, out)
+    for sentence in verdict:
+        screen.say(sentence)
     return summary, bool(summary["checks"]["passed"])
 
 
@@ -363,7 +423,7 @@ def summary_of(
         "command": study.command,
         "version": hs.__version__,
         "seed": study.seed,
-        "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+        "date": today(),
         "machine": machine(),
         "options": {
             each.name: getattr(study, each.name) for each, _ in options_of(study) if each.name != "workers"

@@ -171,24 +171,24 @@ def until_error(
         f"pilot: {pilot.replicas} replicas give {plan.number.name} to {plan.number.relative_error:.2g}; "
         f"running {plan.allowed}, about {_core_seconds(tried) * times:.0f} s of processor time"
     )
-    summary, sound = run(replace(study, replicas=plan.allowed), out, screen)
-    worst = max(main_numbers(summary), key=lambda number: number.relative_error)
-    spent = {"pilot": _core_seconds(tried), "study": _core_seconds(summary)}
-    summary["until_error"] = {
-        "asked": target,
-        "number": worst.name,
-        "relative_error": worst.relative_error,
-        "reached": worst.relative_error <= target,
-        "pilot_relative_error": plan.number.relative_error,
-        "pilot_replicas": pilot.replicas,
-        "replicas_needed": plan.needed,
-        "replicas": plan.allowed,
-        "core_seconds": spent,
-        "collisions": {"pilot": tried["collisions"], "study": summary["collisions"]},
-    }
-    out.write_json("summary.json", summary)
-    screen.say(_verdict(summary["until_error"], plan))
-    return summary, sound
+
+    def conclude(summary: dict[str, Any]) -> str:
+        worst = max(main_numbers(summary), key=lambda number: number.relative_error)
+        summary["until_error"] = {
+            "asked": target,
+            "number": worst.name,
+            "relative_error": worst.relative_error,
+            "reached": worst.relative_error <= target,
+            "pilot_relative_error": plan.number.relative_error,
+            "pilot_replicas": pilot.replicas,
+            "replicas_needed": plan.needed,
+            "replicas": plan.allowed,
+            "core_seconds": {"pilot": _core_seconds(tried), "study": _core_seconds(summary)},
+            "collisions": {"pilot": tried["collisions"], "study": summary["collisions"]},
+        }
+        return _verdict(summary["until_error"], plan)
+
+    return run(replace(study, replicas=plan.allowed), out, screen, conclude=conclude)
 
 
 @contextmanager

@@ -12,8 +12,9 @@ import hardspheres as hs
 from studies.benchmarks.bench import Bench, bench
 from studies.benchmarks.gas import STARTS, Gas
 from studies.benchmarks.rivals import PEERS
-from studies.benchmarks.suite import SUITES, Suite, run_suite, suite_named
+from studies.benchmarks.suite import QUESTION, SUITES, Suite, run_suite, suite_named
 from studies.options import (
+    OptionError,
     boundary,
     diameter_ratio,
     dimension,
@@ -35,6 +36,7 @@ class Benchmark(Program):
     """Collisions per second of the event loop alone."""
 
     name = "bench"
+    question = QUESTION
     explanation = """
     Times the event loop alone, compiled and in equilibrium, on one core. Writes a summary and the windows;
     with --suite a table and a figure. Keeps no checkpoints, since an interruption would invalidate the
@@ -99,7 +101,9 @@ class Benchmark(Program):
         )
         study = Bench(gas, self.collisions, self.discard, self.against, self.seed)
         if self.suite is not None:
-            return run_suite(suite_named(self.suite, self.n, densities), study, out, screen)
+            return run_suite(suite_named(self.suite, self.n, densities), study, out, screen, self.command)
+        if out.figure_format != "png":
+            raise OptionError(f"--format {out.figure_format} goes with --suite: a single state has no figure")
         for name, given in (("--n", self.n), ("--packing-fraction", densities)):
             if len(given) > 1:
                 raise hs.SceneError(f"{name} is given {len(given)} times, but one state has one; add --suite")

@@ -10,10 +10,15 @@ from typing import Any, ClassVar
 import hardspheres as hs
 from analysis.statistics import Estimate
 from hardspheres.memory import require_room_for
+from studies.answer import Section, Table
 from studies.benchmarks.bench import Bench, check, measure
-from studies.report import OutputFolder, Screen, machine
+from studies.page import Report, write_page
+from studies.report import OutputFolder, Screen, machine, today
+from studies.running.ownership import REPORT, SUMMARY
 
-__all__ = ["SUITES", "Suite", "run_suite", "suite_named"]
+__all__ = ["QUESTION", "SUITES", "Suite", "run_suite", "suite_named"]
+
+QUESTION = "How many collisions per second?"
 
 
 @dataclass(frozen=True)
@@ -40,6 +45,7 @@ class Suite:
     window_seconds: float
     peer_up_to: int
     files: ClassVar[tuple[str, ...]] = ("bench.csv", "bench.png")
+    reports: ClassVar[bool] = True
 
 
 SUITES = {
@@ -73,8 +79,10 @@ def suite_named(
     )
 
 
-def run_suite(suite: Suite, study: Bench, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:
-    """Measure all states of a suite, print them, write bench.csv, bench.png and summary.json.
+def run_suite(
+    suite: Suite, study: Bench, out: OutputFolder, screen: Screen, command: str = ""
+) -> tuple[dict[str, Any], bool]:
+    """Measure all states of a suite, print them, write bench.csv, bench.png, report.html and summary.json.
 
     Parameters
     ----------
@@ -86,6 +94,8 @@ def run_suite(suite: Suite, study: Bench, out: OutputFolder, screen: Screen) -> 
         Where the files go; made when the first state is done. bench.csv is whole after every state.
     screen : Screen
         Where results and progress are shown.
+    command : str, optional
+        The command that does the same.
 
     Returns
     -------
@@ -125,10 +135,13 @@ def run_suite(suite: Suite, study: Bench, out: OutputFolder, screen: Screen) -> 
         raise refused[0]
     from studies.benchmarks.figure import rates
 
-    out.save_figure("bench.png", rates(states), str(study.gas))
+    drawn = rates(states)
+    out.save_figure("bench.png", drawn, str(study.gas))
     passed = all(state["checks"]["passed"] for state in states)
     summary: dict[str, Any] = {
         "study": "bench",
+        "command": command,
+        "date": today(),
         "version": hs.__version__,
         "seed": study.seed,
         "suite": suite.name,
@@ -136,10 +149,35 @@ def run_suite(suite: Suite, study: Bench, out: OutputFolder, screen: Screen) -> 
         "checks": {"passed": passed, "failures": [text for s in states for text in s["checks"]["failures"]]},
         "machine": machine(),
         "seconds": time.perf_counter() - began,
+        "files": sorted({*out.files, REPORT, SUMMARY}),
     }
-    summary["files"] = sorted({*out.files, "summary.json"})
-    out.write_json("summary.json", summary)
-    _print_end(screen, summary, states)
+    table, legend = Table(_HEADER, [_cells(state) for state in states], keys=2), _legend(states)
+    fastest = max(states, key=lambda state: state["cpu"]["median"])
+    page = Report(
+        name="bench",
+        subject=str(study.gas),
+        question=QUESTION,
+        answer=[
+            (
+                f"Up to {fastest['cpu']['median']:,.0f} collisions per second of processor time on one core: "
+                f"{fastest['n']} particles at packing fraction {fastest['packing_fraction']:g}."
+            )
+        ],
+        notes=[f"left out: {reason}" for reason in refused],
+        figures={"bench": drawn},
+        sections=[Section(f"{len(states)} states", [table])],
+        legend=legend,
+        summary=summary,
+    )
+    write_page(out, page)
+    out.write_json(SUMMARY, summary)
+    screen.table("", table.header, table.rows, keys=table.keys)
+    screen.say()
+    for sentence in legend:
+        screen.say(sentence)
+    for failure in summary["checks"]["failures"]:
+        screen.say(f"CHECK FAILED, {failure}")
+    screen.say(f"{len(states)} states in {summary['seconds']:.0f} s")
     for reason in refused:
         screen.note(f"left out: {reason}")
     screen.say(f"written to {out.path}: {', '.join(summary['files'])}")
@@ -212,18 +250,17 @@ def _cells(state: Mapping[str, Any]) -> tuple[str, ...]:
     )
 
 
-def _print_end(screen: Screen, summary: Mapping[str, Any], states: Sequence[Mapping[str, Any]]) -> None:
-    screen.table("", _HEADER, [_cells(state) for state in states], keys=2)
-    screen.say()
-    screen.say(
-        "collisions per second of processor time, medians of 20 windows, event loop alone, in equilibrium, "
-        "one core"
-    )
+def _legend(states: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return what the columns are."""
+    told = [
+        (
+            "collisions per second of processor time, medians of 20 windows, event loop alone, in equilibrium, "
+            "one core"
+        )
+    ]
     peer = next((state["against"] for state in states if state["against"]), None)
     if peer is not None:
-        screen.say(f"peer: {peer['name']}, in turn; ratio: ours over the peer's")
+        told.append(f"peer: {peer['name']}, in turn; ratio: ours over the peer's")
     if any(state["is_fluid"] is False for state in states):
-        screen.say("!: the compressibility factor is not that of the equilibrium fluid")
-    for failure in summary["checks"]["failures"]:
-        screen.say(f"CHECK FAILED, {failure}")
-    screen.say(f"{len(states)} states in {summary['seconds']:.0f} s")
+        told.append("!: the compressibility factor is not that of the equilibrium fluid")
+    return told

@@ -96,7 +96,7 @@ def _draw_shares(axes: Axes, answer: Answer) -> None:
     axes.set_ylim(-0.03, 1.03)
     axes.set_xlabel(TIME)
     axes.set_ylabel("share of the particles")
-    axes.set_title("Shares of both halves")
+    axes.set_title("In each half, of those from the left" if answer.gas.mix else "In each half")
     axes.legend(loc="upper right")
 
 
@@ -164,7 +164,6 @@ def _draw_way_back(axes: Axes, answer: Answer) -> None:
             color=colour,
             label=f"reversed at s = {s:.3g}",
         )
-    axes.axhline(1.0, color=COLOURS["band"], lw=0.8)
     axes.set_ylim(0.4, 1.03)
     axes.set_xlabel(TIME)
     axes.set_ylabel("share in the left half")

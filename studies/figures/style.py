@@ -1,4 +1,4 @@
-"""One style for all figures: colours for any colour vision, the gas's name, deviations, upper limits, files."""
+"""One style for all figures: colours for any colour vision, names of gases, deviations, limits, files."""
 
 from __future__ import annotations
 

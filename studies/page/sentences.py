@@ -48,22 +48,29 @@ def answer_in_words(answers: Sequence[Answer]) -> list[str]:
 
 
 def _sentence(where: str, numbers: Sequence[TheoryCheck]) -> str:
-    text = where + "; ".join(map(_one, numbers))
+    return _capital(where + "; ".join(map(_one, numbers))) + "."
+
+
+def _capital(text: str) -> str:
+    """Return a sentence with a capital, unless it begins with a symbol, as a2 or <l^2>."""
     first = text.split(" ", 1)[0]
-    return (text[0].upper() if first.isalpha() and len(first) > 1 else text[0]) + text[1:] + "."
+    return text[0].upper() + text[1:] if first.isalpha() and len(first) > 1 else text
 
 
 def _one(found: TheoryCheck) -> str:
     """Return a number, its error bar, its theory and its deviation."""
     text = f"{found.quantity} = {measured_cell(found) or 'not known'}"
-    expected, theory = expected_cell(found), found.theory or "the value expected"
-    if not expected:
-        return text
     if not math.isfinite(found.z):
-        return f"{text}, beside {expected} of {theory}"
+        return f"{text}, beside {_expected(found)}" if expected_cell(found) else text
     way = "above" if found.z > 0.0 else "below"
-    text += f", {abs(found.z):.1f} standard errors {way} {theory}, {expected}"
+    text += f", {abs(found.z):.1f} standard errors {way} {_expected(found)}"
     return text + ", whose own uncertainty is the larger one" * found.better_than_theory
+
+
+def _expected(found: TheoryCheck) -> str:
+    """Return what was expected, and by which theory."""
+    theory = f"theory ({found.theory})" if found.theory else "the value expected"
+    return f"{theory}, {expected_cell(found)}"
 
 
 def _over_many(quantity: str, answers: Sequence[Answer], told: Sequence[Sequence[TheoryCheck]]) -> str:
@@ -80,10 +87,10 @@ def _over_many(quantity: str, answers: Sequence[Answer], told: Sequence[Sequence
         where, worst = max(compared, key=lambda pair: abs(pair[1].z))
         way = "above" if worst.z > 0.0 else "below"
         text += (
-            f": at most {abs(worst.z):.1f} standard errors from theory, which is at {where}, "
-            f"{measured_cell(worst)}, {way} {worst.theory or 'the value expected'}, {expected_cell(worst)}"
+            f". The largest deviation is at {where}: {measured_cell(worst)}, {abs(worst.z):.1f} standard "
+            f"errors {way} {_expected(worst)}"
         )
-    return text + "."
+    return _capital(text) + "."
 
 
 def _chance(deviations: Sequence[float]) -> list[str]:

@@ -21,9 +21,9 @@ _SIZE = re.compile(r' (?:width|height)="[^"]*pt"')
 
 
 def titles(figure: Figure) -> str:
-    """Return the titles of all panels, one after another."""
+    """Return the titles of all panels, one after another, without marks of mathematics."""
     found = [axes.get_title(loc) for axes in figure.axes for loc in ("left", "center", "right")]
-    return "; ".join(dict.fromkeys(filter(None, found)))
+    return "; ".join(dict.fromkeys(filter(None, found))).replace("$", "")
 
 
 def inline_svg(figure: Figure, label: str, prefix: str) -> str:

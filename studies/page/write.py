@@ -24,6 +24,7 @@ __all__ = ["Report", "write_page", "write_report"]
 VARYING = {"date", "machine", "time"}
 """What differs when the same run is repeated; marked with `data-varies` in the page."""
 
+LONG = 32  # characters of a cell that may be broken
 _NUMBER = re.compile(r"[-+]?(\d|inf|nan).*")
 
 
@@ -43,6 +44,8 @@ class Report:
         In a few sentences.
     notes : sequence of str
         What is to be known about the numbers.
+    spent : sequence of str
+        Notes about this run, which vary when it is repeated.
     figures : dict of Figure
         By the names of their files, without ending; they have the name of the gas.
     sections : sequence of Section
@@ -61,6 +64,7 @@ class Report:
     question: str
     answer: Sequence[str] = ()
     notes: Sequence[str] = ()
+    spent: Sequence[str] = ()
     figures: Mapping[str, Figure] = field(default_factory=dict)
     sections: Sequence[Section] = ()
     legend: Sequence[str] = ()
@@ -80,6 +84,7 @@ def write_report(
     summary: Mapping[str, Any],
     replay: Replay | None = None,
     replicas: int | None = None,
+    spent: Sequence[str] = (),
 ) -> None:
     """Write report.html from answers: the same tables and sentences as on the screen.
 
@@ -95,6 +100,8 @@ def write_report(
         What columns mean; what z is, is added.
     replicas : int, optional
         Runs of each gas, where the word has a meaning.
+    spent : sequence of str
+        As in `Report`.
 
     Raises
     ------
@@ -109,6 +116,7 @@ def write_report(
             question=question,
             answer=answer_in_words(answers),
             notes=notes_of(answers),
+            spent=spent,
             figures=figures,
             sections=sections(answers, replicas),
             legend=[*legend, *marks_of(answers)],
@@ -129,13 +137,16 @@ def write_page(out: OutputFolder, report: Report) -> None:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    engine.filters["numeric"] = _numeric
+    engine.filters["kinds"] = _kinds
+    checks = report.summary.get("checks", {})
     page = engine.get_template(REPORT).render(
         report=report,
+        failures=checks.get("failures", ()),
+        passed=checks.get("passed", False),
         figures=list(_drawn(report, out.figure_format)),
         made=_made(report.summary),
         files=[each for each in report.summary.get("files", ()) if each != REPORT],
-        how=HOW,
+        how=HOW.split("`"),
         bibtex=BIBTEX,
     )
     with out.partial(REPORT) as path:
@@ -156,15 +167,21 @@ def _drawn(report: Report, form: str) -> Iterator[_Drawn]:
     from markupsafe import Markup
 
     for k, (name, figure) in enumerate(report.figures.items()):
-        caption = titles(figure).replace("$", "") or name.replace("_", " ")
+        caption = ": ".join(filter(None, (name.replace("_", " "), titles(figure))))
         svg = inline_svg(figure, f"{caption}: {report.subject}", f"figure{k}-")
         yield _Drawn(in_format(f"{name}.png", form), caption, Markup(svg), float(figure.get_figwidth()))
 
 
-def _numeric(table: Table) -> list[bool]:
-    """Return which columns of a table hold numbers alone."""
-    columns = zip(*table.rows, strict=True)
-    return [all(_NUMBER.fullmatch(cell) for cell in column if cell) for column in columns]
+def _kinds(table: Table) -> list[Any]:
+    """Return the class of each column: n of numbers, t of long texts."""
+    from markupsafe import Markup
+
+    found = []
+    for column in zip(*table.rows, strict=True):
+        numeric = all(_NUMBER.fullmatch(cell) for cell in column if cell)
+        long = max(map(len, column)) > LONG
+        found.append(Markup(' class="n"' if numeric and not long else ' class="t"' if long else ""))
+    return found
 
 
 def _made(summary: Mapping[str, Any]) -> list[tuple[str, str, bool]]:

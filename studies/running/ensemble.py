@@ -36,7 +36,7 @@ NOT_IN_A_FILE = (
     "another; put it into a file and import it from there, to use all cores"
 )
 UNGUARDED = (
-    'a program that defines what its workers do must start them under `if __name__ == "__main__":`, since each '
+    'a program that defines what its workers do must start them under `if __name__ == "__main__":`, as each '
     "of them runs the rest of it"
 )
 

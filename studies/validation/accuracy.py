@@ -19,12 +19,15 @@ import hardspheres as hs
 from analysis import theory
 from analysis.statistics import Estimate
 from hardspheres.memory import require_room_for
+from studies.answer import Section, Table
 from studies.fluid import THEORY_UP_TO, Fluid, representatives
 from studies.options import densities, dimension, option, seed
+from studies.page import Report, write_page
 from studies.program import Program
-from studies.report import ALARM, OutputFolder, Screen, alarming, estimate_json, machine
+from studies.report import ALARM, OutputFolder, Screen, alarming, estimate_json, machine, today
 from studies.running.ensemble import replica_seeds, run_replicas
 from studies.running.journal import Shelf
+from studies.running.ownership import REPORT, SUMMARY
 from studies.validation.accuracy_answer import Curve, rounding_floor
 from studies.validation.accuracy_few import (
     CERTAIN,
@@ -70,6 +73,7 @@ class Accuracy(Program):
     """
 
     name = "accuracy"
+    question = "What does exactness cost, beside two time-stepping programs?"
     explanation = """
     The engine, the all-pairs solver and bouncing balls by time steps on the same gases in one run: distance
     from the trajectory at 50 digits, missed collisions, overlaps, pressure and mean free path, and cost.
@@ -77,6 +81,7 @@ class Accuracy(Program):
     again.
     """
     files = ("accuracy.csv", "accuracy.png")
+    reports = True
 
     packing_fractions: tuple[float, ...] = densities("0.01,0.3")
     n: int = option(4000, "Particles of the long runs; those beside the oracle have 32.", at_least=2)
@@ -329,7 +334,8 @@ def _compare_all(study: Accuracy, out: OutputFolder, screen: Screen) -> tuple[di
         from studies.validation.accuracy_figure import figure
 
         with screen.working("drawing"):
-            out.save_figure("accuracy.png", figure(compared), _in_words(study))
+            drawn = figure(compared)
+            out.save_figure("accuracy.png", drawn, _in_words(study))
         failures = [
             f"packing fraction {each.fluid.packing_fraction:g}: {sentence}"
             for each in compared
@@ -337,6 +343,8 @@ def _compare_all(study: Accuracy, out: OutputFolder, screen: Screen) -> tuple[di
         ]
         summary: dict[str, Any] = {
             "study": "accuracy",
+            "command": study.command,
+            "date": today(),
             "version": hs.__version__,
             "seed": study.seed,
             "n": study.n,
@@ -347,15 +355,27 @@ def _compare_all(study: Accuracy, out: OutputFolder, screen: Screen) -> tuple[di
             "answers": [sentence for each in compared for sentence in answers(each)],
             "checks": {"passed": not failures, "failures": failures, "alarm_in_standard_errors": ALARM},
             "machine": machine(),
-            "files": sorted({*out.files, "summary.json"}),
+            "files": sorted({*out.files, REPORT, SUMMARY}),
             "seconds": {
                 "setup_and_compilation": ready - began,
                 "runs": ran - ready,
                 "total": time.perf_counter() - began,
             },
         }
-        out.write_json("summary.json", summary)
-    _print(screen, study, compared, summary)
+        tables, legend = _tables(study, compared), _legend(study, summary)
+        page = Report(
+            name=study.name,
+            subject=_in_words(study),
+            question=study.asked,
+            answer=[_as_sentence(answer) for answer in summary["answers"]],
+            figures={"accuracy": drawn},
+            sections=tables,
+            legend=legend,
+            summary=summary,
+        )
+        write_page(out, page)
+        out.write_json(SUMMARY, summary)
+    _print(screen, tables, legend, summary)
     screen.say(f"{summary['seconds']['total']:.0f} s; written to {out.path}: {', '.join(summary['files'])}")
     return summary, not failures
 
@@ -521,48 +541,53 @@ def _in_words(study: Accuracy) -> str:
     )
 
 
-def _print(screen: Screen, study: Accuracy, compared: Sequence[Compared], summary: dict[str, Any]) -> None:
-    kind = "spheres" if study.dim == 3 else "discs"
-    screen.say(
-        f"{FEW} hard {kind} beside the trajectory at 50 digits, {study.n} against exact pressure and mean "
-        "free path; processor time in us per true collision"
-    )
-    header = [
-        "",
-        "dt",
-        f"us, {FEW}",
-        "trajectory",
-        "worst",
-        f"us, {study.n}",
-        "missed",
-        "overlap",
-        "Z - 1",
-        "mean free path",
+def _as_sentence(text: str) -> str:
+    return f"{text[0].upper()}{text[1:]}."
+
+
+def _tables(study: Accuracy, compared: Sequence[Compared]) -> list[Section]:
+    """Return a table for each packing fraction."""
+    few, many = f"us, {FEW}", f"us, {study.n}"
+    header = ["", "dt", few, "trajectory", "worst", many, "missed", "overlap", "Z - 1", "mean free path"]
+    return [
+        Section(
+            f"packing fraction {state.fluid.packing_fraction:g}",
+            [Table(header, [_cells(_row(state, key)) for key in state.keys], keys=2)],
+        )
+        for state in compared
     ]
-    for state in compared:
+
+
+def _legend(study: Accuracy, summary: dict[str, Any]) -> list[str]:
+    """Return what the columns are; first what stands above the tables on the screen."""
+    kind = "spheres" if study.dim == 3 else "discs"
+    rows = [row for state in summary["states"] for row in state["rows"]]
+    drift = max(row["energy_drift"] for row in rows if not math.isnan(row["energy_drift"]))
+    return [
+        (
+            f"{FEW} hard {kind} beside the trajectory at 50 digits, {study.n} against exact pressure and mean "
+            "free path; processor time in us per true collision"
+        ),
+        (
+            f"trajectory: rms distance from the true one after {COLLISIONS_PER_PARTICLE:g} collision per "
+            "particle, in diameters, median and worst of the scenes"
+        ),
+        (
+            "missed: pairs that pass through each other within a step or are not detected, per true collision; "
+            "overlap: the deepest, in diameters; Z - 1, mean free path: relative error"
+        ),
+        f"energy: no method lost more than {drift:.0e} of it, so energy is no measure of the other errors",
+    ]
+
+
+def _print(screen: Screen, tables: Sequence[Section], legend: Sequence[str], summary: dict[str, Any]) -> None:
+    screen.say(legend[0])
+    for section in tables:
         screen.say()
-        rows = [_cells(_row(state, key)) for key in state.keys]
-        screen.table(f"packing fraction {state.fluid.packing_fraction:g}", header, rows, keys=2)
+        for table in section.tables:
+            screen.table(section.title, table.header, table.rows, keys=table.keys)
     screen.say()
-    screen.say(
-        f"trajectory: rms distance from the true one after {COLLISIONS_PER_PARTICLE:g} collision per "
-        "particle, in diameters, median and worst of the scenes"
-    )
-    screen.say(
-        "missed: pairs that pass through each other within a step or are not detected, per true collision; "
-        "overlap: the deepest, in diameters; Z - 1, mean free path: relative error"
-    )
-    drift = max(
-        row["energy_drift"]
-        for state in summary["states"]
-        for row in state["rows"]
-        if not math.isnan(row["energy_drift"])
-    )
-    screen.say(
-        f"energy: no method lost more than {drift:.0e} of it, so energy is no measure of the other errors"
-    )
-    screen.say()
-    for sentence in summary["answers"]:
+    for sentence in (*legend[1:], "", *summary["answers"]):
         screen.say(sentence)
     for failure in summary["checks"]["failures"]:
         screen.say(f"CHECK FAILED, {failure}")

@@ -18,10 +18,13 @@ from numpy.typing import NDArray
 import hardspheres as hs
 from analysis.calibration import Calibration, calibrate
 from analysis.statistics import Estimate
+from studies.answer import Section, Table
 from studies.options import MANY, option, seed, workers
+from studies.page import Report, write_page
 from studies.program import Program
-from studies.report import OutputFolder, Screen, seconds_taken
+from studies.report import OutputFolder, Screen, machine, seconds_taken, today
 from studies.running.ensemble import available_cores, replica_seeds, run_replicas
+from studies.running.ownership import REPORT, SUMMARY
 from studies.validation import calibration_runs
 
 __all__ = ["Calibrations", "Row", "rows_of"]
@@ -42,11 +45,13 @@ class Calibrations(Program):
     """
 
     name = "calibration"
+    question = "Are the error bars right?"
     explanation = """
     It should follow Student's t with the degrees of freedom that the estimator quotes. Writes a summary, a
     table and a picture.
     """
     files = ("calibration.csv", "calibration.png")
+    reports = True
 
     runs: int = option(200, "Independent short runs of each estimator.", at_most=MANY)
     seed: int = seed()
@@ -157,10 +162,14 @@ def _calibrate(study: Calibrations, out: OutputFolder, screen: Screen) -> tuple[
         from studies.validation.calibration_figure import figure
 
         with screen.working("drawing"):
-            out.save_figure("calibration.png", figure(rows), _in_words(study))
+            drawn = figure(rows)
+            out.save_figure("calibration.png", drawn, _in_words(study))
         failures = [f"{row.family}, {row.name}: {row.result}" for row in rows if not row.result.passed]
-        summary = {
+        summary: dict[str, Any] = {
             "study": "calibration",
+            "command": study.command,
+            "date": today(),
+            "machine": machine(),
             "version": hs.__version__,
             "seed": study.seed,
             "options": {"runs": study.runs, "families": study.families},
@@ -168,11 +177,36 @@ def _calibrate(study: Calibrations, out: OutputFolder, screen: Screen) -> tuple[
             "families": {name: calibration_runs.FAMILIES[name].text for name in study.families},
             "rows": [_row_summary(row) for row in rows],
             "checks": {"passed": not failures, "failures": failures},
-            "files": sorted({*out.files, "calibration.csv", "summary.json"}),
+            "files": sorted({*out.files, REPORT, SUMMARY}),
             "seconds": seconds_taken(began, ready, ran, work="runs"),
         }
-        out.write_json("summary.json", summary)
-    _print(screen, study, rows, summary, out)
+        tables, legend = _tables(study, rows), _legend(rows)
+        page = Report(
+            name=study.name,
+            subject=_in_words(study),
+            question=study.asked,
+            answer=[f"{len(rows) - len(failures)} of {len(rows)} estimators are calibrated."],
+            figures={"calibration": drawn},
+            sections=tables,
+            legend=legend,
+            summary=summary,
+        )
+        write_page(out, page)
+        out.write_json(SUMMARY, summary)
+    for section in tables:
+        screen.say(section.title)
+        screen.say()
+        for table in section.tables:
+            screen.table("", table.header, table.rows)
+        screen.say()
+    for sentence in legend:
+        screen.say(sentence)
+    for failure in failures:
+        screen.say(f"CHECK FAILED, {failure}")
+    screen.say(
+        f"{len(rows)} estimators in {summary['seconds']['total']:.0f} s; written to {out.path}: "
+        f"{', '.join(summary['files'])}"
+    )
     return summary, not failures
 
 
@@ -206,52 +240,50 @@ def _in_words(study: Calibrations) -> str:
     return "; ".join(f"{study.runs} x {calibration_runs.FAMILIES[name].text}" for name in study.families)
 
 
-def _print(
-    screen: Screen, study: Calibrations, rows: Sequence[Row], summary: dict[str, Any], out: OutputFolder
-) -> None:
+def _tables(study: Calibrations, rows: Sequence[Row]) -> list[Section]:
+    """Return a table for each kind of runs."""
     header = ["estimator", "truth", "error", "d.o.f.", "mean", "spread", "Student's t", "z", "KS p", ""]
-    for name in study.families:
-        screen.say(f"{study.runs} x {calibration_runs.FAMILIES[name].text}")
-        screen.say()
-        table = []
-        for row in rows:
-            if row.family != name:
-                continue
-            result = row.result
-            z = (result.spread - result.expected_spread) / result.spread_error
-            table.append(
-                [
-                    row.name,
-                    row.source,
-                    f"{100 * row.relative_error:.2g} %" if np.isfinite(row.relative_error) else "",
-                    f"{row.degrees_of_freedom:.0f}" if np.isfinite(row.degrees_of_freedom) else "inf",
-                    f"{result.mean:+.2f}({100 * result.mean_error:.0f})",
-                    f"{result.spread:.3f}",
-                    f"{result.expected_spread:.3f}({1000 * result.spread_error:.0f})",
-                    f"{z:+.1f}",
-                    f"{result.p_value:.2g}",
-                    "" if result.passed else "NO",
-                ]
-            )
-        screen.table("", header, table)
-        screen.say()
-    screen.say(
-        "error: mean standard error of one run over the truth; mean, spread: of (value - truth) / standard "
-        "error over the runs"
-    )
-    screen.say(
-        "Student's t: its standard deviation with the quoted degrees of freedom, in brackets the standard "
-        "error of the difference; z: difference in these"
-    )
-    screen.say("mean of runs: no theory is good enough, so that only spread and shape are tested")
+    return [
+        Section(
+            f"{study.runs} x {calibration_runs.FAMILIES[name].text}",
+            [Table(header, [_cells(row) for row in rows if row.family == name])],
+        )
+        for name in study.families
+    ]
+
+
+def _cells(row: Row) -> list[str]:
+    result = row.result
+    z = (result.spread - result.expected_spread) / result.spread_error
+    return [
+        row.name,
+        row.source,
+        f"{100 * row.relative_error:.2g} %" if np.isfinite(row.relative_error) else "",
+        f"{row.degrees_of_freedom:.0f}" if np.isfinite(row.degrees_of_freedom) else "inf",
+        f"{result.mean:+.2f}({100 * result.mean_error:.0f})",
+        f"{result.spread:.3f}",
+        f"{result.expected_spread:.3f}({1000 * result.spread_error:.0f})",
+        f"{z:+.1f}",
+        f"{result.p_value:.2g}",
+        "" if result.passed else "NO",
+    ]
+
+
+def _legend(rows: Sequence[Row]) -> list[str]:
+    """Return what the columns are, and when an estimator is calibrated."""
     chance = 1.0 - (1.0 - 0.0037) ** len(rows)
-    screen.say(
-        f"calibrated: KS p > 0.001 and |z| < 3; by chance one of {len(rows)} right estimators fails in "
-        f"{100 * chance:.0f} % of all seeds"
-    )
-    for failure in summary["checks"]["failures"]:
-        screen.say(f"CHECK FAILED, {failure}")
-    screen.say(
-        f"{len(rows)} estimators in {summary['seconds']['total']:.0f} s; written to {out.path}: "
-        f"{', '.join(summary['files'])}"
-    )
+    return [
+        (
+            "error: mean standard error of one run over the truth; mean, spread: of (value - truth) / standard "
+            "error over the runs"
+        ),
+        (
+            "Student's t: its standard deviation with the quoted degrees of freedom, in brackets the standard "
+            "error of the difference; z: difference in these"
+        ),
+        "mean of runs: no theory is good enough, so that only spread and shape are tested",
+        (
+            f"calibrated: KS p > 0.001 and |z| < 3; by chance one of {len(rows)} right estimators fails in "
+            f"{100 * chance:.0f} % of all seeds"
+        ),
+    ]

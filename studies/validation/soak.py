@@ -112,6 +112,7 @@ class Soak(Study):
     """A fluid, and for a tenth as long a mixture between walls."""
 
     name = "soak"
+    question = "What changes in 1e9 collisions that must not?"
     explanation = """
     Energy, momentum, overlaps, events out of order and resident memory of a fluid at packing fraction 0.3,
     and of a mixture between walls. Takes about half an hour on two cores. Writes a summary and two tables.

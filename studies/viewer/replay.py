@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 import hardspheres as hs
 from hardspheres.event_log import event_dtype
 from hardspheres.temporary import temporary_beside
+from studies.fluid import kind_of
 
 __all__ = ["Replay", "replay_by_steps", "view"]
 
@@ -61,8 +62,7 @@ class Replay:
     @property
     def _title(self) -> str:
         scene = self.scene
-        kind = "spheres" if scene.dim == 3 else "discs"
-        return f"{scene.n} hard {kind}, packing fraction {scene.packing_fraction:.3g}"
+        return f"{scene.n} {kind_of(scene)}, packing fraction {scene.packing_fraction:.3g}"
 
     def _head(self) -> dict[str, Any]:
         scene = self.scene
@@ -73,13 +73,22 @@ class Replay:
             "duration": self.duration,
             "box": scene.box.tolist(),
             "periodic": scene.periodic.tolist(),
+            "labels": None if self._labels is None else self._labels[0].tolist(),
         }
+
+    @property
+    def _labels(self) -> Any:
+        """Labels that differ, and which of them each particle has; None where they tell nothing apart."""
+        labels = getattr(self.scene, "labels", None)
+        names, which = np.unique([] if labels is None else labels, return_inverse=True)
+        return (names, which) if len(names) > 1 else None
 
     def _data(self) -> bytes:
         scene, events = self.scene, self.events
         momenta = events["normal"] * events["impulse"][:, None]
         floats = (scene.positions, scene.velocities, scene.radii, scene.masses, events["time"], momenta)
-        whole = (events["i"], events["j"], scene.species)
+        whole = [events["i"], events["j"], scene.species]
+        whole += [] if self._labels is None else [self._labels[1]]
         parts = [part.astype("<f8") for part in floats] + [part.astype("<i4") for part in whole]
         return b"".join(part.tobytes() for part in parts)
 

@@ -5,6 +5,7 @@ import importlib
 import inspect
 import pickle
 import pkgutil
+import re
 from dataclasses import fields, is_dataclass, replace
 from types import SimpleNamespace
 
@@ -222,9 +223,7 @@ def test_memory_does_not_grow_with_the_blocks(kind):
 def test_repr_tells_results_or_that_there_are_none(kind):
     """Sibling: an estimator that has seen nothing; what cannot be told yet raises nothing."""
     name = kind.__name__
-    known = {FreePath: "labels, predictions", Pressure: "predictions"}
-    empty = f"{known[kind]}; nothing more yet" if kind in known else "nothing added yet"
-    assert repr(new(kind)) == f"<{name}: {empty}>"
+    assert repr(new(kind)) == f"<{name}: nothing added yet>"
     special = {TemperatureEquilibration: random_gas("3d_mixture", 60, 0.02), Spreading: walled(32)}
     scene = special.get(kind, random_gas("3d", 32, 0.1))
     estimator = kind(scene) if kind in (Pressure, FreePath) else new(kind)
@@ -233,9 +232,13 @@ def test_repr_tells_results_or_that_there_are_none(kind):
     for frame in sim.frames(every=3.0, count=21):
         estimator.add(frame)
     text = repr(estimator)
-    assert text.startswith(f"<{name}: ") and "nothing" not in text and "\n" not in text and len(text) < 300
+    assert text.startswith(f"<{name} of {scene.n} particles") and "\n" not in text
+    assert ("no result yet" in text) == (kind is AnisotropyDecay)  # in an isotropic gas
+    assert len(text) < 250 and re.search(
+        r"D at packing fraction 0\.\d+, (21|20|1) (frames|moments|blocks|replica):", text
+    )
     if kind is Pressure:
-        assert f"virial {estimator.virial}" in text and "n_blocks 20" in text
+        assert f"virial {estimator.virial}" in text and "20 blocks" in text
 
 
 def same(a, b):

@@ -30,7 +30,7 @@ def test_help_and_version_load_nothing_heavy():
         "sys.argv = ['hardspheres', {!r}]\n"
         "try: cli.main()\n"
         "except SystemExit as end: assert end.code in (0, None), end.code\n"
-        "heavy = {{'numba', 'ase', 'matplotlib', 'scipy'}} & set(sys.modules)\n"
+        "heavy = {{'numba', 'ase', 'matplotlib', 'scipy', 'jinja2'}} & set(sys.modules)\n"
         "assert not heavy, heavy\n"
     )
     for option in ("--help", "--version"):

@@ -14,7 +14,10 @@ from studies.registry import QUESTIONS, study_named
 from studies.report import OutputFolder, Screen
 from studies.running.encoding import encode
 from studies.running.journal import Shelf
+from studies.running.ownership import files_of
 from studies.study import Study, conduct, run_study
+
+from .pages import Page, masked
 
 SMALL = {
     "diffusion": {"n": 64, "packing_fractions": (0.1,), "collisions_per_particle": 80.0, "replicas": 4},
@@ -65,6 +68,25 @@ def typed(name):
     return [name, *options]
 
 
+class Remembering(Screen):
+    """A screen that also keeps what it shows."""
+
+    def __init__(self):
+        super().__init__(json_output=True)
+        self.tables, self.sentences = [], []
+
+    def say(self, text=""):
+        super().say(text)
+        self.sentences.append(text)
+
+    def table(self, title, columns, rows, **options):
+        super().table(title, columns, rows, **options)
+        self.tables.append([list(columns), *map(list, rows)])
+
+
+printed = {}  # what the studies of `finished` showed
+
+
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
     """Folder and summary of every study, run once."""
@@ -72,8 +94,9 @@ def finished(tmp_path_factory):
 
     def run(name):
         if name not in kept:
-            out = OutputFolder(tmp_path_factory.mktemp("runs") / name)
-            kept[name] = (out, *conduct(small(name), out, Screen(json_output=True)))
+            out, screen = OutputFolder(tmp_path_factory.mktemp("runs") / name), Remembering()
+            kept[name] = (out, *conduct(small(name), out, screen))
+            printed[name] = screen
         return kept[name]
 
     return run
@@ -85,7 +108,8 @@ def test_its_files_agree(name, finished):
     kind = study_named(name)
     assert sound and summary["checks"]["passed"] and summary["study"] == kind.name == name
     there = {path.name for path in out.path.iterdir()}
-    assert there == set(summary["files"]) and there <= {"summary.json", *kind.files}
+    assert there == set(summary["files"]) and there <= {"summary.json", *files_of(kind)}
+    assert "report.html" in there
     assert f"{kind.table}.csv" in there
     stored = json.loads((out.path / "summary.json").read_text())
     assert stored["states"] == json.loads(json.dumps(stored["states"], allow_nan=False))  # strict JSON
@@ -104,6 +128,26 @@ def test_its_files_agree(name, finished):
     for state in stored["states"]:
         main_ones = state["main"]
         assert isinstance(main_ones, str) or set(main_ones) <= {q["quantity"] for q in state["measured"]}
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_its_report_says_what_was_printed(name, finished):
+    """Every table cell by cell, every sentence but those of the run itself, and what made it."""
+    out, summary, _ = finished(name)
+    text = (out.path / "report.html").read_text(encoding="utf-8")
+    page, shown = Page(text), printed[name]
+    assert page.tables == shown.tables and shown.tables
+    said = shown.sentences[: next(k for k, s in enumerate(shown.sentences) if "collisions in" in s)]
+    missing = [
+        sentence for sentence in said if " ".join(sentence.split()) not in page.text + str(page.labels)
+    ]
+    assert not missing
+    assert summary["command"] in page.text and summary["digest"] in page.text
+    assert set(page.links) == {name for name in summary["files"] if name != "report.html"}
+    assert study_named(name).question in page.text and "All checks passed." in page.text
+    assert page.names.count("svg") == sum(file.endswith(".png") for file in summary["files"])
+    assert len(text) < 1e6 and len(set(page.ids)) == len(page.ids)
+    assert not [what for what in page.loads if not what.startswith(("#", "data:,", "url(#"))]
 
 
 @pytest.mark.parametrize("name", STUDIES)
@@ -135,9 +179,12 @@ def test_workers_change_nothing(name, finished, tmp_path):
     if name == "soak":  # it measures the memory of each process
         return
     np.testing.assert_equal(again["states"], summary["states"])
+    assert again["digest"] == summary["digest"]
     for path in out.path.glob("*.*"):
-        if path.suffix in (".csv", ".xyz"):
+        if path.suffix in (".csv", ".xyz", ".png"):
             assert path.read_bytes() == (other.path / path.name).read_bytes()
+    pages = [(folder.path / "report.html").read_text(encoding="utf-8") for folder in (out, other)]
+    assert masked(pages[0]) == masked(pages[1]) and pages[0] != pages[1]
 
 
 class Interrupted(Exception):

@@ -18,6 +18,8 @@ if sys.platform != "win32":
 
 from studies.running.locking import Lock
 
+from .pages import masked
+
 pytestmark = pytest.mark.skipif(
     not sys.platform.startswith("linux"), reason="reads /proc, sends POSIX signals"
 )
@@ -78,6 +80,7 @@ def contents(folder):
     """Every file of a folder but for timings; no folder may be left in it."""
     files = {path.name: path.read_bytes() for path in folder.iterdir()}
     files["summary.json"] = json.dumps(without_timings(json.loads(files["summary.json"])))
+    files["report.html"] = masked(files["report.html"].decode())
     return files
 
 

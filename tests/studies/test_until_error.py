@@ -31,7 +31,7 @@ class Coins:
         """By more replicas, as most studies."""
 
 
-def toss(study, out, screen, record=True):
+def toss(study, out, screen, record=True, conclude=None):
     """Estimate the mean as studies do, from the spread of the replicas."""
     x = np.random.default_rng(study.seed).normal(1.0, 0.2, study.replicas)
     error = float(np.std(x, ddof=1)) / math.sqrt(study.replicas)
@@ -39,6 +39,8 @@ def toss(study, out, screen, record=True):
     state = {"packing_fraction": 0.1, "main": ["mean"], "measured": [{"quantity": "mean", **estimate}]}
     summary = {"study": "coins", "states": [state], "replicas": study.replicas}
     summary |= {"collisions": 100 * study.replicas, "collisions_per_second_and_core": 1000.0}
+    if conclude is not None:
+        screen.say(conclude(summary))
     out.create()
     out.write_json("summary.json", summary)
     return summary, True

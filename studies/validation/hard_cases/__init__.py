@@ -8,9 +8,12 @@ from types import ModuleType
 from typing import Any
 
 import hardspheres as hs
+from studies.answer import Section, Table
 from studies.options import OptionError, option, word
+from studies.page import Report, write_page
 from studies.program import Program
-from studies.report import OutputFolder, Screen
+from studies.report import OutputFolder, Screen, machine, today
+from studies.running.ownership import REPORT, SUMMARY
 from studies.validation.hard_cases import (
     cradle,
     distances,
@@ -47,6 +50,7 @@ class HardCases(Program):
     """Scenes whose answer is exact, or where methods break."""
 
     name = "hard-cases"
+    question = "Is the engine right where the answer is exact, or where methods break?"
     explanation = """
     Collisions that count digits of pi, cradles, wide ratios of mass and size, grazing collisions, close
     packing, huge and tiny boxes, reversal, symmetries, solved gases. Writes a table of the exact answer, the
@@ -54,6 +58,7 @@ class HardCases(Program):
     again.
     """
     files = ("hard_cases.csv",)
+    reports = True
 
     size: str = option(
         "full",
@@ -87,7 +92,7 @@ class HardCases(Program):
         with out.running(self) as shelf:
             with keeping(shelf):
                 rows = _table(size, groups, screen)
-            summary = _written(size, rows, out, began)
+            summary = _written(self, size, rows, out, began)
         failures = summary["checks"]["failures"]
         screen.say(f"{len(rows) - len(failures)} of {len(rows)} cases passed in {summary['seconds']:.0f} s")
         for failure in failures:
@@ -103,15 +108,26 @@ def _table(size: Size, groups: dict[str, ModuleType], screen: Screen) -> list[tu
         started = time.perf_counter()
         with screen.working(f"{group.TITLE} ..."):
             done: list[Case] = list(group.cases(size))
-        lines = [(c.name, c.exact, c.engine, c.digits_text, "" if c.passed else "FAILED") for c in done]
+        lines = [_cells(case) for case in done]
         screen.table(f"{group.TITLE} ({time.perf_counter() - started:.0f} s)", COLUMNS, lines, wrap=True)
         screen.say()
         rows += [(name, case) for case in done]
     return rows
 
 
-def _written(size: Size, rows: list[tuple[str, Case]], out: OutputFolder, began: float) -> dict[str, Any]:
-    """Write hard_cases.csv and summary.json; return the content of the latter."""
+def _cells(case: Case) -> list[str]:
+    return [case.name, case.exact, case.engine, case.digits_text, "" if case.passed else "FAILED"]
+
+
+def _section(name: str, rows: list[tuple[str, Case]]) -> Section:
+    cells = [_cells(case) for group, case in rows if group == name]
+    return Section(GROUPS[name].TITLE, [Table(COLUMNS, cells)])
+
+
+def _written(
+    study: HardCases, size: Size, rows: list[tuple[str, Case]], out: OutputFolder, began: float
+) -> dict[str, Any]:
+    """Write hard_cases.csv, report.html and summary.json; return the content of the latter."""
     failures = [f"{name}: {case.name}: {case.engine}" for name, case in rows if not case.passed]
     columns: dict[str, list[Any]] = {"group": [name for name, _ in rows]}
     for field in ("name", "exact", "engine", "error", "allowed", "digits", "passed"):
@@ -119,12 +135,29 @@ def _written(size: Size, rows: list[tuple[str, Case]], out: OutputFolder, began:
     out.write_csv("hard_cases.csv", columns)
     summary: dict[str, Any] = {
         "study": "hard-cases",
+        "command": study.command,
+        "date": today(),
+        "machine": machine(),
         "size": size,
         "cases": [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)],
         "checks": {"passed": not failures, "failures": failures},
         "seconds": time.perf_counter() - began,
         "version": hs.__version__,
-        "files": [*out.files, "summary.json"],
+        "files": sorted({*out.files, REPORT, SUMMARY}),
     }
-    out.write_json("summary.json", summary)
+    page = Report(
+        name=study.name,
+        subject=f"hard cases, {size}",
+        question=study.asked,
+        answer=[f"{len(rows) - len(failures)} of {len(rows)} cases passed."],
+        sections=[
+            Section(
+                GROUPS[name].TITLE, [Table(COLUMNS, [_cells(case) for group, case in rows if group == name])]
+            )
+            for name in dict.fromkeys(group for group, _ in rows)
+        ],
+        summary=summary,
+    )
+    write_page(out, page)
+    out.write_json(SUMMARY, summary)
     return summary

@@ -381,7 +381,7 @@ def test_every_file_that_a_program_writes_is_known():
     for name in QUESTIONS:
         kind = study_named(name)
         if not issubclass(kind, Study) and not kind.page:  # a page is written where --out says
-            known[Path(sys.modules[kind.__module__].__file__)] = {SUMMARY, *kind.files}
+            known[Path(sys.modules[kind.__module__].__file__)] = set(kind.files)
     for source, files in known.items():
         written = set()
         for own in source.parent.glob("*.py") if source.stem in ("__init__", "command") else [source]:
@@ -390,7 +390,7 @@ def test_every_file_that_a_program_writes_is_known():
                 writes = call and call.func.attr in ("write_csv", "write_json", "save_figure", "partial")
                 if writes and call.args and isinstance(call.args[0], ast.Constant):
                     written.add(call.args[0].value)
-        assert written == files, source
+        assert written - {SUMMARY} == files, source
 
 
 def test_a_new_run_does_not_load_every_study(tmp_path, monkeypatch):
