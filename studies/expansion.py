@@ -167,10 +167,10 @@ class HalfFull:
         return self.start.scene(seed)
 
     def opened(self, scene: hs.Scene) -> hs.Scene:
-        """Return the same particles in the whole box; those in the lower half have the label 0, others 1."""
+        """Return the same particles in the whole box; of halves that mix, 0 labels the lower, 1 the upper."""
         box = scene.box.copy()
         box[AXIS] *= 1.0 if self.mix else 2.0
-        labels = np.where(scene.positions[:, AXIS] < 0.5 * box[AXIS], 0, 1)
+        labels = np.where(scene.positions[:, AXIS] < 0.5 * box[AXIS], 0, 1) if self.mix else None
         same = (scene.positions, scene.velocities, scene.radii, scene.masses)
         return hs.Scene.as_left(*same, box, scene.boundary, labels)
 
@@ -250,7 +250,9 @@ class WayBack:
         assert self.running is not None
         stop = len(self.times) - 1 - len(self.s[-1])
         (frame,) = self.running.frames(times=[self.times[-1] - self.times[stop]])
-        counts = cell_counts(frame.positions[frame.scene.labels == 0], frame.scene, AXIS, cells)
+        labels = frame.scene.labels
+        followed = frame.positions if labels is None else frame.positions[labels == 0]
+        counts = cell_counts(followed, frame.scene, AXIS, cells)
         off = frame.positions - self.there[stop]
         off -= np.where(frame.scene.periodic, frame.scene.box * np.rint(off / frame.scene.box), 0.0)
         self.s[-1].append(frame.collisions_per_particle)
@@ -411,7 +413,7 @@ class Expansion(Study):
             failures.append(
                 f"kT has changed by {cooled:.1e} of itself: free expansion does not cool this gas"
             )
-        notes = []
+        notes = [_came_back(returns)]
         if not _retraced(gas, back):
             notes.append(
                 "every way back was retraced, or nearly: ask for a later --reverse-after to see the end"
@@ -457,7 +459,8 @@ class Expansion(Study):
                 "change, 0.008 for each one per particle"
             )
         columns = (
-            f"t: in transit times, half of the box over sqrt(kT/m); right: share {who} in the right half; S: "
+            f"t: time in transit times, half of the box over sqrt(kT/m); s: collisions per particle; right: share "
+            f"{who} in the right half; S: "
             f"entropy of the density in {self.cells} cells along x, per particle, 0 for one half and ln 2 = "
             "0.6931 for all of the box, of all replicas together, so that few particles in a cell do not "
             "lower it"
@@ -552,7 +555,7 @@ def _last_entropy(there: Spreading, died_out: float) -> TheoryCheck:
     """Return the entropy at the last moment beside ln 2, less what waves and layers at walls leave."""
     expected = None
     if died_out >= ENOUGH:
-        expected = Prediction(math.log(2.0), there.layering + math.exp(-2.0 * died_out))
+        expected = Prediction(math.log(2.0), max(there.layering + math.exp(-2.0 * died_out), 1e-5))
     return number("entropy at the end, per particle", there.entropies[-1], "ln 2", expected)
 
 
@@ -627,6 +630,15 @@ def _returns(gas: HalfFull, back: Sequence[WayBack]) -> tuple[Curves, list[str]]
         "off": Column(off, off * log_error, np.where(small, np.exp(log_expected), np.nan), z=z, title="off"),
     }
     return Curves({"reversed": s, "t": time / gas.half}, columns, printed=True), failures
+
+
+def _came_back(returns: Curves) -> str:
+    """Return in a sentence how much of the gas was in the left half again."""
+    left = returns.columns["left_on_return"].value
+    told = [
+        f"{100 * share:.3g} % at s = {s:.3g}" for s, share in zip(returns.axes["reversed"], left, strict=True)
+    ]
+    return f"in the left half again, by collisions per particle at the reversal: {', '.join(told)}"
 
 
 def _log_off(gas: HalfFull, distance: Any) -> Any:

@@ -115,7 +115,7 @@ def test_the_way_back_of_one_gas_is_its_way_there():
     before = hs.Simulation(gas.scene(np.random.SeedSequence(4)))
     before.run(collisions=200)
     opened = gas.opened(before.to_scene())
-    assert opened.box.tolist() == (before.scene.box * [2, 1, 1]).tolist() and not opened.labels.any()
+    assert opened.box.tolist() == (before.scene.box * [2, 1, 1]).tolist() and opened.labels is None
     back = WayBack(ahead=hs.Simulation(opened))
     for _ in back.go({0: False, 20: False, 100: True, 150: False, 200: True}, 10):
         pass
