@@ -10,7 +10,9 @@ In a shorter run, quantities that depend on them keep their initial values, howe
 
 from __future__ import annotations
 
+import math
 import warnings
+from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -18,7 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis import theory
+from analysis.brief import brief
 from analysis.reduced import Gas
+from hardspheres.scene import drift
 
 if TYPE_CHECKING:
     from hardspheres import Frame, Scene
@@ -26,6 +30,7 @@ if TYPE_CHECKING:
 __all__ = [
     "FrameWeights",
     "FrozenWarning",
+    "MeasuredCollisions",
     "variance_growth",
     "velocity_correlation_times",
     "virial_block_length",
@@ -93,9 +98,14 @@ def velocity_correlation_times(scene: Scene) -> NDArray[np.float64]:
     scene : Scene
         The gas; its velocities and positions are not used.
     """
+    return _times(scene)[1]
+
+
+def _times(scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the decay times of velocities, and the longer ones with the exchange of energy, both (k,)."""
     gas = Gas.of(scene)
     if gas.n < 2:
-        return np.full(len(gas.sizes), np.inf)
+        return np.full(len(gas.sizes), np.inf), np.full(len(gas.sizes), np.inf)
     mass, share = gas.masses, gas.sizes / gas.n
     dilute = share * 1e-9 / float(gas.diameters.max() / 2.0) ** gas.dim
     nu = theory.mixture_collision_rates(dilute, gas.diameters, mass, gas.dim)
@@ -105,7 +115,8 @@ def velocity_correlation_times(scene: Scene) -> NDArray[np.float64]:
     )
     minor = (share <= 0.5) & (len(share) > 1)
     forgets = np.where(minor, np.minimum(loses, (exchanged + exchanged.T).sum(axis=1)), loses)
-    return np.asarray(float(share @ nu.sum(axis=1)) / forgets)
+    collisions = float(share @ nu.sum(axis=1))
+    return np.asarray(collisions / loses), np.asarray(collisions / forgets)
 
 
 @dataclass(eq=False)
@@ -127,6 +138,8 @@ class FrameWeights:
     _last: float = np.inf
     _tested: float = np.inf
     _span: float = 0.0  # collisions per particle between frames
+
+    __repr__ = brief
 
     def add(self, frame: Frame) -> bool:
         """Add a frame; return whether it is `INDEPENDENT` correlation times after the last one tested."""
@@ -158,6 +171,87 @@ class FrameWeights:
         """Warn, as the function of this name, if fewer than `LONG_RUN` frames count as independent."""
         if self._span > 0.0 and float(self.effective.min()) < LONG_RUN:
             warn_if_frozen(self._times, self._span)
+
+
+class MeasuredCollisions:
+    """Collisions per particle between frames that come without, from how far velocities have decorrelated.
+
+    ds = -tau ln C, with C the correlation of the velocities of a species in successive frames, and tau the
+    decay time of its velocities: of the species with the longest tau whose C is not lost in noise. C is that
+    of the last few pairs of frames, so many that its noise is at most 0.03; below 0.03, or twice its noise,
+    it counts as 0, and where that is so for all species frames count as independent. Walls turn a velocity
+    without changing a temperature: C is that of the components along periodic axes, and where there is none
+    that of the speeds less their mean, which in a gas of one species decays at the same rate.
+    Only ds / tau matters for error bars, and that is right for any interaction whose velocity correlation
+    decays exponentially.
+
+    Attributes
+    ----------
+    s : float
+        Collisions per particle since the first frame.
+    """
+
+    UNRELATED = 8.0  # correlation times between frames whose velocities show no correlation
+    LEAST = 0.03  # correlation that counts
+
+    def __init__(self) -> None:
+        self.s = 0.0
+        self._before: NDArray[np.float64] | None = None
+
+    def _begin(self, scene: Scene) -> None:
+        self._taus, longest = _times(scene)
+        self._longest = float(longest.max())
+        self._order = np.argsort(-self._taus)
+        self._numbers = max(int(scene.periodic.sum()), 1) * np.bincount(scene.species)
+        self._pairs: list[deque[tuple[float, float]]] = [
+            deque(maxlen=math.ceil(1.0 / (self.LEAST**2 * count))) for count in self._numbers
+        ]
+        self._sums = np.zeros((len(self._taus), 2))
+
+    def __repr__(self) -> str:
+        """Return how many collisions have passed."""
+        return f"<MeasuredCollisions: {self.s:.4g} per particle>"
+
+    @property
+    def correlation(self) -> float:
+        """C of all pairs of frames, of the species whose velocities decay most slowly; NaN without a pair."""
+        if self._before is None or not self._sums.any():
+            return math.nan
+        product, square = self._sums[self._order[0]]
+        return float(product / square)
+
+    def add(self, scene: Scene, velocities: NDArray[np.float64]) -> float:
+        """Take in the velocities, (N, d), of the next frame; return its `s`."""
+        if self._before is None:
+            self._begin(scene)
+        if scene.periodic.any():
+            now = (velocities - drift(velocities, scene.masses, scene.periodic))[:, scene.periodic]
+        else:
+            now = np.sqrt((velocities**2).sum(axis=1, keepdims=True))
+            sizes = np.bincount(scene.species)
+            now -= (np.bincount(scene.species, now[:, 0]) / sizes)[scene.species, None]
+        if self._before is not None:
+            parts = [now * self._before, now**2, self._before**2]
+            kinds = len(self._taus)
+            product, one, other = (
+                np.bincount(scene.species, part.sum(axis=1), minlength=kinds) for part in parts
+            )
+            found = np.stack([product, np.sqrt(one * other)], axis=1)
+            self._sums += found
+            for pairs, own in zip(self._pairs, found.tolist(), strict=True):
+                pairs.append((own[0], own[1]))
+            self.s += max(self._apart(), 1e-9 * self._longest)  # s of a later frame is always larger
+        self._before = now
+        return self.s
+
+    def _apart(self) -> float:
+        """Return ds of the last two frames."""
+        for kind in self._order:
+            product, square = np.sum(self._pairs[kind], axis=0)
+            least = max(2.0 / math.sqrt(self._numbers[kind] * len(self._pairs[kind])), self.LEAST)
+            if product > least * square:
+                return float(-self._taus[kind] * math.log(min(product / square, 1.0)))
+        return self.UNRELATED * self._longest
 
 
 def warn_if_frozen(scene: Scene | NDArray[np.float64], collisions_per_particle: float) -> None:

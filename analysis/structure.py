@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import warnings
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -59,8 +60,8 @@ class PairDistribution(BlockEstimator):
     after a collision, as ``sim.frames(collisions_per_particle=...)`` gives them, one pair is always in
     contact; where that happened in more than half of the frames, the contact value comes with a
     `ContactSamplingWarning`. Frames a few collisions per particle apart are nearly independent; correlated
-    ones are allowed, errors come from blocks (`series.estimate_from_series`) of the frames. Memory does not
-    grow with the number of frames.
+    ones are allowed, errors come from blocks (`series.estimate_from_series`) of the frames. Those of a single
+    frame are Poisson's of its pairs. Memory does not grow with the number of frames.
     """
 
     def __init__(self, depth: float = 1.0, bins: int = 100, window: float = 0.25, degree: int = 4) -> None:
@@ -167,8 +168,7 @@ class PairDistribution(BlockEstimator):
         return [series.rows for series in self._series()]
 
     def _require_frames(self) -> None:
-        ready = sum(map(len, self._series())) >= 2
-        self._require(ready, "two frames", "add(frame) twice or more")
+        self._require(bool(self._series()), "frames", "add(frame)")
 
     @property
     def _frames(self) -> int:
@@ -199,6 +199,8 @@ class PairDistribution(BlockEstimator):
 
         In bins of fewer than 10 pairs no less than Poisson's, see `_sparse_variance`.
         """
+        if self._frames == 1:
+            return np.asarray(np.sqrt(self._poisson_variance()))
         functional, shares = self._extrapolation(self.degree), self._shares()
         variances, frames = [], []
         for group in run_groups(runs := self._rows()):
@@ -224,8 +226,19 @@ class PairDistribution(BlockEstimator):
         A bin without pairs still has an uncertainty: if E pairs are expected without correlation and n were
         observed, the variance is Poisson's for max(n, E) pairs, or max(n, E)/E^2 of g.
         """
-        seen, expected, sparse = self._sparse()
-        return np.asarray(sparse * np.maximum(seen, expected) / expected**2)
+        return np.asarray(self._sparse()[2] * self._poisson_variance())
+
+    def _poisson_variance(self) -> FloatArray:
+        """Return the variance of g from max(n, E) pairs in each bin, (pairs, bins)."""
+        seen, expected, _ = self._sparse()
+        return np.asarray(np.maximum(seen, expected) / expected**2)
+
+    def _sum_over_bins(self, runs: Sequence[FloatArray], weights: FloatArray) -> Estimate:
+        """Return the mean of a sum of g over bins, from its value in each row of each run."""
+        if self._frames == 1:
+            error = math.sqrt(float((weights**2 * self._poisson_variance()).sum()))
+            return Estimate(float(runs[0][0]), error, 1.0)
+        return self._with_floor(self._pooled(runs), weights)
 
     def _with_floor(self, estimate: Estimate, weights: FloatArray) -> Estimate:
         """Return a sum of g over bins with no smaller an error than sparse bins leave; weights (pairs, bins).
@@ -298,7 +311,7 @@ class PairDistribution(BlockEstimator):
         for index, pair in enumerate(self._pairs()):
             weights = np.zeros((values[0].shape[1], len(functional)))
             weights[index] = functional
-            contacts[pair] = self._with_floor(self._pooled([run[:, index] for run in values]), weights)
+            contacts[pair] = self._sum_over_bins([run[:, index] for run in values], weights)
         return contacts
 
     @property
@@ -310,8 +323,8 @@ class PairDistribution(BlockEstimator):
         and with `theory.finite_size_compressibility`.
         """
         shares = self._shares() * self.gas.n / (self.gas.n - 1)
-        estimate = self._pooled([1.0 + run @ shares for run in self._contact_rows()])
-        return self._with_floor(estimate, np.outer(shares, self._extrapolation(self.degree)))
+        weights = np.outer(shares, self._extrapolation(self.degree))
+        return self._sum_over_bins([1.0 + run @ shares for run in self._contact_rows()], weights)
 
     @property
     def extrapolation_bias(self) -> float:
@@ -333,7 +346,10 @@ class PairDistribution(BlockEstimator):
 
         measured = self.compressibility_factor
         assert self._scene is not None
-        name, expected = next(iter(Pressure(self._scene).predictions.items()))
+        scene = self._scene
+        if not scene.thermal_energy > 0.0:  # positions alone; Z does not depend on velocities
+            scene = scene.with_state(scene.positions, scene.positions - scene.positions.mean(axis=0))
+        name, expected = next(iter(Pressure(scene).predictions.items()))
         uncertainty = math.hypot(expected.uncertainty, self.extrapolation_bias)
         return TheoryCheck("Z from g at contact", name, measured, expected.value, uncertainty)
 

@@ -220,13 +220,15 @@ def _number(text: str, option: str) -> float:
         raise OptionError(f"{option}: {text!r} is no number") from None
 
 
-def of_labels(option: str) -> dict[str, Any]:
+def of_labels(option: str, file: str = "--from") -> dict[str, Any]:
     """Return what `typer.Option` needs for a number of all particles of a file, or of each label.
 
     Parameters
     ----------
     option : str
         Its name, with dashes.
+    file : str
+        What the command line calls the file.
     """
 
     def parsed(text: str) -> float | dict[str, float]:
@@ -240,7 +242,7 @@ def of_labels(option: str) -> dict[str, Any]:
     return {
         "parser": parsed,
         "metavar": "NUMBER|LABEL=NUMBER,...",
-        "help": "Of all particles of --from, or of each label, as in A=0.5,B=0.3.",
+        "help": f"Of all particles of {file}, or of each label, as in A=0.5,B=0.3.",
         "shown": "that of the file",
     }
 
@@ -258,6 +260,33 @@ def edges(option: str) -> dict[str, Any]:
         return tuple(_number(edge, option) for edge in text.split(","))
 
     return {"parser": parsed, "metavar": "LX,LY[,LZ]"}
+
+
+def units(file: str) -> Any:
+    """Return the field for the units of a file, which the command line calls `file`."""
+    return option(
+        None,
+        f"Units of {file}, where ASE converts them: numbers as in the file (reduced), or Angstrom, u and eV "
+        "(ase).",
+        shown="refused where it matters",
+        **word("--units", "reduced", "ase"),
+    )
+
+
+def velocities_are(file: str) -> Any:
+    """Return the field for the units of a column of velocities in a file."""
+    return option(
+        None,
+        f"A column of velocities in {file} is in units of its lengths.",
+        shown="refused where there is one",
+        **word("--velocities-are", "reduced"),
+    )
+
+
+def own_box(file: str) -> Any:
+    """Return the field for the box of a file that has none."""
+    what = "a file of --from" if file == "--from" else "a file"
+    return option(None, f"Edges of the box for {what} without one, as in 10,10,10.", **edges("--box"))
 
 
 def _one_number(text: str | float) -> float:
@@ -320,10 +349,18 @@ def packing_fractions(text: str) -> tuple[float, ...]:
     return tuple(sorted(set(values)))
 
 
-def densities(text: str) -> Any:
-    """Return the field for the packing fractions of a study, given its default as it is typed."""
+def densities(text: str, *, asked: bool = False) -> Any:
+    """Return the field for the packing fractions of a study, given its default as it is typed.
+
+    Parameters
+    ----------
+    text : str
+        The default.
+    asked : bool
+        Whether the field tells that none were asked for: it is None then.
+    """
     return option(
-        packing_fractions(text),
+        None if asked else packing_fractions(text),
         "Volume fractions of the spheres: one, several with commas, or first:last:count.",
         flag="--packing-fraction",
         shown=text,
@@ -379,10 +416,11 @@ def fraction() -> Any:
 
 
 PANELS = {
-    "The gas": "n dim packing_fraction packing_fractions boundary start velocities temperature "
-    "temperature_ratio mass_ratio diameter_ratio fraction source radius mass box units velocities_are",
+    "The gas": "gas n dim packing_fraction packing_fractions boundary start velocities temperature "
+    "pressure diameter temperature_ratio mass_ratio diameter_ratio fraction source radius mass box units "
+    "velocities_are mix",
     "What and how long": "collisions collisions_per_particle relaxation_times discard replicas runs "
-    "until_error suite quick size only against",
+    "transits reverse_after cells until_error suite quick size only against",
     "Results": "out force json figure_format frames animate",
     "The run itself": "seed workers checkpoint_every resume",
 }

@@ -208,7 +208,7 @@ def test_a_crystal_fails_the_check_of_a_fluid():
 
 
 def test_misuse_is_named():
-    with pytest.raises(NoDataError, match=r"no two frames yet; call add\(frame\) twice or more first"):
+    with pytest.raises(NoDataError, match=r"no frames yet; call add\(frame\) first"):
         _ = PairDistribution().contact
     with pytest.raises(ValueError, match="window = 0.01"):
         PairDistribution(window=0.01)
