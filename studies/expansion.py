@@ -271,6 +271,7 @@ class Expansion(Study):
     """A gas that is let out of half of a box, and its way back; or the mixing of two halves."""
 
     name = "expansion"
+    question = "How does a gas fill a box, and does it go back when all velocities are reversed?"
     explanation = """
     A gas in equilibrium in half of a box is let into the other half: densities and coarse-grained entropy
     against time, beside an ideal gas. Then all velocities are reversed, and the gas goes back for as long as
