@@ -53,7 +53,7 @@ def _sentence(where: str, numbers: Sequence[TheoryCheck]) -> str:
 
 def _capital(text: str) -> str:
     """Return a sentence with a capital, unless it begins with a symbol, as a2 or <l^2>."""
-    first = text.split(" ", 1)[0]
+    first = text.split(" ", 1)[0].replace("-", "").rstrip(",:")
     return text[0].upper() + text[1:] if first.isalpha() and len(first) > 1 else text
 
 

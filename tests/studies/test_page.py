@@ -205,6 +205,8 @@ def test_the_answer_in_words():
     nothing = replace(many[0], numbers=[number("a2", Estimate(math.nan, math.nan))])
     assert answer_in_words([nothing]) == ["a2 = not known."]
     assert answer_in_words([replace(nothing, numbers=[])]) == []
+    timed = replace(many[0], numbers=[number("half-time, in transits", Estimate(0.5, 0.1))])
+    assert answer_in_words([timed]) == ["Half-time, in transits = 0.50(10)."]
     zero = [replace(one, numbers=[number("x", Estimate(0.0, 0.1))]) for one in many]
     assert answer_in_words(zero) == ["x in 4 gases, packing fractions 0.1 to 0.4."]
 
@@ -393,7 +395,7 @@ def test_the_report_in_a_browser(tmp_path):
     )
     with chromium.browser() as window:
         for scheme in ("light", "dark"):
-            window.scheme(scheme)
+            window.media(scheme=scheme)
             for width in (1200, 400):
                 window.open(tmp_path / "report.html", width, 900)
                 seen = window.run("return [document.documentElement.scrollWidth, innerWidth]")
