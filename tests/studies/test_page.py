@@ -404,6 +404,11 @@ def test_the_report_in_a_browser(tmp_path):
                 assert worst >= 4.5, (scheme, where)
         paper = window.run("return getComputedStyle(document.querySelector('.sheet')).backgroundColor")
         assert paper == "rgb(255, 255, 255)"  # figures are dark on light, here too
+        window.media("print", scheme)
+        shown = "return [document.body, document.querySelector('.watch')].map(e => getComputedStyle(e)"
+        assert window.run(f"{shown}.backgroundColor)")[0] == "rgb(255, 255, 255)"
+        assert window.run(f"{shown}.display)")[1] == "none"
+        window.media(scheme=scheme)
         assert window.run("return document.getElementById('gas').hidden")
         window.run("document.getElementById('watch').click()")
         frame = window.call("POST", "/element", {"using": "css selector", "value": "iframe"})
