@@ -527,8 +527,8 @@ function start() {
   const dress = () => { theme(); legend(); draw(); };
   dark.addEventListener("change", dress); // also before it is printed, where no frame comes
   dress();
-  // It starts to move by itself where it is the page, and nobody asked for less motion.
-  play(window.top === window && !matchMedia("(prefers-reduced-motion: reduce)").matches);
+  // It starts to move where it is the page, or in a frame of this name, and nobody asked for less motion.
+  play((window.top === window || window.name === "play") && !matchMedia("(prefers-reduced-motion: reduce)").matches);
   requestAnimationFrame(frame);
   globalThis.replay = {gas, get playing() { return playing; }, get direction() { return direction; },
     get rate() { return rate; }, get shown() { return shown; }, get turned() { return turned; },
