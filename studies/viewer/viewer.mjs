@@ -147,8 +147,10 @@ export class Gas {
       kind.count++; kind.sum += this.masses[i] * sum;
     }
     const total = kinds.reduce((sum, k) => sum + k.count * k.mass, 0);
-    return kinds.map(k =>
-      ({count: k.count, mass: k.mass, kT: k.sum / (k.count * dim - this.fixed() * k.count * k.mass / total)}));
+    return kinds.map(({count, mass, sum}) => {
+      const freedom = count * dim - this.fixed() * count * mass / total; // 0 of one obstacle of nearly all the mass
+      return {count, mass, kT: freedom > 1e-9 ? sum / freedom : 0};
+    });
   }
 
   fixed() { return this.n < 2 ? 0 : this.periodic.filter(Boolean).length; } // degrees of freedom of the drift

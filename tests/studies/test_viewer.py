@@ -352,13 +352,22 @@ def test_steps_see_the_events_of_a_log(kind):
     assert (np.sum(steps["j"] < 40) < len(steps)) == ("walls" in kind)
 
 
+def obstacle():
+    """Return a heavy moving one, and a light particle that meets it."""
+    positions, velocities = [[1, 1, 1], [2.4, 1.1, 1]], [[0, 1, 0], [-1, 1, 0]]
+    return hs.Scene(positions, velocities, masses=[1e18, 1], radii=[0.5, 0.3], box=[3, 3, 3])
+
+
 def test_steps_that_change_nothing_are_left_to_a_log():
     """A velocity of 1 does not change where 1e-18 is added."""
-    still = hs.Scene(
-        [[1, 1, 1], [2.4, 1.1, 1]], [[0, 1, 0], [-1, 1, 0]], masses=[1e18, 1], radii=[0.5, 0.3], box=[3, 3, 3]
-    )
-    replay = replay_by_steps(still, 3)
+    replay = replay_by_steps(obstacle(), 3)
     assert replay.collisions == 3 and not np.any(np.isnan(replay.events["normal"]))
+
+
+def test_an_obstacle_has_no_temperature(tmp_path):
+    """It has all of the mass, and so no degree of freedom beside the drift."""
+    kinds = asked_of_node(tmp_path, view(obstacle(), 3), [0.1])["kT"]
+    assert {kind["mass"]: kind["kT"] for kind in kinds} == {1e18: 0, 1: pytest.approx(1 / 3)}
 
 
 def test_a_thousand_spheres_with_twenty_collisions_are_under_a_megabyte():
