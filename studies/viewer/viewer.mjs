@@ -416,8 +416,10 @@ function start() {
       g.setLineDash([]); g.textAlign = "right"; g.fillStyle = ink;
       const name = groups.length > 1 ? `species ${s + 1}: ` : "";
       if (!many) {
-        g.fillText(`${name}kT = ${kind.kT.toPrecision(4)}`, R, T + 10 + 16 * s);
-        if (groups.length > 1) { g.fillStyle = palette[s]; g.fillRect(R - 150, T + 2 + 16 * s, 9, 9); }
+        const text = `${name}kT = ${kind.kT.toPrecision(4)}`;
+        g.fillText(text, R, T + 10 + 16 * s);
+        g.fillStyle = palette[s];
+        if (groups.length > 1) g.fillRect(R - g.measureText(text).width - 15, T + 2 + 16 * s, 9, 9);
       } else g.fillText(`no curve for ${now.length} species at once`, R, T + 10);
     });
     axes(g, L, R, T, B, reach, "speed");
