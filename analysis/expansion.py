@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +74,19 @@ class Spreading(SampledReplicas):
         if cells < 2 or cells % 2:
             raise ValueError(f"cells = {cells}; expected an even number, so that the middle is an edge")
         self.axis, self.cells, self.filled = axis, cells, filled
+
+    def add(self, frame: Frame) -> Self:
+        """Take in the next frame of this replica, or the first of another: that of the start.
+
+        Raises
+        ------
+        ValueError
+            If it begins later, or this estimator is not for the gas.
+        """
+        begins = self._own is None or frame.time <= self._replicas[self._own].time[-1]
+        if begins and frame.time > 0.0:
+            raise ValueError(f"the first frame is at time {frame.time:g}; begin with the simulation's start")
+        return super().add(frame)
 
     def _measure(self, frame: Frame) -> FloatArray:
         scene = frame.scene

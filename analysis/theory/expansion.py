@@ -50,14 +50,15 @@ def spread_shares(displacement: ArrayLike, edges: ArrayLike, length: float, fill
     Returns
     -------
     (..., b) array
-        They add up to 1 where the edges go from 0 to L. Exact to 1e-14.
+        They add up to 1 where the edges go from 0 to L. Exact to 1e-14 of all.
     """
     s, x = np.asarray(displacement, dtype=np.float64)[..., None], np.asarray(edges, dtype=np.float64)
     if not (0.0 < filled <= length * (1.0 + 1e-12)):
         raise ValueError(f"filled = {filled}; expected more than 0 and at most the length, {length}")
     wide = s[..., 0] > WIDE * length
     below = np.where(wide[..., None], _by_cosines(s, x, length, filled), _by_images(s, x, length, filled))
-    return np.diff(below, axis=-1)
+    shares = np.diff(below, axis=-1)
+    return np.where(shares > 4.0 * np.finfo(np.float64).eps, shares, 0.0)
 
 
 def _by_images(s: FloatArray, x: FloatArray, length: float, filled: float) -> FloatArray:

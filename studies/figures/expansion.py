@@ -77,7 +77,7 @@ def _draw_densities(axes: Axes, answer: Answer) -> None:
     axes.set_ylim(0.0, 2.9)
     axes.set_xlabel("x / half of the box")
     axes.set_ylabel("density / density at the end")
-    axes.set_title("Density" + (" of those from the left" if answer.gas.mix else ""))
+    axes.set_title("Density of those from the left" if answer.gas.mix else "Density")
     axes.legend(loc="upper right", ncols=2, fontsize=8)
 
 
@@ -96,7 +96,7 @@ def _draw_shares(axes: Axes, answer: Answer) -> None:
     axes.set_ylim(-0.03, 1.03)
     axes.set_xlabel(TIME)
     axes.set_ylabel("share of the particles")
-    axes.set_title("Shares of both halves")
+    axes.set_title("In each half, of those from the left" if answer.gas.mix else "In each half")
     axes.legend(loc="upper right")
 
 
@@ -164,25 +164,28 @@ def _draw_way_back(axes: Axes, answer: Answer) -> None:
             color=colour,
             label=f"reversed at s = {s:.3g}",
         )
-    axes.axhline(1.0, color=COLOURS["band"], lw=0.8)
     axes.set_ylim(0.4, 1.03)
     axes.set_xlabel(TIME)
     axes.set_ylabel("share in the left half")
     axes.set_title("The way back, after all velocities were reversed")
-    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
+    axes.legend(loc="upper right", fontsize=8)
 
 
 def _draw_distance(axes: Axes, answer: Answer) -> None:
     since, off = _part(answer, "way_back", "s_since"), _part(answer, "way_back", "off")
-    for s, rows, colour in _reversed(answer):
-        seen = rows & (off > 1e-30)
-        axes.plot(since[seen], off[seen], "-o", ms=2.5, lw=1.2, color=colour)
+    for _, rows, colour in _reversed(answer):
+        axes.plot(since[rows], off[rows], "-o", ms=2.5, lw=1.2, color=colour)
     horizon = float(answer.gas.horizon.value)
     if np.isfinite(horizon):
-        rounding = np.finfo(np.float64).eps * 2.0 * answer.gas.half
-        axes.plot([0.0, horizon], [rounding, 1.0], color=COLOURS["theory"], lw=1.2, label="Lyapunov exponent")
+        axes.plot(
+            [0.0, horizon],
+            [answer.gas.rounding, 1.0],
+            color=COLOURS["theory"],
+            lw=1.2,
+            label="Lyapunov exponent",
+        )
         axes.legend(loc="lower right")
     axes.set_yscale("log")
-    axes.set_xlabel("collisions per particle since the reversal")
-    axes.set_ylabel("distance from the way there / diameter")
+    axes.set_xlabel("collisions per particle on the way back")
+    axes.set_ylabel("rms distance from the way there / diameter")
     axes.set_title("Memory of the way there")

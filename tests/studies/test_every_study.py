@@ -23,6 +23,14 @@ from .pages import Page, masked
 SMALL = {
     "diffusion": {"n": 64, "packing_fractions": (0.1,), "collisions_per_particle": 80.0, "replicas": 4},
     "pressure": {"n": 100, "packing_fractions": (0.05, 0.25), "collisions_per_particle": 10.0},
+    "expansion": {
+        "n": 100,
+        "packing_fraction": 0.02,
+        "transits": 4.0,
+        "reverse_after": (2.0,),
+        "replicas": 4,
+        "cells": 4,
+    },
     "free-path": {"n": 100, "packing_fractions": (0.05,), "collisions_per_particle": 20.0},
     "mixture": {"n": 100, "packing_fraction": 0.02, "relaxation_times": 18.0, "replicas": 4},
     "soak": {"n": 100, "dim": 2, "collisions": 5000},
