@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import special, stats
 
 from analysis.correlation_times import FrameWeights
-from analysis.estimator import PALETTE, Estimator, axes_or_new, labelled
+from analysis.estimator import PALETTE, Estimator, axes_or_new, counted, labelled
 from analysis.moments import FEW
 from analysis.reduced import Gas
 from analysis.statistics import Estimate, TheoryCheck
@@ -77,6 +77,10 @@ class MaxwellTest(Estimator):
     def _count(self, kind: int, row: int, probabilities: FloatArray) -> None:
         place = np.minimum((probabilities * BINS).astype(np.int64), BINS - 1)
         self._counts[kind, row] += np.bincount(place, minlength=BINS)
+
+    @property
+    def _added(self) -> str:
+        return counted(self._frames, "frame")
 
     def _take_in(self, other: Self) -> None:
         self._counts = self._counts + other._counts if self._tested else other._counts
