@@ -6,10 +6,10 @@ import datetime
 import math
 import time
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,9 +50,6 @@ from studies.page.write import Report, write_page
 from studies.program import Program
 from studies.report import OutputFolder, Screen, figure_style, machine, seconds_taken
 from studies.running.ownership import REPORT, SUMMARY
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 __all__ = ["Analyse", "Findings", "findings"]
 
@@ -231,14 +228,20 @@ class Analyse(Program):
         read = time.perf_counter()
         with screen.working("testing and drawing"), figure_style():
             answer = answer_of(found)
-            subject, figures = heading([answer], None), self.figures(answer)
+            from studies.figures.analyse import figure
+
+            subject, drawn = heading([answer], None), figure(answer)
         told = [*legend(found), *(marks_of([answer]) if answer.numbers else [])]
         out.create()
         out.write_csv("analysis.csv", tidy([answer]))
-        for name, columns in curve_files([answer]).items():
-            out.write_csv(f"{name}.csv", columns)
-        for name, figure in figures.items():
-            out.save_figure(f"{name}.png", figure, subject)
+        curves = curve_files([answer])
+        if "frames" in curves:
+            out.write_csv("frames.csv", curves["frames"])
+            out.write_csv("speeds.csv", curves["speeds"])
+            out.write_csv("components.csv", curves["components"])
+        if "pair_distribution" in curves:
+            out.write_csv("pair_distribution.csv", curves["pair_distribution"])
+        out.save_figure("analysis.png", drawn, subject)
         summary: dict[str, Any] = {
             "study": self.name,
             "version": hs.__version__,
@@ -259,7 +262,7 @@ class Analyse(Program):
             question=self.question,
             answer=[answer.verdict],
             notes=answer.notes,
-            figures=figures,
+            figures={"analysis": drawn},
             sections=sections([answer], None),
             legend=told,
             summary=summary,
@@ -271,12 +274,6 @@ class Analyse(Program):
             screen.say(sentence)
         screen.say(f"written to {out.path}: {', '.join(summary['files'])}")
         return summary, True
-
-    def figures(self, answer: Analysis) -> Mapping[str, Figure]:
-        """Return the one figure."""
-        from studies.figures.analyse import figure
-
-        return {"analysis": figure(answer)}
 
 
 def answer_of(found: Findings) -> Analysis:
