@@ -18,7 +18,7 @@ import hardspheres as hs
 from analysis import theory
 from analysis.distributions import ComponentDistribution, SpeedDistribution
 from analysis.maxwell_test import MaxwellTest
-from analysis.moments import CONSTANT, VelocityMoments
+from analysis.moments import FIXED, VelocityMoments
 from analysis.series import SeriesWarning
 from analysis.statistics import Estimate, TheoryCheck
 from analysis.structure import PairDistribution
@@ -342,7 +342,7 @@ def _numbers(found: Findings) -> list[TheoryCheck]:
     """Return all numbers about velocities."""
     moments = found.moments
     numbers = [number("kT", moments.temperature), *moments.checks]
-    if found.gas.n_frames > 1 and moments.energy_spread > CONSTANT:
+    if found.gas.n_frames > 1 and not moments.energy_conserved:
         numbers.append(number("change of kT / kT", moments.drift, "no drift", 0.0))
     for axis, momentum in zip("xyz", moments.momentum, strict=False):
         free = momentum.standard_error > 0.0
@@ -418,7 +418,7 @@ def _drifting(found: Findings) -> list[str]:
 
 
 def _vanishes(momentum: Estimate) -> bool:
-    return momentum.standard_error == 0.0 and abs(momentum.value) < CONSTANT
+    return momentum.standard_error == 0.0 and abs(momentum.value) < FIXED
 
 
 def _steadiness(found: Findings) -> list[str]:
@@ -426,7 +426,7 @@ def _steadiness(found: Findings) -> list[str]:
     moments = found.moments
     if found.gas.n_frames == 1:
         return []
-    if moments.energy_spread < CONSTANT:
+    if moments.energy_conserved:
         same = f"kinetic energy the same in all frames, to {max(moments.energy_spread, 1e-16):.0e}"
         return [f"{same}: kT has no error bar, and does not drift"]
     change = moments.drift
