@@ -18,9 +18,8 @@ from analysis.correlation_times import MeasuredCollisions
 from analysis.maxwell_test import MaxwellTest
 from analysis.moments import VelocityMoments
 from hardspheres.files import Reading
-from studies.analyse import answer_of, findings
+from studies.analyse import GasInFile, answer_of, findings
 from studies.cli import main
-from studies.gas_in_file import GasInFile
 
 
 def command(monkeypatch, *options):
