@@ -44,6 +44,10 @@ class Calibration:
         """Whether p > 0.001 and the spread is within 3 standard errors of what it should be."""
         return self.p_value > 1e-3 and abs(self.spread - self.expected_spread) < 3.0 * self.spread_error
 
+    def __repr__(self) -> str:
+        """Return the calibration in one line."""
+        return f"<Calibration of {self}>"
+
     def __str__(self) -> str:
         """Return the calibration in one line."""
         verdict = "calibrated" if self.passed else "NOT calibrated"

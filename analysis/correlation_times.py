@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis import theory
+from analysis.brief import brief
 from analysis.reduced import Gas
 from hardspheres.scene import drift
 
@@ -138,6 +139,8 @@ class FrameWeights:
     _tested: float = np.inf
     _span: float = 0.0  # collisions per particle between frames
 
+    __repr__ = brief
+
     def add(self, frame: Frame) -> bool:
         """Add a frame; return whether it is `INDEPENDENT` correlation times after the last one tested."""
         s = float(frame.collisions_per_particle)
@@ -204,6 +207,10 @@ class MeasuredCollisions:
             deque(maxlen=math.ceil(1.0 / (self.LEAST**2 * count))) for count in self._numbers
         ]
         self._sums = np.zeros((len(self._taus), 2))
+
+    def __repr__(self) -> str:
+        """Return how many collisions have passed."""
+        return f"<MeasuredCollisions: {self.s:.4g} per particle>"
 
     @property
     def correlation(self) -> float:

@@ -17,7 +17,7 @@ from scipy import stats
 
 from analysis import theory
 from analysis.correlation_times import FrameWeights
-from analysis.estimator import PALETTE, Estimator, NoDataError, axes_or_new, labelled
+from analysis.estimator import PALETTE, Estimator, NoDataError, axes_or_new, counted, labelled
 from analysis.reduced import Gas, reduced_velocities
 from analysis.statistics import ChiSquare, Estimate, TheoryCheck
 
@@ -101,6 +101,10 @@ class _Histogram(Estimator):
         self._tested = self._tested + other._tested
         self._tested_sizes = self._tested_sizes + other._tested_sizes
         self._weights.merge(other._weights)
+
+    @property
+    def _added(self) -> str:
+        return counted(self._frames, "frame")
 
     def _counted(self) -> NDArray[np.int64]:
         self._require(self._counts is not None, "histogram", "add(frame)")

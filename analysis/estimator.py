@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import math
 import warnings
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.brief import word
 from analysis.correlation_times import LONG_RUN, velocity_correlation_times, warn_if_frozen
 from analysis.reduced import Gas
 from analysis.series import BlockSeries, estimate_from_runs
@@ -45,12 +47,9 @@ Oliveira and Fernandes 2009 (doi 10.1109/TVCG.2009.113).
 """
 
 
-NUMBERS = {"int", "Estimate", "Estimate | None", "ChiSquare"}
+NUMBERS = {"Estimate", "list[Estimate]", "ChiSquare"}
 """Types of the results whose values `repr` shows."""
-
-
-INPUT = {"checks", "gas", "scene"}
-"""Properties that are no results of their own, which `repr` leaves out."""
+MOST = 5  # of them
 
 
 class NoDataError(HardSpheresError, RuntimeError):
@@ -139,26 +138,42 @@ class Estimator(ABC):
         super().__setattr__(name, value)
 
     def __repr__(self) -> str:
-        """Return the class name with the values of scalar results, or else the names of available results."""
-        numbers, names, missing = [], [], False
+        """Return of which gas how much was added, and the main results with their errors, if any."""
+        name, added = type(self).__name__, self._added
+        if added == "":
+            return f"<{name}: nothing added yet>"
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # reading the result itself gives the warning
+            results = self._results() or self._checked()
+        if not results:
+            results = ["nothing added yet" if added is None else "no result yet"]
+        what = f"{name} of {self._gas}" if self._gas else name
+        return f"<{', '.join([what, added] if added else [what])}: {', '.join(results[:MOST])}>"
+
+    @property
+    def _added(self) -> str | None:
+        """How much was added, in words, an empty string for nothing; None where this is not known."""
+        return None
+
+    def _results(self) -> list[str]:
+        """Return the results that are numbers."""
+        numbers = []
         for name in dict.fromkeys(name for kind in reversed(type(self).__mro__) for name in vars(kind)):
             result = getattr(type(self), name)
-            if name in INPUT or name.startswith("_") or not isinstance(result, property):
+            if name.startswith("_") or not isinstance(result, property) or result.fget is None:
                 continue
-            try:
-                with warnings.catch_warnings():
-                    warnings.simplefilter("ignore")  # reading the result itself gives the warning
-                    value = getattr(self, name)
-            except (HardSpheresError, ValueError) as error:
-                missing |= isinstance(error, NoDataError)
+            if result.fget.__annotations__.get("return") not in NUMBERS:
                 continue
-            if result.fget is None or result.fget.__annotations__["return"] not in NUMBERS:
-                names.append(name)
-            elif value is not None and value != 0:
-                numbers.append(f"{name} {value}")
-        seen = ", ".join(numbers or names) or "nothing added yet"
-        more = "; nothing more yet" if names and missing and not numbers else ""
-        return f"<{type(self).__name__}: {seen}{more}>"
+            with contextlib.suppress(HardSpheresError, ValueError, ArithmeticError):
+                value = getattr(self, name)
+                numbers.append(f"{name} {word(value)}")
+        return numbers
+
+    def _checked(self) -> list[str]:
+        """Return what stands beside theory, once each."""
+        with contextlib.suppress(HardSpheresError, ValueError, ArithmeticError):
+            return list(dict.fromkeys(f"{check.quantity} {check.measured}" for check in self.checks))
+        return []
 
     def _require(self, ready: bool, what: str, call: str) -> None:
         if not ready:
@@ -173,6 +188,10 @@ class BlockEstimator(Estimator):
 
     def _take_in(self, other: Self) -> None:
         self._others = (*self._others, other._blocks, *other._others)
+
+    @property
+    def _added(self) -> str:
+        return counted(sum(series.n_samples for series in (self._blocks, *self._others)), "frame")
 
     def _series(self) -> list[BlockSeries]:
         """Return the series of all runs that have rows."""
@@ -213,6 +232,10 @@ class TalliedEstimator(BlockEstimator):
         self._scene, self._gas = scene, Gas.of(scene)
         self._blocks = BlockSeries(rows)
         self._correlation_times = velocity_correlation_times(scene)
+
+    @property
+    def _added(self) -> str:
+        return counted(self.n_blocks, "block") or counted(int(self._followed is not None), "frame")
 
     @property
     def scene(self) -> Scene:
@@ -321,9 +344,18 @@ class ReplicaEstimator(Estimator):
         return self._replicas[self._own]
 
     @property
+    def _added(self) -> str:
+        return counted(self.n_replicas, "replica")
+
+    @property
     def n_replicas(self) -> int:
         """Number of replicas R."""
         return len(self._replicas)
+
+
+def counted(number: int, what: str) -> str:
+    """Return how many there are, in words; an empty string for none."""
+    return f"{number} {what}{'s' * (number > 1)}" if number else ""
 
 
 def tallies_of(frame: Frame) -> Tallies:

@@ -202,6 +202,12 @@ class FreePath(TalliedEstimator):
         return [self._ratio(time, ends[:, k], float(n)) for k, n in enumerate(self._particles)]
 
     @property
+    def mean_speed(self) -> list[Estimate]:
+        """Mean speed of each species: path flown by all its particles over particles times time, [speed]."""
+        time, flown = self._rows("time")[:, 0], self._rows("flown")
+        return [self._ratio(flown[:, k], time, 1.0 / float(n)) for k, n in enumerate(self._particles)]
+
+    @property
     def collision_rates(self) -> list[list[Estimate]]:
         """nu_ij, how often a particle of species i meets one of species j, [1/time]; k lists of k.
 

@@ -62,6 +62,11 @@ class PressureTensor:
     kinetic_degrees_of_freedom: FloatArray
     collisional_degrees_of_freedom: FloatArray
 
+    def __repr__(self) -> str:
+        """Return the diagonal."""
+        axes = range(len(self.total))
+        return f"<PressureTensor: {', '.join(f'P_{a}{a} {self.component(a, a)}' for a in axes)}>"
+
     def component(
         self, a: int, b: int, part: Literal["total", "kinetic", "collisional"] = "total"
     ) -> Estimate:

@@ -94,6 +94,16 @@ class Gas:
             )
         return _FOUND[scene]
 
+    def __str__(self) -> str:
+        """Return what gas it is, in words."""
+        species = f" of {len(self.sizes)} species" if len(self.sizes) > 1 else ""
+        return f"{self.n} particles{species} in {self.dim}D at packing fraction {self.packing_fraction:.4g}"
+
+    def __repr__(self) -> str:
+        """Return what gas it is."""
+        words = dict.fromkeys(self.boundary)
+        return f"<Gas: {self}, {' and '.join(words)} box, temperature {self.temperature:.6g}>"
+
     @property
     def periodic(self) -> NDArray[np.bool_]:
         """Which axes are periodic, (d,)."""

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis import theory
+from analysis.brief import brief
 from analysis.estimator import ReplicaEstimator, axes_or_new, labelled
 from analysis.reduced import Gas
 from analysis.statistics import (
@@ -78,6 +79,8 @@ class Comparison:
     h_uncertainty: FloatArray
     h_z: FloatArray
     chi_square: ChiSquare | None
+
+    __repr__ = brief
 
 
 class RelaxationCurve(ReplicaEstimator):

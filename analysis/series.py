@@ -431,6 +431,10 @@ class BlockSeries:
     def __len__(self) -> int:
         return len(self._rows)
 
+    def __repr__(self) -> str:
+        """Return how many samples there are, and in how many rows."""
+        return f"<BlockSeries: {self.n_samples} samples in {len(self)} rows>"
+
     @property
     def samples_per_row(self) -> int:
         """How many samples each row is the mean of."""

@@ -66,6 +66,12 @@ class Estimate:
     n_effective: float = math.nan
     degrees_of_freedom: float = math.inf
 
+    def __repr__(self) -> str:
+        """Return value and error, and how well the error is known."""
+        known = math.isfinite(self.degrees_of_freedom)
+        freedom = f", {self.degrees_of_freedom:.3g} degrees of freedom" if known else ""
+        return f"<Estimate {self}{freedom}>"
+
     def __float__(self) -> float:
         """Return the value."""
         return float(self.value)
@@ -496,6 +502,10 @@ class TheoryCheck:
     expected: float
     uncertainty: float
 
+    def __repr__(self) -> str:
+        """Return the comparison in one line."""
+        return f"<TheoryCheck: {self}>"
+
     @property
     def z(self) -> float:
         """Deviation from the theory as a normal deviate, see `Estimate.z`; NaN without a theory."""
@@ -513,6 +523,8 @@ class TheoryCheck:
 
     def __str__(self) -> str:
         """Return the comparison in one line."""
+        if not self.theory and math.isnan(self.expected):
+            return f"{self.quantity} {self.measured}"
         if math.isnan(self.expected):
             return f"{self.quantity} {self.measured}; {self.theory} gives no value here: outside its range"
         expected = Estimate(self.expected, self.uncertainty)
@@ -541,6 +553,10 @@ class ChiSquare:
     degrees_of_freedom: int
     n_replicas: int
     p_value: float
+
+    def __repr__(self) -> str:
+        """Return the comparison in one line."""
+        return f"<ChiSquare: {self}>"
 
     def __str__(self) -> str:
         """Return the comparison in one line."""

@@ -38,7 +38,7 @@ class _Replica:
     values: list[FloatArray]
 
 
-class _Replicas(ReplicaEstimator):
+class SampledReplicas(ReplicaEstimator):
     """A few numbers per frame, replica by replica; a frame that does not advance in time begins a new one."""
 
     @abstractmethod
@@ -136,7 +136,7 @@ class _Replicas(ReplicaEstimator):
         return estimate_from_jackknife(ends, lambda pair: math.log(float(pair[0] / pair[1])) / length)
 
 
-class TemperatureEquilibration(_Replicas):
+class TemperatureEquilibration(SampledReplicas):
     """Kinetic temperatures of two or more species that start unequal, against time.
 
     kT_i = sum over species i of m (v - u)^2 / (d N_i (1 - q_i)), u the common motion along periodic axes, q_i
@@ -256,7 +256,7 @@ class TemperatureEquilibration(_Replicas):
         return labelled(axes, "time", "temperature $k_BT$")
 
 
-class AnisotropyDecay(_Replicas):
+class AnisotropyDecay(SampledReplicas):
     """Temperature along one axis over the mean of all axes, less 1, against collisions per particle.
 
     A = T_x / T - 1 with kT_k = (1/N) sum m (v_k - u_k)^2: at equilibrium 0 on average, exactly where all axes

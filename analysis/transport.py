@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import warnings
 from collections import deque
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis import theory
-from analysis.estimator import Estimator, axes_or_new, labelled, over_runs
+from analysis.estimator import Estimator, NoDataError, axes_or_new, counted, labelled, over_runs
 from analysis.reduced import Gas
 from analysis.series import BlockSeries, SeriesWarning, estimate_from_runs, estimate_from_series
 from analysis.statistics import Estimate, TheoryCheck
@@ -78,6 +79,8 @@ class Diffusion(Estimator):
         Snapshots per level; even, at least 4.
     species : int, optional
         Only the particles of this species; all by default.
+    label : int, optional
+        Only the particles with this label in `Scene.labels`, such as a tracer.
 
     Notes
     -----
@@ -87,11 +90,12 @@ class Diffusion(Estimator):
     spread of the particles, see `mean_square_displacement_error`.
     """
 
-    def __init__(self, points: int = 16, species: int | None = None) -> None:
+    def __init__(self, points: int = 16, species: int | None = None, label: int | None = None) -> None:
         if points < 4 or points % 2:
             raise ValueError(f"points = {points}; expected an even number of at least 4")
         self.points = points
         self.species = species
+        self.label = label
         self._times: list[float] = []
         self._count = 0
         self._particles = 0
@@ -117,19 +121,15 @@ class Diffusion(Estimator):
         Raises
         ------
         ValueError
-            If it has no unwrapped positions, comes at another spacing than the others, or the species is not
-            there.
+            If it has no unwrapped positions, comes at another spacing than the others, or no particle is of
+            the species and has the label.
         """
         positions = getattr(frame, "unwrapped_positions", None)
         if positions is None:
             raise ValueError("the frame has no unwrapped positions; add the simulation itself: add(sim)")
         self._check_time(float(frame.time))
         scene = frame.scene
-        members = (
-            np.arange(scene.n) if self.species is None else np.flatnonzero(scene.species == self.species)
-        )
-        if len(members) == 0:
-            raise ValueError(f"species = {self.species}; the gas has {int(scene.species.max()) + 1}")
+        members = self._members(scene)
         self._particles = len(members)
         self._scene = self._scene or scene
         self._gas = self._gas or Gas.of(scene)
@@ -150,6 +150,16 @@ class Diffusion(Estimator):
             level, every = level + 1, 2 * every
         self._count += 1
         return self
+
+    @property
+    def _added(self) -> str:
+        return counted(sum(run._count for run in (self, *self._merged)), "moment")
+
+    def _checked(self) -> list[str]:
+        with contextlib.suppress(NoDataError):
+            reach = f"lags from {self.lags[0]:.4g} to {self.lags[-1]:.4g}"
+            return super()._checked() or [reach]
+        return []
 
     @property
     def scene(self) -> Scene:
@@ -200,6 +210,21 @@ class Diffusion(Estimator):
             missing = -len(x) % groups.shape[1]
             groups += np.pad(each, ((0, 0), (0, missing))).reshape(len(each), -1, groups.shape[1]).sum(axis=1)
         past.append((x, v))
+
+    def _members(self, scene: Scene) -> NDArray[np.intp]:
+        """Particles of the species with the label."""
+        chosen = np.ones(scene.n, dtype=bool)
+        if self.species is not None:
+            chosen = scene.species == self.species
+            if not chosen.any():
+                raise ValueError(f"species = {self.species}; the gas has {int(scene.species.max()) + 1}")
+        if self.label is not None:
+            if scene.labels is None:
+                raise ValueError(f"label = {self.label}, but the particles have no labels; give Scene some")
+            chosen = chosen & (scene.labels == self.label)
+            if not chosen.any():
+                raise ValueError(f"label = {self.label}, but no particle (of the species) has it")
+        return np.flatnonzero(chosen)
 
     # Lags ---------------------------------------------------------------------------------------------------
 

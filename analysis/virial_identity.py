@@ -40,6 +40,10 @@ class VirialIdentity:
     walls: FloatArray
     boundary: FloatArray
 
+    def __repr__(self) -> str:
+        """Return how well both sides agree."""
+        return f"<VirialIdentity along {len(self.axes)} axes between walls: residual {self.residual:.1e}>"
+
     @property
     def residual(self) -> float:
         """Largest |inside - walls - boundary| over |inside|: round-off, if engine and tallies are right."""

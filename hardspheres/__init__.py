@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from hardspheres.compression import compressed_gas
     from hardspheres.files import TrajectoryWriter, read_trajectory
     from hardspheres.frame import Frame
+    from hardspheres.gases import real_gas
     from hardspheres.initial import lattice_gas, random_gas
     from hardspheres.order import BondOrder, bond_order
     from hardspheres.scene import Scene
@@ -50,6 +51,7 @@ __all__ = [
     "lattice_gas",
     "random_gas",
     "read_trajectory",
+    "real_gas",
     "reference",
 ]
 
@@ -67,6 +69,7 @@ _HOMES = {
     "lattice_gas": "hardspheres.initial",
     "random_gas": "hardspheres.initial",
     "read_trajectory": "hardspheres.files",
+    "real_gas": "hardspheres.gases",
 }
 
 

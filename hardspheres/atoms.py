@@ -49,6 +49,7 @@ VELOCITY = (
     "Velo"  # OVITO knows this spelling, and no reader tested takes it for Angstrom/fs, as one does "velo"
 )
 PRINTED = 1.5e-8  # most by which a radius is reduced: half of the overlap that 8 decimals can make
+SINGLE_PRECISION = 2.0**-23  # the same of single precision, over the longest edge (see `_fitting`)
 SMALL = 1e-4  # and never by more than this fraction of the smallest radius
 LEFT = 1e-11  # largest overlap that the engine leaves, in diameters (`Simulation.check`)
 FLAT = 1e-6  # tolerance for discs out of their plane, in smallest diameters and fastest speeds (--dim 2)
@@ -142,22 +143,20 @@ def to_atoms(state: "Scene | FrameLike", units: str | None = None) -> Any:
     ase.Atoms
         Positions, momenta, masses, cell and pbc; radii in ``arrays["radius"]`` and, since ASE's ``.traj``
         drops that array, in ``info["radius"]`` once it is written there; velocities in ``arrays["Velo"]``;
-        `time`, `collisions`, `dimension` in ``info``. All particles are ``X`` where there is one species; up
-        to ten species are called O, N, S, Cl, I, C, P, F, B, H in the order of `Scene.species` (colours only,
-        the masses are the scene's); of more than ten all are ``X``.
+        labels as tags, where there are some; `time`, `collisions`, `dimension` in ``info``. All particles are
+        ``X`` where there is one species; up to ten species are called O, N, S, Cl, I, C, P, F, B, H in the
+        order of `Scene.species` (colours only, the masses are the scene's); of more than ten all are ``X``.
     """
     from ase import Atoms
     from ase.data import atomic_numbers
 
     scene: Scene = getattr(state, "scene", state)  # type: ignore[arg-type]
     time, collisions = (getattr(state, name, 0) for name in ("time", "collisions"))
-    kinds = int(scene.species.max()) + 1
-    colours = MIXTURE[:kinds] if 1 < kinds <= len(MIXTURE) else (SINGLE,) * kinds
     flat = np.zeros((scene.n, 3 - scene.dim))
     cell = np.zeros(3)
     cell[: scene.dim] = scene.box
     atoms: Any = Atoms(
-        numbers=np.array([atomic_numbers[colour] for colour in colours])[scene.species],
+        numbers=np.array([atomic_numbers[symbol] for symbol in symbols(scene)])[scene.species],
         positions=np.hstack([state.positions, flat]),
         cell=cell,
         pbc=[*scene.periodic.tolist(), *[False] * (3 - scene.dim)],
@@ -167,9 +166,17 @@ def to_atoms(state: "Scene | FrameLike", units: str | None = None) -> Any:
     )
     if units is not None:
         atoms.info["units"] = units
+    if scene.labels is not None:
+        atoms.set_tags(scene.labels)
     atoms.set_array("radius", scene.radii, float, ())
     atoms.set_array(VELOCITY, np.hstack([state.velocities, flat]), float, (3,))
     return atoms
+
+
+def symbols(scene: "Scene") -> tuple[str, ...]:
+    """Return what each species is called in files."""
+    kinds = int(scene.species.max()) + 1
+    return MIXTURE[:kinds] if 1 < kinds <= len(MIXTURE) else (SINGLE,) * kinds
 
 
 def has_velocities(atoms: Any) -> bool:
@@ -204,7 +211,9 @@ def scene_and_notes(kind: "type[Scene]", atoms: Any, reading: Reading) -> "tuple
     """
     atoms = _in_order(atoms)
     found = find(atoms)
-    used = {name for quantity in ("id", "label") if quantity in found for name in found[quantity].names}
+    read = [found[quantity].names for quantity in ("id", "species", "labels") if quantity in found]
+    used = {name for names in read for name in names}
+    used |= {name for name, values in atoms.arrays.items() if name == "tags" and not values.any()}
     notes: list[str] = []
     box, boundary = _box(atoms, reading)
     dim = len(box)
@@ -224,12 +233,15 @@ def scene_and_notes(kind: "type[Scene]", atoms: Any, reading: Reading) -> "tuple
         plane = "all particles stay in one plane along z: if they are discs, say so with --dim 2 (dim=2)"
         notes.append(plane)
     positions, velocities = np.array(positions[:, :dim]), np.array(velocities[:, :dim])
-    make, reduced = _fitting(kind, positions, radii, box, np.array([word == "periodic" for word in boundary]))
+    rounding = SINGLE_PRECISION * float(box.max()) if atoms.info.get("precision") == "single" else PRINTED
+    periodic = np.array([word == "periodic" for word in boundary])
+    make, reduced = _fitting(kind, positions, radii, box, periodic, max(rounding, PRINTED))
     if reduced is not radii:
         less = float((radii - reduced).max())
         notes.append(f"all radii made smaller by {less:.3g}, so that rounded positions do not overlap")
+    labels = found["labels"].values if "labels" in found else None
     try:
-        return make(positions, velocities, reduced, masses, box, boundary), notes
+        return make(positions, velocities, reduced, masses, box, boundary, labels), notes
     except SceneError as error:
         raise (SceneError(f"{error}; {plane}") if plane else error) from None
 
@@ -406,7 +418,10 @@ def _by_label(atoms: Any, found: dict[str, Found], values: Any, name: str) -> An
     """Return the value of each particle's label in a mapping; anything else unchanged."""
     if not isinstance(values, Mapping):
         return values
-    labels = [str(s) for s in (found["label"].values if "label" in found else atoms.get_chemical_symbols())]
+    names = found["species"].values if "species" in found else atoms.get_chemical_symbols()
+    if "labels" in found and not set(values) & set(names):
+        names = found["labels"].values
+    labels = [str(name) for name in names]
     kinds = dict.fromkeys(labels)
     for label in [*(label for label in kinds if label not in values), *(k for k in values if k not in kinds)]:
         what = "has no particle" if label in values else f"has no {name}"
@@ -449,11 +464,19 @@ def _require_flat(positions: Floats, velocities: Floats, share: float, radii: Fl
 
 
 def _fitting(
-    kind: "type[Scene]", positions: Floats, radii: Floats, box: Floats, periodic: NDArray[np.bool_]
+    kind: "type[Scene]",
+    positions: Floats,
+    radii: Floats,
+    box: Floats,
+    periodic: NDArray[np.bool_],
+    rounding: float,
 ) -> tuple[Any, Floats]:
     """Return the constructor that a scene needs, and the radii: smaller ones where positions were rounded.
 
-    They are reduced by half of the worst overlap, where that is no more than 8 printed decimals explain.
+    They are reduced by half of the worst overlap, where that is no more than `rounding`, what the digits of
+    the file explain. In single precision a coordinate from the centre of the box is off by up to 2^-25 L, and
+    L by 2^-24 L, so a separation across the boundary by sqrt(3) 2^-23 L; and a diameter, at most L/2, by
+    2^-25 L. Half of that is 0.99 2^-23 L; what a wall sees is less.
     """
     if not np.isfinite(positions).all() or not len(positions):
         return kind, radii
@@ -462,7 +485,7 @@ def _fitting(
     largest = 2 * float(radii.max())
     too_long = float(np.max(np.where(periodic, (2 * largest - box) / 4, (largest - box) / 2)))
     beyond = worst_beyond_wall(folded, radii, box, periodic)[0]
-    most = min(PRINTED, SMALL * float(radii.min()))
+    most = min(rounding, SMALL * float(radii.min()))
     if max(too_long, beyond) > most:  # the scene's own check gives the error
         return kind, radii
     overlap = worst_overlap(folded, radii, box, periodic)[2]

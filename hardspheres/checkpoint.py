@@ -6,7 +6,8 @@ which shells and windows follow), the present length of its epochs, the state th
 clock, where the tallies began, and what was counted before. Every number is checked before kernels use it.
 
 A checkpoint of another version of the package is accepted if the version of the format is the same. That
-version changes with the content of the file and with every change to the bits of a trajectory.
+version changes with the content of the file and with every change to the bits of a trajectory; labels, which
+decide nothing, are stored where there are some.
 """
 
 import json
@@ -45,6 +46,8 @@ def to_arrays(engine: Engine) -> Arrays:
     }
     text = np.frombuffer(json.dumps(about).encode(), dtype=np.uint8)
     scene = {name: getattr(engine.scene, name) for name in SCENE}
+    if engine.scene.labels is not None:
+        scene["labels"] = engine.scene.labels
     arrays: Arrays = {"about": text} | scene | engine.state()
     return arrays
 
@@ -131,7 +134,8 @@ def _scene(arrays: Arrays, about: dict[str, Any]) -> Scene:
         _require(name in arrays, f"it has no {name}")
     try:
         positions, velocities, radii, masses, box = (arrays[name] for name in SCENE)
-        return Scene.as_left(positions, velocities, radii, masses, box, tuple(about["boundary"]))
+        words, labels = tuple(about["boundary"]), arrays.get("labels")
+        return Scene.as_left(positions, velocities, radii, masses, box, words, labels)
     except SceneError as error:
         raise CheckpointError(f"its scene is impossible: {error}") from None
 
@@ -146,7 +150,7 @@ def _require_epochs(scene: Scene, length: float) -> None:
 
 def _require_like(arrays: Arrays, fresh: Arrays) -> None:
     """Require exactly the arrays of a fresh simulation of the scene, by name, type and shape."""
-    names = {"about", *SCENE, *fresh}
+    names = {"about", *SCENE, *fresh} | ({"labels"} & set(arrays))
     _require(set(arrays) == names, f"it holds {sorted(set(arrays) ^ names)} too much or too little")
     for name, array in fresh.items():
         given, right = (f"{a.dtype} of shape {a.shape}" for a in (arrays[name], array))

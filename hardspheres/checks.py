@@ -51,6 +51,27 @@ def one_per_particle(values: ArrayLike, name: str, n: int) -> Floats:
     return numbers
 
 
+def integer_labels(values: ArrayLike | None, n: int) -> NDArray[np.int64] | None:
+    """Labels as (n,) 64-bit integers, or None where there are none; SceneError for anything else."""
+    if values is None:
+        return None
+    if isinstance(values, np.ma.MaskedArray):
+        raise SceneError("labels are a masked array, whose masked values are not known; fill them in")
+    raw = np.asarray(values) if hasattr(values, "__array__") else np.array(values, dtype=object)
+    if raw.shape != (n,):
+        raise SceneError(
+            f"labels have shape {raw.shape}; they must be one integer for each of the {n} particles"
+        )
+    if raw.dtype.kind != "i":
+        most = np.iinfo(np.int64)
+        for particle, value in enumerate(raw.tolist()):
+            if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
+                raise SceneError(f"the label of particle {particle} is {value!r}; labels are integers")
+            if not most.min <= value <= most.max:
+                raise SceneError(f"the label of particle {particle} is {value}; labels have at most 64 bits")
+    return np.array(raw, dtype=np.int64)
+
+
 def real_numbers(values: ArrayLike, name: str) -> Floats:
     """Copy real numbers into a float64 array in C order, or raise SceneError."""
     parts = values if isinstance(values, (list, tuple)) else ()

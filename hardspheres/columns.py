@@ -20,7 +20,8 @@ NAMES = {
     "masses": ("masses", "mass"),
     "radii": ("radius", "radii"),
     "diameters": ("diameter", "diameters"),
-    "label": ("label", "labels"),
+    "species": ("label", "labels"),  # of text
+    "labels": ("label", "labels", "tags"),  # of integers
     "id": ("id", "ids"),
 }
 VECTORS = ("momenta", "velocities")
@@ -58,9 +59,13 @@ def find(atoms: Any) -> dict[str, Found]:
     found = {}
     for quantity, names in NAMES.items():
         columns = {name: values for name, values in atoms.arrays.items() if str(name).lower() in names}
+        if quantity == "species":
+            columns = {name: values for name, values in columns.items() if values.dtype.kind not in "iuf"}
+        if quantity == "labels":
+            columns = _integers(columns)
         if quantity == "velocities":
             columns |= _components(atoms.arrays)
-        if not columns and quantity not in ("label", "id", *VECTORS):
+        if not columns and quantity not in ("species", "labels", "id", *VECTORS):
             columns = {name: values for name, values in atoms.info.items() if str(name).lower() in names}
         elif quantity in VECTORS:
             columns = {name: _vectors(name, values) for name, values in columns.items()}
@@ -80,6 +85,15 @@ def unused(atoms: Any, used: set[str]) -> list[str]:
         and values.dtype.kind in "iufb"
         and values.shape[:1] == (len(atoms),)
     ]
+
+
+def _integers(columns: dict[str, Any]) -> dict[str, Any]:
+    """Return the columns of labels; ASE's tags, which are 0 where nobody set them, only if one is not."""
+    return {
+        name: values
+        for name, values in columns.items()
+        if values.dtype.kind in "iu" and (str(name).lower() != "tags" or values.any())
+    }
 
 
 def _components(arrays: dict[str, Any]) -> dict[str, Any]:
@@ -109,9 +123,12 @@ def _the_same(columns: dict[str, Any]) -> Found:
     (first, values), *others = columns.items()
     for name, other in others:
         try:
-            one, two = np.asarray(values, float), np.asarray(other, float)
-            floor = 1e-7 * np.abs(one).max(initial=0.0) if one.ndim == 2 else 0.0
-            near = np.isclose(one, two, rtol=AGREE, atol=floor, equal_nan=True)
+            if {np.asarray(each).dtype.kind for each in (values, other)} <= {"i", "u"}:
+                near = np.equal(values, other)
+            else:
+                one, two = np.asarray(values, float), np.asarray(other, float)
+                floor = 1e-7 * np.abs(one).max(initial=0.0) if one.ndim == 2 else 0.0
+                near = np.isclose(one, two, rtol=AGREE, atol=floor, equal_nan=True)
         except (TypeError, ValueError):  # text, or other shapes
             near = np.array(np.array_equal(values, other))
         if not near.all():

@@ -75,6 +75,11 @@ class ReferenceSimulation:
         self.box = [number(edge) for edge in scene.box.tolist()]
         self.periodic = [bool(p) for p in scene.periodic]
 
+    def __repr__(self) -> str:
+        """Return when it is, and of what."""
+        when = f"time {float(self.time):.6g}, {self.collisions} collisions"
+        return f"<ReferenceSimulation of {self.scene}: {when}>"
+
     def separation(self, i: int, j: int) -> list[Number]:
         """x_i - x_j to the nearest image."""
         r = [x - y for x, y in zip(self.positions[i], self.positions[j], strict=True)]

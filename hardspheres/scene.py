@@ -15,6 +15,7 @@ from hardspheres.checks import (
     boundary_words,
     box_edges,
     contact_tolerance,
+    integer_labels,
     one_per_particle,
     real_numbers,
     require_finite,
@@ -57,6 +58,9 @@ class Scene:
         coordinates resolve contacts).
     boundary : str or sequence of str
         ``"periodic"`` or ``"wall"`` (elastic, smooth), for all axes or one word for each.
+    labels : (N,) array_like of int, optional
+        A number for each particle, for whatever you want to tell apart (left and right, a tracer). Labels
+        follow particles into frames, checkpoints and files; the dynamics never looks at them.
 
     Attributes
     ----------
@@ -73,6 +77,8 @@ class Scene:
     species : (N,) int32 array
         Number of the particle's kind: particles of one kind have the same mass and the same radius, and kinds
         are numbered in the order in which they first appear. Read-only.
+    labels : (N,) int64 array or None
+        As given. Read-only.
 
     Raises
     ------
@@ -91,6 +97,7 @@ class Scene:
     boundary: tuple[str, ...]
     periodic: Bools
     species: NDArray[np.int32]
+    labels: NDArray[np.int64] | None
 
     def __init__(
         self,
@@ -100,8 +107,9 @@ class Scene:
         masses: ArrayLike = 1.0,
         box: ArrayLike = (10, 10, 10),
         boundary: str | Sequence[str] = "periodic",
+        labels: ArrayLike | None = None,
     ) -> None:
-        self._fill(positions, velocities, radii, masses, box, boundary)
+        self._fill(positions, velocities, radii, masses, box, boundary, labels)
 
     def _fill(
         self,
@@ -111,6 +119,7 @@ class Scene:
         masses: ArrayLike,
         box: ArrayLike,
         boundary: str | Sequence[str],
+        labels: ArrayLike | None,
         spare: float = 0.0,
     ) -> None:
         """Check everything and store it; overlaps by `spare` largest diameters count as rounding."""
@@ -133,6 +142,7 @@ class Scene:
         require_finite(speeds, "velocity")
         sizes = one_per_particle(radii, "radii", n)
         weights = one_per_particle(masses, "masses", n)
+        named = integer_labels(labels, n)
         periodic = np.array([word == "periodic" for word in words])
         places = wrapped(places, edges, periodic)
         _require_representable(speeds, sizes, weights, edges)
@@ -141,7 +151,7 @@ class Scene:
         tolerance = max(contact_tolerance(edges), spare * 2.0 * float(sizes.max()))
         require_inside(places, sizes, edges, periodic, tolerance)
         require_no_overlap(places, sizes, edges, periodic, tolerance)
-        self._store(places, speeds, sizes, weights, edges, words, periodic, _kinds(weights, sizes))
+        self._store(places, speeds, sizes, weights, edges, words, periodic, _kinds(weights, sizes), named)
 
     def _store(self, *values: Any) -> None:
         """Set the fields in their order, arrays read-only."""
@@ -209,10 +219,12 @@ class Scene:
     def replace(self, **changes: Any) -> "Scene":
         """Return a scene with some of the constructor's arguments replaced, checked anew.
 
+        Other labels alone need no check of the rest: contacts as the engine left them stay as they are.
+
         Parameters
         ----------
         **changes
-            Any of `positions`, `velocities`, `radii`, `masses`, `box`, `boundary`.
+            Any of `positions`, `velocities`, `radii`, `masses`, `box`, `boundary`, `labels`.
 
         Returns
         -------
@@ -224,7 +236,11 @@ class Scene:
         SceneError
             As the constructor does.
         """
-        names = ("positions", "velocities", "radii", "masses", "box", "boundary")
+        if changes.keys() == {"labels"}:
+            scene = object.__new__(Scene)
+            scene._store(*self.__getstate__()[:-1], integer_labels(changes["labels"], self.n))
+            return scene
+        names = ("positions", "velocities", "radii", "masses", "box", "boundary", "labels")
         return Scene(**{name: getattr(self, name) for name in names} | changes)
 
     def with_state(self, positions: Floats, velocities: Floats, radii: Floats | None = None) -> "Scene":
@@ -245,7 +261,7 @@ class Scene:
         Returns
         -------
         Scene
-            The new scene, sharing masses, box and, if none are given, radii with this one.
+            The new scene, sharing masses, box, labels and, if none are given, radii with this one.
 
         Raises
         ------
@@ -264,7 +280,7 @@ class Scene:
         sizes = self.radii if radii is None else one_per_particle(radii, "radii", self.n)
         _require_representable(there, sizes, self.masses, self.box)
         require_in_box(here, self.box)
-        scene._store(here, there, sizes, self.masses, self.box, self.boundary, self.periodic, self.species)
+        scene._store(here, there, sizes, *self.__getstate__()[3:])
         return scene
 
     @classmethod
@@ -276,12 +292,13 @@ class Scene:
         masses: Floats,
         box: Floats,
         boundary: tuple[str, ...],
+        labels: ArrayLike | None = None,
     ) -> "Scene":
         """Return a scene checked as by the constructor, with the overlaps allowed that the engine leaves.
 
         Parameters
         ----------
-        positions, velocities, radii, masses, box, boundary
+        positions, velocities, radii, masses, box, boundary, labels
             As in the constructor; overlaps up to `LEFT_BY_ROUNDING` largest diameters are taken for rounding.
 
         Returns
@@ -295,7 +312,7 @@ class Scene:
             As the constructor does.
         """
         scene = object.__new__(cls)
-        scene._fill(positions, velocities, radii, masses, box, boundary, LEFT_BY_ROUNDING)
+        scene._fill(positions, velocities, radii, masses, box, boundary, labels, LEFT_BY_ROUNDING)
         return scene
 
     @classmethod
@@ -312,7 +329,8 @@ class Scene:
             ``arrays`` or ``info``, by the names in `hardspheres.columns`. Particles are at rest without
             momenta and velocities (see `has_velocities`); masses are ASE's own for the element where none are
             given. Two-dimensional where ``info["dimension"]`` says so, or the third cell vector is zero. An
-            ``id`` for each particle gives their order.
+            ``id`` for each particle gives their order. Labels are a column ``label`` of integers, or ASE's
+            tags unless all of them are 0.
         radius : float, (N,) array_like or mapping of labels to floats, optional
             Radii, whatever `atoms` has.
         **reading
@@ -347,6 +365,9 @@ class Scene:
         walls = self.boundary[0] if len(set(self.boundary)) == 1 else ", ".join(self.boundary)
         kinds = int(self.species.max()) + 1
         mixture = f", {kinds} species" if kinds > 1 else ""
+        if self.labels is not None:
+            marks = len(np.unique(self.labels))
+            mixture += f", {marks} label{'s' * (marks != 1)}"
         return (
             f"Scene({self.n} particles in {self.dim}D{mixture}, box {edges} ({walls}), "
             f"packing_fraction={self.packing_fraction:.6g}, temperature={self.temperature:.6g})"

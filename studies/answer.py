@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import html
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,9 @@ from numpy.typing import NDArray
 from analysis.statistics import Estimate, TheoryCheck
 from analysis.theory import Prediction
 from studies.report import Z_MEANS, Screen, alarming, estimate_json
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 __all__ = [
     "Answer",
@@ -32,6 +36,7 @@ __all__ = [
     "number",
     "sections",
     "tidy",
+    "to_dataframe",
     "write_tables",
 ]
 
@@ -39,6 +44,7 @@ FloatArray = NDArray[np.float64]
 Gas = Any  # what a study measures; it has n, dim, packing_fraction, kind and scene(seed), and a text
 
 WIDEST = 6  # quantities that stand side by side
+SHOWN = 4  # by the `repr` of an answer
 _U = "u"  # marks a measurement that is better than its theory
 BETTER = f"{_U}: the measurement is better than the theory, whose uncertainty exceeds two standard errors"
 
@@ -106,6 +112,11 @@ class Column:
     printed: bool = True
     brief: bool = False
 
+    def __repr__(self) -> str:
+        """Return how many values there are, and where they lie."""
+        beside = " beside theory" if self.theory is not None and np.isfinite(self.theory).any() else ""
+        return f"<Column: {_span(self.value)}{beside}>"
+
     @property
     def better_than_theory(self) -> NDArray[np.bool_]:
         """Where the uncertainty of theory exceeds two standard errors, (L,); only where z is known."""
@@ -151,12 +162,21 @@ class Curves:
     printed: bool = False
     beside: Mapping[str, FloatArray] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        """Return which curves they are, and over what."""
+        over = ", ".join(f"{name} ({_span(axis)})" for name, axis in self.axes.items())
+        return f"<Curves: {', '.join(self.columns)} over {over}>"
+
     def flat(self) -> dict[str, FloatArray]:
         """Return all columns of a file under their names."""
         found = {**self.axes, **self.beside}
         for name, column in self.columns.items():
             found |= dict(column.parts(name))
         return found
+
+    def to_dataframe(self) -> DataFrame:
+        """Return all columns of the file as a pandas DataFrame; ImportError where pandas is missing."""
+        return _dataframe(self.flat())
 
     def rows(self) -> tuple[list[str], list[list[str]]]:
         """Return header and rows of a printed table."""
@@ -201,6 +221,27 @@ class Answer:
     details: Mapping[str, Any] = field(default_factory=dict)
     hidden: Mapping[str, Any] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        """Return which gas it is of, the first numbers, and what failed."""
+        shown = [f"{found.quantity} {measured_cell(found)}" for found in self.numbers[:SHOWN]]
+        more = len(self.numbers) - len(shown)
+        shown += [f"{more} more"] * (more > 0) + [f"curves {name}" for name in self.curves]
+        shown += [f"{len(self.failures)} FAILED"] * bool(self.failures)
+        return f"<Answer on {self._title}: {', '.join(shown)}>"
+
+    def _repr_html_(self) -> str:
+        """Return the table of all numbers, with what is to be known about them, for a notebook."""
+        header, rows, _ = _long([self])
+        lines = [_html_row("th", header), *(_html_row("td", row) for row in rows)]
+        said = [*(f"CHECK FAILED, {why}" for why in self.failures), *self.notes]
+        remarks = "".join(f"<br>{html.escape(each)}" for each in said)
+        return f"<p>{html.escape(self._title)}{remarks}</p><table>{''.join(lines)}</table>"
+
+    @property
+    def _title(self) -> str:
+        density = getattr(self.gas, "packing_fraction", None)
+        return f"{self.gas}" if density is None else f"{self.gas}, packing fraction {density:.4g}"
+
     def __getitem__(self, quantity: str) -> TheoryCheck:
         """Return the number of this name."""
         return next(found for found in self.numbers if found.quantity == quantity)
@@ -218,6 +259,10 @@ class Answer:
     def label(self) -> str:
         """What tells this gas from others of its kind."""
         return f"packing fraction {self.gas.packing_fraction:g}"
+
+    def to_dataframe(self) -> DataFrame:
+        """Return the numbers as a pandas DataFrame; see `studies.answer.to_dataframe`, for several gases."""
+        return to_dataframe([self])
 
     def summary(self) -> dict[str, Any]:
         """Return what summary.json tells of this gas."""
@@ -274,6 +319,34 @@ def tidy(answers: Sequence[Answer]) -> dict[str, list[Any]]:
         "uncertainty": [found.uncertainty for _, found in rows],
         "z": [found.z for _, found in rows],
     }
+
+
+def to_dataframe(answers: Sequence[Answer], curves: str | None = None) -> DataFrame:
+    """Return all numbers of several gases, or the curves of this name, as the file of the study has them.
+
+    Parameters
+    ----------
+    answers : sequence of Answer
+        As from `Study.answers`.
+    curves : str, optional
+        A name in `Answer.curves`.
+
+    Raises
+    ------
+    ImportError
+        If pandas is not installed: it is no dependency.
+    """
+    return _dataframe(tidy(answers) if curves is None else curve_files(answers)[curves])
+
+
+def _dataframe(columns: Mapping[str, Any]) -> DataFrame:
+    try:
+        import pandas
+    except ImportError as error:
+        raise ImportError(
+            "a DataFrame needs pandas, which is not installed here: pip install pandas"
+        ) from error
+    return pandas.DataFrame(columns)
 
 
 def _place(answer: Answer, answers: Sequence[Answer]) -> dict[str, Any]:
@@ -417,6 +490,16 @@ def _long(answers: Sequence[Answer]) -> tuple[list[str], list[list[str]], int]:
     if len(answers) == 1:
         return header[1:], [row[1:] for row in rows], 1
     return header, rows, 2
+
+
+def _html_row(tag: str, cells: Sequence[str]) -> str:
+    return f"<tr>{''.join(f'<{tag}>{html.escape(cell)}</{tag}>' for cell in cells)}</tr>"
+
+
+def _span(values: FloatArray) -> str:
+    known = values[np.isfinite(values)]
+    span = f" from {known.min():.4g} to {known.max():.4g}" if known.size else ", none known"
+    return f"{len(values)} values{span}"
 
 
 def measured_cell(found: TheoryCheck) -> str:

@@ -76,10 +76,14 @@ OF_LONG_RUNS: dict[str, tuple[Any, Any]] = {
 
 
 def _of_a_page(name: str) -> dict[str, tuple[Any, Any]]:
-    """Return --out and --force of what writes a single page, which is called this by default."""
+    """Return --out, --force and --json of what writes a single page, which is called this by default."""
     out = typer.Option(help="Name of the page.", show_default=name, parser=_out, metavar="PATH")
     force = typer.Option("--force", help="Replace the page.")
-    return {"out": (Annotated[Path | None, out], None), "force": (Annotated[bool, force], False)}
+    json = typer.Option(
+        "--json", help="Print on standard output, as JSON, what the page has; the rest on standard error."
+    )
+    kinds = {"out": (Annotated[Path | None, out], None), "force": (Annotated[bool, force], False)}
+    return kinds | {"json": (Annotated[bool, json], False)}
 
 
 def function_of(kind: type[Program]) -> Callable[..., None]:

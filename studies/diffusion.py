@@ -16,9 +16,11 @@ from analysis import theory
 from analysis.series import SeriesWarning
 from analysis.statistics import Estimate, estimate_from_replicas, replica_mean
 from analysis.transport import Diffusion, with_correction
+from studies import real_fluid
 from studies.answer import Answer, Column, Curves, alarms, number
 from studies.fluid import Fluid, check_length, check_spread, ordered
-from studies.options import densities, dimension, option, particles, runs
+from studies.options import densities, dimension, option, packing_fractions, particles, runs
+from studies.real_fluid import RealFluid, real_gas_of
 from studies.running.resuming import until
 from studies.study import Replica, Study
 
@@ -29,6 +31,7 @@ __all__ = ["SelfDiffusion", "Slope"]
 
 FloatArray = NDArray[np.float64]
 
+USUAL_DENSITIES = "0.1,0.3"
 SPACING = 0.25  # of the sampled times, in mean free times
 POINTS = 16  # snapshots per level of `Diffusion`
 # collisions per particle with this spacing, then for the slope alone; fewer where there are more particles
@@ -62,10 +65,9 @@ class Slope:
         """Return the slope for a fluid: by default a run of three windows, at least 200 and at most 2000."""
         needed = DISCS
         if fluid.dim == 3:
-            edge = (fluid.n / (fluid.packing_fraction / float(theory.packing_fraction(1.0, 1.0, 3)))) ** (
-                1 / 3
-            )
-            begin, end = theory.periodic_diffusion_window(fluid.packing_fraction, edge)
+            sphere = float(theory.packing_fraction(1.0, fluid.units["diameter"], 3))
+            edge = (fluid.n / (fluid.packing_fraction / sphere)) ** (1 / 3)
+            begin, end = theory.periodic_diffusion_window(fluid.packing_fraction, edge, **fluid.units)
             needed = (begin / _mean_free_time(fluid), end / _mean_free_time(fluid))
         dense = max(DENSE * min(1.0, DENSE_PARTICLES / fluid.n), FEWEST_DENSE)
         return cls(needed, length or min(max(USUAL, 3.0 * needed[1]), LONGEST_BY_DEFAULT), dense)
@@ -109,7 +111,7 @@ class Slope:
 
 
 def _mean_free_time(fluid: Fluid) -> float:
-    return 1.0 / float(theory.collision_rate(fluid.packing_fraction, fluid.dim))
+    return 1.0 / float(theory.collision_rate(fluid.packing_fraction, fluid.dim, **fluid.units))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,7 +127,11 @@ class SelfDiffusion(Study):
     table = "diffusion"
     files = ("diffusion.csv", "correlations.csv", "diffusion.png")
 
-    packing_fractions: tuple[float, ...] = densities("0.1,0.3")
+    packing_fractions: tuple[float, ...] | None = densities(USUAL_DENSITIES, asked=True)
+    gas: str | None = real_fluid.gas()
+    temperature: float | None = real_fluid.temperature()
+    pressure: float | None = real_fluid.pressure()
+    diameter: str | float | None = real_fluid.diameter()
     n: int = particles(1000)
     dim: int = dimension()
     collisions_per_particle: float | None = option(
@@ -137,7 +143,10 @@ class SelfDiffusion(Study):
 
     def gases(self) -> list[Fluid]:
         """Return the gases to measure, by ascending packing fraction."""
-        fluids = [Fluid(self.n, self.dim, eta) for eta in self.packing_fractions]
+        etas = self.packing_fractions or packing_fractions(USUAL_DENSITIES)
+        fluids = [Fluid(self.n, self.dim, eta) for eta in etas]
+        if (real := real_gas_of(self)) is not None:
+            fluids = [RealFluid.of(self.n, real)]
         for fluid in fluids:
             fluid.check_within("Enskog's theory")
         if self.collisions_per_particle is not None:
@@ -178,10 +187,12 @@ class SelfDiffusion(Study):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SeriesWarning)  # the error comes from the replicas
             here = estimate_from_replicas([one.diffusion(window).value for one in far])
-        enskog = theory.enskog_diffusion(gas.packing_fraction, gas.dim)
+        enskog = theory.enskog_diffusion(gas.packing_fraction, gas.dim, **gas.units)
         if gas.dim == 3:
             edge = float(far[0].scene.box[0])
-            correction = theory.periodic_diffusion_correction(gas.packing_fraction, edge, window=window)
+            correction = theory.periodic_diffusion_correction(
+                gas.packing_fraction, edge, **gas.units, window=window
+            )
             infinite = with_correction(here, correction)
             numbers = [
                 number("D of this box", here),
@@ -192,6 +203,7 @@ class SelfDiffusion(Study):
             ]
         else:
             numbers = [number("D of this box", here, "Enskog", enskog)]
+        numbers = gas.in_units(numbers)
         failures = alarms(numbers)
         if any(replica.seen["ordered"] for replica in replicas):
             failures.append("the particles have ordered: this is no fluid")
@@ -199,7 +211,7 @@ class SelfDiffusion(Study):
             gas,
             numbers,
             {"correlations": _correlations(gas, replicas, rate)},
-            [slope.note] if slope.note else [],
+            [*gas.remarks, *([slope.note] if slope.note else [])],
             failures,
             details={
                 "discarded_collisions_per_particle": gas.discarded,

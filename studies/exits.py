@@ -23,6 +23,7 @@ ENDED = {129: "hung up, as a terminal does when it is closed", 130: "interrupted
 
 def run_program(program: Callable[[], object]) -> None:
     """Run a command or a group of commands, and exit with its code."""
+    os.environ["MPLBACKEND"] = "agg"  # a notebook that runs `!hardspheres` names one that may be missing here
     for name in ("SIGTERM", "SIGHUP"):
         number = getattr(signal, name, None)
         if number is not None and signal.getsignal(number) != signal.SIG_IGN:  # as under nohup

@@ -8,7 +8,7 @@ The length of equilibration before any measurement follows one rule, `Fluid.disc
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 import hardspheres as hs
 from analysis.correlation_times import virial_block_length
+from analysis.statistics import TheoryCheck
+from hardspheres import gases
 from hardspheres.compression import order_of_crystal
 from hardspheres.memory import require_room_for
 from hardspheres.scene import sphere_volume
@@ -28,6 +30,7 @@ __all__ = [
     "THEORY_UP_TO",
     "Boundary",
     "Fluid",
+    "box_of",
     "broken",
     "check_length",
     "check_spread",
@@ -46,10 +49,9 @@ Boundary = str | tuple[str, ...]
 LONGEST = 1e9
 """Largest number of collisions per particle of a study: years of computing."""
 
-FREEZING = {2: 0.70, 3: 0.494}
-"""Packing fractions up to which the fluid counts as the state in equilibrium. Spheres freeze at 0.492
-(Fernandez et al. 2012, doi 10.1103/PhysRevLett.108.165701; older work has 0.494), discs at 0.70 (Engel et al.
-2013, doi 10.1103/PhysRevE.87.042134)."""
+FREEZING = {2: 0.70, 3: gases.FREEZING}
+"""Packing fractions up to which the fluid counts as the state in equilibrium. Spheres: see `gases.FREEZING`;
+discs freeze at 0.70 (Engel et al. 2013, doi 10.1103/PhysRevE.87.042134)."""
 THEORY_UP_TO = {2: 0.66, 3: 0.494}
 RANDOM_UP_TO = {2: 0.45, 3: 0.30}  # packing fractions: random placement nears its limit above
 RELAXED = (
@@ -103,7 +105,7 @@ def two_species(
 
 @dataclass(frozen=True)
 class Fluid:
-    """A fluid to measure, in reduced units: the first species has diameter 1 and mass 1.
+    """A fluid to measure, in reduced units: the first species has diameter 1 and mass 1, and kT is 1.
 
     Attributes
     ----------
@@ -129,14 +131,33 @@ class Fluid:
         return (self.diameter_ratio, self.mass_ratio) != (1.0, 1.0)
 
     @property
+    def units(self) -> dict[str, float]:
+        """Diameter and mass of the first species, and kT: arguments of the functions of `analysis.theory`."""
+        return {"diameter": 1.0, "mass": 1.0, "temperature": 1.0}
+
+    def named(self, quantity: str) -> str:
+        """Return the name of a measured number in an answer: with its unit, where it has one."""
+        return quantity
+
+    def in_units(self, numbers: Iterable[TheoryCheck]) -> list[TheoryCheck]:
+        """Return numbers as an answer has them: converted and named where they have units."""
+        return list(numbers)
+
+    @property
+    def remarks(self) -> list[str]:
+        """What is to be known of the fluid beside any result."""
+        return []
+
+    @property
     def species(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Number densities, diameters and masses of the species, each (k,)."""
         second = round(self.fraction * self.n) if self.mixed else 0
         kinds = 2 if self.mixed else 1
         counts = np.array([self.n - second, second], dtype=float)[:kinds]
         diameters, masses = np.array([1.0, self.diameter_ratio])[:kinds], np.array([1.0, self.mass_ratio])
+        diameters, masses = diameters * self.units["diameter"], masses[:kinds] * self.units["mass"]
         volume = float(counts @ sphere_volume(diameters / 2, self.dim)) / self.packing_fraction
-        return counts / volume, diameters, masses[:kinds]
+        return counts / volume, diameters, masses
 
     @property
     def dense(self) -> bool:
@@ -180,7 +201,7 @@ class Fluid:
             )
 
     def scene(self, seed: np.random.SeedSequence, velocities: str = "maxwell") -> hs.Scene:
-        """Return the start that belongs to a seed, kT = 1.
+        """Return the start that belongs to a seed.
 
         Raises
         ------
@@ -194,8 +215,9 @@ class Fluid:
             dim=self.dim,
             boundary=self.boundary,
             velocities=velocities,
-            radii=radii,
-            masses=masses,
+            temperature=self.units["temperature"],
+            radii=radii * self.units["diameter"],
+            masses=masses * self.units["mass"],
             seed=seed,
         )
 
@@ -215,17 +237,18 @@ class Fluid:
         if self.mixed:
             text += f", diameters 1:{self.diameter_ratio:g}, masses 1:{self.mass_ratio:g}"
             text += f", {self.fraction:g} of them of the second species"
-        return f"{text}, {_box(self.boundary)}"
+        return f"{text}, {box_of(self.boundary)}"
 
 
-def _box(boundary: Boundary) -> str:
+def box_of(boundary: Boundary) -> str:
+    """Return the box in words."""
     words = [boundary] if isinstance(boundary, str) else boundary
     return f"{words[0] if len(set(words)) == 1 else ', '.join(words)} box"
 
 
 def _kind(dim: int, species: int, boundary: Boundary) -> str:
     mixture = "" if species == 1 else f" of {'two' if species == 2 else species} species"
-    return f"hard {'spheres' if dim == 3 else 'discs'}{mixture}, {_box(boundary)}"
+    return f"hard {'spheres' if dim == 3 else 'discs'}{mixture}, {box_of(boundary)}"
 
 
 def kind_of(scene: hs.Scene) -> str:

@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 
 import hardspheres as hs
 from analysis.free_path import SURVIVAL_AT, FreePath
-from analysis.statistics import Estimate, combine_replicas, pool_replicas
-from studies import options
+from analysis.statistics import Estimate, TheoryCheck, combine_replicas, pool_replicas
+from studies import options, real_fluid
 from studies.answer import Answer, Column, Curves, alarms
 from studies.fluid import Fluid, check_length, number_fraction
 from studies.noticing import Notices, too_short
-from studies.options import densities, dimension, option, particles
+from studies.options import densities, dimension, option, packing_fractions, particles
+from studies.real_fluid import RealFluid, real_gas_of, scaled
 from studies.running.resuming import in_blocks
 from studies.study import Replica, Study
 
@@ -29,6 +30,7 @@ __all__ = ["FreePaths"]
 
 FloatArray = NDArray[np.float64]
 
+USUAL = "0.001,0.01,0.1,0.3"  # packing fractions
 BLOCKS = 192  # of each run; they are joined as their correlation demands
 FEWEST_FLIGHTS = 2000  # of each species, to know them by speed
 CURVES = {  # file: (what is at the abscissae, what is measured)
@@ -61,7 +63,11 @@ class FreePaths(Study):
     table = "free_path"
     files = ("free_path.csv", *(f"{name}.csv" for name in CURVES), "free_path.png")
 
-    packing_fractions: tuple[float, ...] = densities("0.001,0.01,0.1,0.3")
+    packing_fractions: tuple[float, ...] | None = densities(USUAL, asked=True)
+    gas: str | None = real_fluid.gas()
+    temperature: float | None = real_fluid.temperature()
+    pressure: float | None = real_fluid.pressure()
+    diameter: str | float | None = real_fluid.diameter()
     n: int = particles(4000)
     dim: int = dimension()
     diameter_ratio: float = options.diameter_ratio()
@@ -73,9 +79,13 @@ class FreePaths(Study):
 
     def gases(self) -> list[Fluid]:
         """Return the gases to measure, by ascending packing fraction."""
+        real = real_gas_of(self)
         share = number_fraction(self.fraction, self.diameter_ratio, self.mass_ratio)
         second = (self.diameter_ratio, self.mass_ratio, share)
-        fluids = [Fluid(self.n, self.dim, eta, "periodic", *second) for eta in self.packing_fractions]
+        etas = self.packing_fractions or packing_fractions(USUAL)
+        fluids = [Fluid(self.n, self.dim, eta, "periodic", *second) for eta in etas]
+        if real is not None:
+            fluids = [RealFluid.of(self.n, real)]
         for fluid in fluids:
             fluid.check_within("the theory of this study")
         few = round(share * self.n) if fluids[0].mixed else self.n
@@ -111,26 +121,33 @@ class FreePaths(Study):
     def answer(self, gas: Fluid, replicas: Sequence[Replica]) -> Answer:
         """Return means, rates, moments and distributions, with the error bars of all replicas' blocks."""
         found, curves, notes, times = [], [], [], 0.0
+        of_speed = Notices()  # the mean speed is correlated for longer than all else
         for replica in replicas:
             paths, notices = replica.estimators["paths"], Notices(list(replica.notes))
             with notices.of("free paths"):
                 found.append(paths.checks)
+            if isinstance(gas, RealFluid):
+                with of_speed.of("mean speed"):
+                    found[-1] = _physical(paths, found[-1])
             with notices.of("distributions of free paths"):
                 curves.append(_curves(paths))
             notes += notices.notes
             times = max(times, notices.times)
+        length = self.collisions_per_particle
+        notes += [*of_speed.notes, *(f"mean speed: {why}" for why in too_short(of_speed.times, length))]
         notices, numbers = Notices(list(dict.fromkeys(notes))), []
         for checks in zip(*found, strict=True):
             measured = [check.measured for check in checks]
             with notices.of(checks[0].quantity):
                 combine_replicas(measured)
             numbers.append(replace(checks[0], measured=pool_replicas(measured)))
+        numbers = gas.in_units(numbers)
         paths = [replica.estimators["paths"] for replica in replicas]
         return Answer(
             gas,
             numbers,
             {name: _pooled(name, [of_one[name] for of_one in curves]) for name in CURVES},
-            [*notices.notes, *too_short(times, self.collisions_per_particle)],
+            [*gas.remarks, *notices.notes, *too_short(times, length)],
             alarms(numbers),
             main=[each.quantity for each in numbers if each.quantity.startswith("mean free path")],
             details={"flights": sum(one.flights for one in paths), "species": paths[0].labels},
@@ -143,6 +160,10 @@ class FreePaths(Study):
         sentences = [f"{means}; Z: {answers[0].numbers[-1].theory}; uncertainty in parentheses"]
         if len(labels) > 1:
             sentences.insert(0, "species: " + "; ".join(f"{k}: {label}" for k, label in enumerate(labels, 1)))
+        if isinstance(answers[0].gas, RealFluid):
+            sentences.append(
+                "pressure: Z rho kT, of a large box; in this one, whose momentum is zero, it is 1/N lower"
+            )
         if self.n > 2:
             sentences.append(
                 "<l^k>, <t^k> of all flights, counted exactly: Boltzmann, whose uncertainty, k - 1 times the "
@@ -155,6 +176,16 @@ class FreePaths(Study):
         from studies.figures.free_path import figure
 
         return figure(answers)
+
+
+def _physical(paths: FreePath, checks: Sequence[TheoryCheck]) -> list[TheoryCheck]:
+    """Return checks of a real gas with its mean speed, and the pressure that follows from its collisions."""
+    path, time, *others = checks
+    exact = path.expected / time.expected  # of the velocities of N particles at this temperature
+    speed = TheoryCheck("mean speed", "Maxwell", paths.mean_speed[0], exact, 0.0)
+    ideal = paths.scene.number_density * paths.scene.temperature
+    pressure = scaled(others[-1], "pressure", ideal)  # Z rho kT
+    return [path, time, speed, pressure, *others]
 
 
 def _curves(paths: FreePath) -> dict[str, list[_Curve]]:

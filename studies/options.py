@@ -349,10 +349,18 @@ def packing_fractions(text: str) -> tuple[float, ...]:
     return tuple(sorted(set(values)))
 
 
-def densities(text: str) -> Any:
-    """Return the field for the packing fractions of a study, given its default as it is typed."""
+def densities(text: str, *, asked: bool = False) -> Any:
+    """Return the field for the packing fractions of a study, given its default as it is typed.
+
+    Parameters
+    ----------
+    text : str
+        The default.
+    asked : bool
+        Whether the field tells that none were asked for: it is None then.
+    """
     return option(
-        packing_fractions(text),
+        None if asked else packing_fractions(text),
         "Volume fractions of the spheres: one, several with commas, or first:last:count.",
         flag="--packing-fraction",
         shown=text,
@@ -408,10 +416,11 @@ def fraction() -> Any:
 
 
 PANELS = {
-    "The gas": "n dim packing_fraction packing_fractions boundary start velocities temperature "
-    "temperature_ratio mass_ratio diameter_ratio fraction source radius mass box units velocities_are",
+    "The gas": "gas n dim packing_fraction packing_fractions boundary start velocities temperature "
+    "pressure diameter temperature_ratio mass_ratio diameter_ratio fraction source radius mass box units "
+    "velocities_are mix",
     "What and how long": "collisions collisions_per_particle relaxation_times discard replicas runs "
-    "until_error suite quick size only against",
+    "transits reverse_after cells until_error suite quick size only against",
     "Results": "out force json figure_format frames animate",
     "The run itself": "seed workers checkpoint_every resume",
 }

@@ -110,6 +110,10 @@ class OutputFolder:
         self._journal = Journal(self.path, self._place)
         self._manifest: dict[str, Any] | None = None  # while a run is in the journal
 
+    def __repr__(self) -> str:
+        """Return where it is, and what has been written into it."""
+        return f"<OutputFolder {self.path}: {', '.join(self.files) or 'nothing written yet'}>"
+
     @property
     def checkpoints(self) -> Path:
         """The checkpoint folder, which is there while a study runs."""

@@ -6,7 +6,7 @@ import shlex
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -50,6 +50,18 @@ class Program(ABC):
     resumable: ClassVar[bool] = True
     to_an_error: ClassVar[bool] = False
     page: ClassVar[str] = ""
+
+    def __init_subclass__(cls, **more: Any) -> None:
+        """Keep `repr` as it is here, where a dataclass would list all options."""
+        super().__init_subclass__(**more)
+        if "__repr__" not in vars(cls):
+            cls.__repr__ = Program.__repr__  # type: ignore[method-assign]
+
+    def __repr__(self) -> str:
+        """Return the call that makes it; options that were not given, and have no default, are left out."""
+        options = [(each.name, getattr(self, each.name)) for each in fields(self)]
+        given = ", ".join(f"{name}={value!r}" for name, value in options if value is not None)
+        return f"{type(self).__name__}({given})"
 
     def __post_init__(self) -> None:
         """Refuse options beyond their limits."""

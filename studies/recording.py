@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import hardspheres as hs
+from analysis.brief import brief
 from analysis.velocities import reduced_velocities
 
 __all__ = ["Film", "Recorder", "Trajectory"]
@@ -77,6 +78,8 @@ class Film(Recorder):
     s: list[float] = field(default_factory=list)
     positions: list[NDArray[np.float32]] = field(default_factory=list)
     speeds: list[NDArray[np.float32]] = field(default_factory=list)
+
+    __repr__ = brief
 
     def add(self, frame: hs.Frame) -> None:
         """Keep the next frame."""

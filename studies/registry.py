@@ -28,6 +28,10 @@ QUESTIONS = {
         "studies.mixture:Mixture",
         "Follow the temperature equilibration of two species, beside kinetic theory.",
     ),
+    "expansion": (
+        "studies.expansion:Expansion",
+        "Let a gas out of half of a box, beside an ideal gas, and back by reversing all velocities.",
+    ),
     "view": ("studies.viewer.command:View", "Watch the gas in a file in a browser, every collision."),
     "analyse": (
         "studies.analyse.command:Analyse",

@@ -18,6 +18,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from studies import notebook
 from studies.figures.style import COLOURS, figure_style
 from studies.layout import table_blocks, wrapped
 from studies.output import OutputError, OutputFolder, jsonable
@@ -32,6 +33,7 @@ __all__ = [
     "OutputError",
     "OutputFolder",
     "Screen",
+    "Summary",
     "alarming",
     "checks_of",
     "engine_of",
@@ -54,6 +56,7 @@ _ALARM_P = 5.7e-7  # of as large a deviation by chance, when the error is known
 
 WORTH_SAYING = 1.0  # seconds of compilation
 NARROWEST, IN_FILES = 20, 120  # characters in a line: the least of a terminal, and of tables in files
+IN_NOTEBOOKS = 100  # which break longer lines within words
 
 RESTARTED = {
     "stale_events",
@@ -64,12 +67,20 @@ RESTARTED = {
 
 
 def _console(stderr: bool = False) -> Console:
-    """Return a console that does not wrap lines."""
-    return Console(stderr=stderr, highlight=False, soft_wrap=True)
+    """Return a console that does not wrap lines; in a notebook one that prints plain text, as `print` does.
+
+    Left to itself rich makes an output of its own of every line there, or takes it for a terminal.
+    """
+    terminal = False if notebook.in_notebook() else None
+    return Console(
+        stderr=stderr, highlight=False, soft_wrap=True, force_jupyter=False, force_terminal=terminal
+    )
 
 
 def _width(console: Console) -> int | None:
     """Return the width of the terminal; None where there is none (a file or a pipe, and no $COLUMNS)."""
+    if notebook.in_notebook():
+        return IN_NOTEBOOKS
     looked_at = console.is_terminal or os.environ.get("COLUMNS", "").isdigit()
     return max(console.width, NARROWEST) if looked_at else None
 
@@ -77,22 +88,30 @@ def _width(console: Console) -> int | None:
 class Screen:
     """Printed output of a study: results on standard output, progress and notes on standard error.
 
-    Sentences are broken between words, and tables laid out so that no cell is cut, see `studies.layout`.
+    Sentences are broken between words, and tables laid out so that no cell is cut, see `studies.layout`. In a
+    notebook notes are printed like results (standard error looks like a failure there), and progress is an
+    output that is replaced in place and emptied at the end.
 
     Parameters
     ----------
     json_output : bool, default False
         Keep standard output free for one JSON object; then everything else goes to standard error.
     width : int, optional
-        Characters in a line; by default those of the terminal. In files, sentences are not wrapped and tables
-        are 120 wide.
+        Characters in a line; by default those of the terminal, 100 in a notebook. In files, sentences are
+        not wrapped and tables are 120 wide.
     """
 
     def __init__(self, json_output: bool = False, width: int | None = None) -> None:
         self.json_output = json_output
-        self.errors = _console(stderr=True)
+        self.notebook = notebook.in_notebook()
+        self.errors = _console(stderr=json_output or not self.notebook)
         self.results = self.errors if json_output else _console()
         self._given = width
+
+    @property
+    def _animated(self) -> bool:
+        """Whether progress can be drawn over what was drawn before."""
+        return self.errors.is_terminal and not notebook.from_notebook()
 
     def _print(self, console: Console, text: str, style: str = "") -> None:
         for line in wrapped(text, self._given or _width(console)):
@@ -141,8 +160,12 @@ class Screen:
 
     @contextlib.contextmanager
     def working(self, text: str) -> Iterator[None]:
-        """Show on a terminal what is being done while the context lasts; silent elsewhere."""
-        if not self.errors.is_terminal:
+        """Show what is being done while the context lasts, where it can be taken away again."""
+        if self.notebook:
+            with notebook.message(f"{text} ..."):
+                yield
+            return
+        if not self._animated:
             yield
             return
         with self.errors.status("\n".join(wrapped(text, max(self.errors.width - 3, NARROWEST)))):
@@ -172,14 +195,18 @@ class Screen:
 
     @contextlib.contextmanager
     def progress(self, text: str, total: int) -> Iterator[Callable[[], None]]:
-        """Show a progress bar on standard error, nothing when that is not a terminal.
+        """Show a progress bar on standard error or in a notebook, nothing when neither can be drawn on.
 
         Yields
         ------
         callable
             To be called after each step, without arguments.
         """
-        if not self.errors.is_terminal:
+        if self.notebook:
+            with notebook.bar(text, total) as advance:
+                yield advance
+            return
+        if not self._animated:
             yield lambda: None
             return
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
@@ -192,6 +219,19 @@ class Screen:
         if self.json_output:
             sys.stdout.write(json.dumps(jsonable(summary), indent=2) + "\n")
             sys.stdout.flush()
+
+
+class Summary(dict[str, Any]):
+    """The content of summary.json: a dict that a prompt or a notebook shows in a line."""
+
+    def __repr__(self) -> str:
+        """Return what was done, whether it was sound, and where to look."""
+        states, sound = len(self["states"]), self["checks"]["passed"]
+        return (
+            f"<Summary of {self['study']}, seed {self['seed']}: {states} gas{'es' * (states > 1)}, "
+            f"{self['collisions']} collisions, checks {'passed' if sound else 'FAILED'}; a dict of "
+            f"{', '.join(self)}>"
+        )
 
 
 def estimate_json(estimate: Estimate) -> dict[str, float]:

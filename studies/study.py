@@ -12,7 +12,7 @@ import time
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -29,6 +29,7 @@ from studies.report import (
     ALARM,
     OutputFolder,
     Screen,
+    Summary,
     checks_of,
     engine_of,
     engine_rate,
@@ -88,6 +89,12 @@ class Replica:
     seen: dict[str, Any] = field(default_factory=dict)
     digest: str = ""
 
+    def __repr__(self) -> str:
+        """Return which run it is, how far it has come, and what it measured."""
+        state = "running" if self.running is not None else self.failure or f"ended after {self.seconds:.1f} s"
+        measured = ", ".join(f"{name}: {type(each).__name__}" for name, each in self.estimators.items())
+        return f"<Replica {self.index} of seed {self.root}, step {self.done}, {state:.100}; {measured}>"
+
     @property
     def simulation(self) -> hs.Simulation:
         """The gas; not kept when the run has ended."""
@@ -136,6 +143,41 @@ class Study(Program):
     def conduct(self, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:
         """Run it, print its results and write its files, see `conduct`."""
         return conduct(self, out, screen)
+
+    def answers(self, screen: Screen | None = None) -> list[Answer]:
+        """Run it and return the answer of each gas; shows progress, prints no results and writes no files.
+
+        >>> from studies.pressure import EquationOfState
+        >>> study = EquationOfState(packing_fractions=(0.1, 0.2), n=500)
+        >>> for answer in study.answers():  # doctest: +SKIP
+        ...     print(answer["Z from the virial"])
+
+        Parameters
+        ----------
+        screen : Screen, optional
+            Where progress is shown: by default where people see it, a terminal or a notebook.
+
+        Returns
+        -------
+        list of Answer
+            `figure(answers)` draws them, `to_dataframe` of each makes tables of them. What a check found
+            broken is among their `failures`.
+
+        Raises
+        ------
+        HardSpheresError
+            As `conduct` does, but for files.
+        """
+        screen = screen or Screen()
+        study = self.prepared(screen.note)
+        gases = study.gases()
+        _compile(study, gases, screen)
+        found = []
+        for gas, own in zip(gases, run_study(study, screen)[0], strict=True):
+            answer = study.answer(gas, own)
+            broken_ones = [f"replica {k}: {run.failure}" for k, run in enumerate(own) if run.failure]
+            found.append(replace(answer, failures=[*broken_ones, *answer.failures]))
+        return found
 
     @abstractmethod
     def gases(self) -> Sequence[Gas]:
@@ -187,7 +229,10 @@ class Study(Program):
         """Write what the recorders saw; their own files are in `out.checkpoints`."""
 
     def replay(self) -> Replay | None:
-        """Return a small gas of the kind that the study is about, to be watched as `gas.html`; None: none."""
+        """Return a small gas of the kind that the study is about, or None.
+
+        It is to be watched in the report, and alone as `gas.html`, which `files` then names.
+        """
         return None
 
     def to_precision(self, target: float) -> Study | None:
@@ -266,10 +311,22 @@ def run_study(
     # the run that is watched
     with screen.progress("runs", len(runs)) as advance:
         found = run_replicas(
-            _Running(study, folder), runs[::-1], workers=study.workers, done=advance, shelf=shelf
+            _Running(study, folder),
+            runs[::-1],
+            workers=study.workers,
+            done=advance,
+            shelf=shelf,
+            note=screen.note,
         )[::-1]
     recorded = found.pop() if runs[-1].recording else None
     return [found[k * count : (k + 1) * count] for k in range(len(gases))], recorded
+
+
+def _compile(study: Study, gases: Sequence[Gas], screen: Screen) -> None:
+    """Compile all that the gases of a study need, before its workers start."""
+    with screen.compiling("; ".join(dict.fromkeys(gas.kind for gas in gases))):
+        for gas in representatives(gases):
+            study.start(gas, np.random.SeedSequence(0, spawn_key=(0,))).run(collisions=1)
 
 
 def conduct(
@@ -311,9 +368,7 @@ def conduct(
     study = study.prepared(screen.note)
     gases = study.gases()
     out.check(study)
-    with screen.compiling("; ".join(dict.fromkeys(gas.kind for gas in gases))):
-        for gas in representatives(gases):
-            study.start(gas, np.random.SeedSequence(0, spawn_key=(0,))).run(collisions=1)
+    _compile(study, gases, screen)
     ready = time.perf_counter()
     with out.running(study) as shelf:
         replicas, recorded = run_study(study, screen, shelf, shelf.folder, record)
@@ -331,7 +386,7 @@ def conduct(
         if (replay := study.replay()) is not None:
             with screen.working("running a gas to be watched"), out.partial("gas.html") as path:
                 replay.save(path)
-        summary = summary_of(study, answers, replicas, out)
+        summary = Summary(summary_of(study, answers, replicas, out))
         summary["seconds"] = seconds_taken(began, ready, ran)
         verdict = [conclude(summary)] if conclude is not None else []
         with screen.working("writing the report"):

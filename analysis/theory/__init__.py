@@ -10,7 +10,8 @@ outside the range in which it was established gives NaN and a `TheoryRangeWarnin
 One idea per file: `maxwell` velocities at equilibrium, `equilibrium` cumulants and H of N particles, `state`
 equations of state, `mixtures`, `collisions` rates and free flights, `flights` the same in mixtures,
 `relaxation`, `equal_speeds` and `beams` the way to equilibrium, `transport` Enskog's coefficients, `sound`
-its speed and damping, `two_spheres` exact rates of the smallest gas.
+its speed and damping, `expansion` how particles spread from half of a box, `lyapunov` how fast a gas forgets,
+`two_spheres` exact rates of the smallest gas.
 """
 
 from analysis.theory.beams import BeamsRelaxation, boltzmann_beams
@@ -47,7 +48,9 @@ from analysis.theory.equilibrium import (
     equilibrium_h,
     ks_floor,
 )
+from analysis.theory.expansion import spread_entropy, spread_shares, tracer_displacement
 from analysis.theory.flights import FreeFlights
+from analysis.theory.lyapunov import lyapunov_exponent, reversal_horizon
 from analysis.theory.maxwell import (
     component_cdf,
     component_pdf,
@@ -154,6 +157,7 @@ __all__ = [
     "henderson",
     "kolafa_labik_malijevsky",
     "ks_floor",
+    "lyapunov_exponent",
     "mean_free_path",
     "mean_speed",
     "mixture_collision_rates",
@@ -167,6 +171,7 @@ __all__ = [
     "pairs_of_few",
     "periodic_diffusion_correction",
     "periodic_diffusion_window",
+    "reversal_horizon",
     "shear_viscosity",
     "sonine_rate",
     "sound_damping",
@@ -175,8 +180,11 @@ __all__ = [
     "speed_dependent_free_path",
     "speed_dependent_rate",
     "speed_pdf",
+    "spread_entropy",
+    "spread_shares",
     "temperature_equilibration",
     "temperature_equilibration_rate",
+    "tracer_displacement",
     "two_sphere_rates",
     "velocity_correlation_rate",
     "virial_coefficients",

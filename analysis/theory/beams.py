@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import interpolate
 
+from analysis.brief import brief
 from analysis.theory.prediction import check_dim, inside_range
 
 __all__ = ["BeamsRelaxation", "boltzmann_beams"]
@@ -106,6 +107,8 @@ class BeamsRelaxation:
     anisotropy_error: FloatArray
     a2: FloatArray
     a2_error: FloatArray
+
+    __repr__ = brief
 
 
 def boltzmann_beams(s: ArrayLike, dim: int) -> BeamsRelaxation:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import interpolate
 
+from analysis.brief import brief
 from analysis.theory.equilibrium import equilibrium_a2
 from analysis.theory.maxwell import speed_cdf
 from analysis.theory.prediction import Prediction, check_dim, inside_range
@@ -97,6 +98,8 @@ class EqualSpeedsRelaxation:
     ks_error: FloatArray
     h: FloatArray
     h_error: FloatArray
+
+    __repr__ = brief
 
 
 def boltzmann_equal_speeds(s: ArrayLike, dim: int) -> EqualSpeedsRelaxation:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from analysis.brief import brief
 from analysis.theory.collisions import quadrature, relative_rate
 from analysis.theory.maxwell import mean_speed, speed_pdf
 from analysis.theory.mixtures import mixture_contact_values
@@ -60,6 +61,8 @@ class FreeFlights:
     species: int = 0
     temperature: float = 1.0
     counts: ArrayLike | None = None
+
+    __repr__ = brief
 
     @property
     def _eta(self) -> float:

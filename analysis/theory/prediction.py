@@ -38,6 +38,15 @@ class Prediction:
     value: Any
     uncertainty: Any
 
+    def __repr__(self) -> str:
+        """Return the value and its uncertainty; of several, how many there are and where they lie."""
+        values, uncertainties = np.asarray(self.value, float), np.asarray(self.uncertainty, float)
+        if values.size == 1:
+            return f"<Prediction {values.item():.8g} +- {float(uncertainties.flat[0]):.2g}>"
+        known = values[np.isfinite(values)]
+        span = f" from {known.min():.6g} to {known.max():.6g}" if known.size else ", none known"
+        return f"<Prediction of {' x '.join(map(str, values.shape))} values{span}>"
+
 
 def check_dim(dim: int) -> None:
     """Raise ValueError unless d is 2 or 3."""

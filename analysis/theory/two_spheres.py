@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from analysis.brief import brief
 from analysis.theory.prediction import check_dim
 
 __all__ = ["TwoSphereRates", "two_sphere_rates"]
@@ -29,6 +30,8 @@ class TwoSphereRates:
 
     pair: float
     wall: FloatArray
+
+    __repr__ = brief
 
 
 def two_sphere_rates(

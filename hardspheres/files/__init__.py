@@ -1,7 +1,7 @@
 """Files for other programs: reading and writing.
 
-Files in reading order: `xyz` (extended xyz, exact), `foreign` (formats with units of their own), `reader`,
-`writer`. Scenes as ASE's Atoms, and back, are in `hardspheres.atoms`.
+Files in reading order: `xyz` (extended xyz, exact), `hoomd` (GSD, exact), `foreign` (formats with units of
+their own), `reader`, `writer`. Scenes as ASE's Atoms, and back, are in `hardspheres.atoms`.
 """
 
 from hardspheres.atoms import Reading, has_velocities, to_atoms

@@ -1,4 +1,4 @@
-"""Structures and trajectories from files: extended xyz frame by frame (`xyz`), all else through ASE."""
+"""Structures and trajectories from files: extended xyz (`xyz`), GSD (`hoomd`), all else through ASE."""
 
 import os
 import warnings
@@ -13,14 +13,14 @@ from numpy.typing import ArrayLike
 
 from hardspheres.atoms import Reading, logger, scene_and_notes
 from hardspheres.errors import HardSpheresError, SceneError, TrajectoryError
-from hardspheres.files import foreign, xyz
+from hardspheres.files import foreign, hoomd, xyz
 from hardspheres.scene import Scene
 
 Item = TypeVar("Item")
 
 
 def read_structure(path: str | os.PathLike[str], index: int = -1, **reading: Any) -> Any:
-    """Read one structure from any file that ASE reads.
+    """Read one structure from a ``.gsd`` file or any that ASE reads.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def read_scene(path: str | os.PathLike[str], reading: Reading, index: int = -1) 
     Parameters
     ----------
     path : str or path-like
-        Any file that ASE reads.
+        A ``.gsd`` file, or any that ASE reads.
     reading : Reading
         How to interpret what is ambiguous in the file.
     index : int
@@ -78,7 +78,7 @@ def read_trajectory(
     Parameters
     ----------
     path : str or path-like
-        A file that ASE reads.
+        A ``.gsd`` file, or one that ASE reads.
     radius : float, (N,) array_like or mapping of labels to floats, optional
         Radii, whatever the file has.
     **reading
@@ -128,6 +128,12 @@ def _structure(path: str | os.PathLike[str], index: int, reading: Reading) -> tu
         if frame is None:
             raise TrajectoryError(f"{file} holds no frame{'' if index == -1 else f' of index {index}'}")
         return xyz.to_structure(file, frame)
+    if form == "gsd":
+        with hoomd.Reader(file) as frames:
+            place = index if index >= 0 else index + len(frames)
+            if not 0 <= place < len(frames):
+                raise TrajectoryError(f"{file} holds no frame{'' if index == -1 else f' of index {index}'}")
+            return frames.structure(place)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # readers that guess, warn
@@ -157,6 +163,12 @@ def structures(path: str | os.PathLike[str], reading: Reading) -> Iterator[tuple
         for frame in xyz.frames(file):
             yield xyz.to_structure(file, frame)
         return
+    if form == "gsd":
+        with hoomd.Reader(file) as structures:
+            if not len(structures):
+                raise TrajectoryError(f"{file} holds no frame")
+            yield from structures
+        return
     options = foreign.reader_options(form, reading)
     frames = iread(file, index=":", format=form, do_not_split_by_at_sign=True, **options)
     tables = foreign.tables(form, file)
@@ -171,12 +183,14 @@ def structures(path: str | os.PathLike[str], reading: Reading) -> Iterator[tuple
 
 
 def _format(path: str | os.PathLike[str]) -> str:
-    """Return ASE's name of the format of a file."""
+    """Return ASE's name of the format of a file, or gsd, which ASE does not read."""
     from ase.io.formats import UnknownFileTypeError, filetype, ioformats
 
     file = Path(path)
     if file.suffix in xyz.SUFFIXES:
         return "extxyz"
+    if file.suffix == hoomd.SUFFIX:
+        return "gsd"
     try:
         form = filetype(str(file))
         known = form in ioformats and ioformats[form].can_read

@@ -1,4 +1,4 @@
-"""Frames to a file as they come: extended xyz, or ASE's own binary format `.traj`."""
+"""Frames to a file as they come: extended xyz, ASE's own binary format `.traj`, or `.gsd`."""
 
 import os
 from pathlib import Path
@@ -7,7 +7,8 @@ from typing import IO, Any, Self
 
 from hardspheres.atoms import VELOCITY, FrameLike, to_atoms
 from hardspheres.errors import TrajectoryError
-from hardspheres.files.reader import binary_frames
+from hardspheres.files import hoomd
+from hardspheres.files.reader import binary_frames, existing
 from hardspheres.files.xyz import SUFFIXES, frame_text
 from hardspheres.scene import Scene
 from hardspheres.temporary import remove_leftovers, replacing
@@ -22,12 +23,15 @@ class TrajectoryWriter:
     float64: the scene that is read is the one that was written, bit for bit. Columns are species, pos,
     momenta, masses, radius, and Velo and mass, which OVITO reads; the header has `time`, `collisions` and
     `dimension`. ``.traj`` is ASE's own; it holds momenta and masses, whose ratio may be a rounding off the
-    velocity where a mass is no power of two.
+    velocity where a mass is no power of two. ``.gsd`` is for OVITO, HOOMD, freud and MDAnalysis, which read
+    single precision; what that loses stands beside it, so that the scene comes back bit for bit. It needs the
+    package gsd: ``pip install 'hardspheres[gsd]'``.
 
     Parameters
     ----------
     path : str or path-like
-        ``.xyz`` or ``.extxyz`` for extended xyz, ``.traj`` for ASE's binary format; replaced if it exists.
+        ``.xyz`` or ``.extxyz`` for extended xyz, ``.traj`` for ASE's binary format, ``.gsd`` for HOOMD's;
+        replaced if it exists.
     keep : int, default 0
         Keep so many frames of an existing file and append to them; the rest, such as an incomplete frame of a
         killed run, is cut off.
@@ -37,8 +41,8 @@ class TrajectoryWriter:
     Raises
     ------
     TrajectoryError
-        When the extension is another one, the file cannot be written, or it has fewer frames than are to be
-        kept.
+        When the extension is another one, the file cannot be written, it has fewer frames than are to be
+        kept, or a ``.gsd`` file is asked for and the package gsd is not installed.
 
     Examples
     --------
@@ -50,10 +54,10 @@ class TrajectoryWriter:
     def __init__(self, path: str | os.PathLike[str], *, keep: int = 0, units: str | None = None) -> None:
         self.path = Path(path)
         self.units = units
-        if self.path.suffix not in (*SUFFIXES, ".traj"):
+        if self.path.suffix not in (*SUFFIXES, ".traj", hoomd.SUFFIX):
             raise TrajectoryError(
-                f"{self.path} has the extension {self.path.suffix!r}; a trajectory ends in .xyz, .extxyz "
-                "or .traj"
+                f"{self.path} has the extension {self.path.suffix!r}; a trajectory ends in .xyz, .extxyz, "
+                ".traj or .gsd"
             )
         try:
             self._open(keep)
@@ -63,13 +67,21 @@ class TrajectoryWriter:
     def _open(self, keep: int) -> None:
         self._text: IO[bytes] | None = None
         self._binary: Any = None
-        if self.path.suffix == ".traj":
+        self._gsd: hoomd.Writer | None = None
+        if self.path.suffix == hoomd.SUFFIX:
+            self._gsd = _gsd_after(self.path, keep)
+        elif self.path.suffix == ".traj":
             self._binary = _binary_after(self.path, keep)
         else:
             end = _end_of_frames(self.path, keep) if keep else 0
             self._text = self.path.open("ab" if keep else "wb")
             if keep:
                 self._text.truncate(end)
+
+    def __repr__(self) -> str:
+        """Return which file it is, and whether it is open."""
+        is_open = self._text is not None or self._binary is not None
+        return f"<TrajectoryWriter of {self.path}, {'open' if is_open else 'closed'}>"
 
     def write(self, frame: Scene | FrameLike) -> None:
         """Append a frame or a scene.
@@ -79,8 +91,11 @@ class TrajectoryWriter:
         TrajectoryError
             When the file is closed or cannot be written (disk full).
         """
-        atoms = to_atoms(frame, self.units)
         try:
+            if self._gsd is not None:
+                self._gsd.write(frame, self.units)
+                return
+            atoms = to_atoms(frame, self.units)
             if self._text is not None:
                 self._text.write(frame_text(atoms))  # in one piece
                 self._text.flush()
@@ -95,8 +110,8 @@ class TrajectoryWriter:
 
     def close(self) -> None:
         """Close the file; a second time does nothing."""
-        handles = [handle for handle in (self._text, self._binary) if handle is not None]
-        self._text = self._binary = None
+        handles: list[Any] = [each for each in (self._text, self._binary, self._gsd) if each is not None]
+        self._text = self._binary = self._gsd = None
         try:
             for handle in handles:
                 handle.close()
@@ -149,3 +164,14 @@ def _binary_after(path: Path, keep: int) -> Any:
         for index in range(keep):
             writer.write(frames[index])
     return open_writer(str(path), "a")
+
+
+def _gsd_after(path: Path, keep: int) -> hoomd.Writer:
+    """Return a writer after the first frames of a file, which are copied, as for `.traj`."""
+    if keep:
+        with replacing(path) as copy:
+            there = hoomd.keep_frames(existing(path), copy, keep)
+            if there < keep:
+                raise _too_short(path, there, keep)
+            remove_leftovers(path.parent, copy.stat().st_mtime)
+    return hoomd.Writer(path, append=bool(keep))

@@ -18,14 +18,16 @@ import numpy as np
 import orjson
 
 from hardspheres.atoms import VELOCITY
+from hardspheres.columns import NAMES
 from hardspheres.errors import TrajectoryError
 
 SUFFIXES = (".xyz", ".extxyz")
 COLUMNS = ("positions", "momenta", "masses", "radius", VELOCITY, "mass")  # the last two are what OVITO reads
+INTEGERS = (*NAMES["labels"], *NAMES["id"])
 KINDS: dict[str, Callable[[str], Any]] = {
     "S": str,
     "R": float,
-    "I": int,
+    "I": lambda text: np.int64(int(text)),
     "L": {"T": 1, "F": 0, "True": 1, "False": 0}.__getitem__,
 }
 PLAIN = "species:S:1:pos:R:3"  # columns of a file whose header names none
@@ -50,7 +52,9 @@ def frame_text(atoms: Any) -> bytes:
 
     describe: Any = output_column_format
     arrays = {**atoms.arrays, "mass": atoms.arrays["masses"], "symbols": np.array(["X"])}
-    header = describe(atoms, ["symbols", *COLUMNS], arrays)[0]
+    labels = arrays.get("tags")
+    also = [] if labels is None else ["label"]
+    header = describe(atoms, ["symbols", *COLUMNS, *also], arrays | {"label": labels})[0]
     table = np.column_stack([arrays[name] for name in COLUMNS])
     if not np.isfinite(table).all():
         raise TrajectoryError("a number is not finite; a file with it could not be read back")
@@ -64,7 +68,11 @@ def frame_text(atoms: Any) -> bytes:
     elements, kinds = np.unique(atoms.numbers, return_inverse=True)
     before = [b"\n" + chemical_symbols[element].encode().ljust(4) for element in elements]
     letters[row[:, None] + np.arange(5)] = np.frombuffer(b"".join(before), np.uint8).reshape(-1, 5)[kinds]
-    return b"%d\n%s%s\n" % (len(atoms), header.encode(), text)
+    lines = bytes(text)
+    if labels is not None:
+        rows = zip(lines.split(b"\n")[1:], labels.tolist(), strict=True)
+        lines = b"".join(b"\n%s %d" % row for row in rows)
+    return b"%d\n%s%s\n" % (len(atoms), header.encode(), lines)
 
 
 @dataclass(frozen=True)
@@ -156,13 +164,20 @@ def to_structure(path: Path, frame: Frame) -> tuple[Any, list[str]]:
     names = [name for name, _, _ in columns]
     if "species" in names and not _are_elements(frame, columns):
         names[names.index("species")] = "labels" if "label" in names else "label"
+    integers = [
+        name for name, kind, width in columns if name.lower() in INTEGERS and (kind, width) == ("I", 1)
+    ]
     info["Properties"] = ":".join(
-        f"{name}:{kind}:{width}" for name, (_, kind, width) in zip(names, columns, strict=True)
+        f"{name}:{'S' if name in integers else kind}:{width}"  # ASE reads only 32 bits of an integer
+        for name, (_, kind, width) in zip(names, columns, strict=True)
     )
     ends = "" if frame.rows[-1].endswith("\n") else "\n"
     text = io.StringIO("".join([f"{frame.count}\n{header}\n", *frame.rows, ends, *frame.vectors]))
     try:
         (atoms,) = read_extxyz(text, index=slice(None), properties_parser=lambda _: info)
+        for name in integers:
+            values = [KINDS["I"](value) for value in atoms.arrays.pop(name)]
+            atoms.set_array(name, np.array(values), np.int64, ())
     except Exception as error:  # it fails in many ways
         fault = _fault(path, frame, columns) or f"{where}: ASE cannot read this frame ({said(error)})"
         raise TrajectoryError(fault) from error
@@ -234,7 +249,7 @@ def _fault(path: Path, frame: Frame, columns: list[tuple[str, str, int]]) -> str
         for value, (name, kind) in zip(row.split(), kinds, strict=False):
             try:
                 KINDS[kind](value)
-            except (KeyError, ValueError):
+            except (KeyError, ValueError, OverflowError):
                 line = frame.line + 2 + k
                 return f"{path}, line {line}: {_shown(value)} in the column {name} is not {wanted[kind]}"
     return None

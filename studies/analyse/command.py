@@ -30,6 +30,7 @@ class Analyse(Program):
     """A table of what the velocities and positions in a file say."""
 
     name = "analyse"
+    question = "What do the velocities and positions in a file say?"
     explanation = """
     Measures the temperature of each species and along each axis, speeds and velocity components beside
     Maxwell and Boltzmann's law, momentum, drift, and g(r) with its contact value where radii are known.
@@ -112,7 +113,7 @@ class Analyse(Program):
         page = Report(
             name=self.name,
             subject=subject,
-            question=self.question,
+            question=self.asked,
             answer=[answer.verdict],
             notes=answer.notes,
             figures={"analysis": drawn},

@@ -41,6 +41,10 @@ class Findings:
     pairs: PairDistribution | None = None
     notes: list[str] = field(default_factory=list)
 
+    def __repr__(self) -> str:
+        """Return of which file they are, and the moments."""
+        return f"<Findings in {self.gas!r}: {self.moments!r}>"
+
     def begin(self, scene: hs.Scene) -> None:
         """Look at the first frame, and decide what can be measured."""
         if scene.n < 2:

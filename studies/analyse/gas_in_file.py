@@ -115,6 +115,10 @@ class GasInFile:
             text += f", time {times[0]:.4g} to {times[-1]:.4g}"
         return text
 
+    def __repr__(self) -> str:
+        """Return which file it is, and how much of it was read."""
+        return f"<GasInFile {self.path}: {self.n_frames} frames read>"
+
     def frames(self) -> Iterator[hs.Frame]:
         """Yield each frame; its time is its index, and its collisions per particle those of `clock`.
 

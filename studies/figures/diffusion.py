@@ -65,8 +65,9 @@ def _draw_displacement(axes: Axes, answer: Answer, colour: Any) -> None:
         label=f"packing fraction {gas.packing_fraction:.4g}",
         zorder=3,
     )
-    x = np.geomspace(s[0], 1.2, 30)  # free flight: <v^2> t^2 with kT = m = 1
-    axes.plot(x, x * (lags[0] / s[0]) / (2 * enskog), color=colour, lw=1.0, ls=(0, (4, 2)))
+    x = np.geomspace(s[0], 1.2, 30)  # free flight: <v^2> t^2
+    square = gas.units["temperature"] / gas.units["mass"]
+    axes.plot(x, x * (lags[0] / s[0]) * square / (2 * enskog), color=colour, lw=1.0, ls=(0, (4, 2)))
 
 
 def _finish_displacement(axes: Axes) -> None:
@@ -91,7 +92,9 @@ def _draw_velocities(axes: Axes, answer: Answer, colour: Any) -> None:
 
 
 def _enskog(answer: Answer) -> float:
-    return float(theory.enskog_diffusion(answer.gas.packing_fraction, answer.gas.dim).value)
+    """Return D in Enskog's theory; all units of a real gas are such that nm^2/ps are mm^2/s."""
+    gas = answer.gas
+    return float(theory.enskog_diffusion(gas.packing_fraction, gas.dim, **gas.units).value)
 
 
 def _finish_velocities(axes: Axes, dim: int) -> None:
@@ -125,7 +128,7 @@ def _draw_diffusion(axes: Axes, answers: Sequence[Answer]) -> None:
         label="its uncertainty",
     )
     axes.axhline(1.0, color=COLOURS["theory"], lw=1.2, label="Enskog")
-    here = [answer["D of this box"].measured for answer in answers]
+    here = [answer[answer.gas.named("D of this box")].measured for answer in answers]
     axes.errorbar(
         eta,
         np.array([found.value for found in here]) / enskog,
@@ -137,7 +140,7 @@ def _draw_diffusion(axes: Axes, answers: Sequence[Answer]) -> None:
         label="in this box",
     )
     if dim == 3:
-        infinite = [answer["D"].measured for answer in answers]
+        infinite = [answer[answer.gas.named("D")].measured for answer in answers]
         axes.errorbar(
             eta,
             np.array([found.value for found in infinite]) / enskog,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -51,9 +52,9 @@ def figure(answers: Sequence[Answer]) -> Figure:
 
 
 def _law(fluid: Fluid, eta: float, species: int) -> FreeFlights:
-    """Return the theory of a species of a fluid at a packing fraction, kT = 1."""
+    """Return the theory of a species of a fluid at a packing fraction."""
     densities, diameters, masses = replace(fluid, packing_fraction=eta).species
-    return FreeFlights(densities, diameters, masses, fluid.dim, species)
+    return FreeFlights(densities, diameters, masses, fluid.dim, species, fluid.units["temperature"])
 
 
 def _curve(answer: Answer, name: str, species: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -68,7 +69,7 @@ def _curve(answer: Answer, name: str, species: int) -> tuple[FloatArray, FloatAr
 
 def _mean_of(answer: Answer, species: int) -> Any:
     name = "mean free path" + (f" of species {species + 1}" if len(answer.details["species"]) > 1 else "")
-    return answer[name]
+    return answer[answer.gas.named(name)]
 
 
 def _draw_means(axes: Axes, answers: Sequence[Answer]) -> None:
@@ -92,7 +93,9 @@ def _draw_means(axes: Axes, answers: Sequence[Answer]) -> None:
     axes.set_yscale("log")
     if len(eta) == 1:
         axes.set_xlim(eta[0] / 2, 2 * eta[0])
-    axes.set_ylabel("mean free path / diameter" + " of the first" * (len(labels) > 1))
+    name = answers[0].gas.named("mean free path")  # with its unit, where it has one
+    unit = "" if "[" in name else " / diameter" + " of the first" * (len(labels) > 1)
+    axes.set_ylabel(name + unit)
     axes.set_title("Mean free path")
     axes.legend(fontsize=8)
 
@@ -170,7 +173,9 @@ def _draw_speeds(axes: Axes, below: Axes, answers: Sequence[Answer], shades: Flo
     largest = 1.0
     for k in range(len(answers[0].details["species"])):
         law = _law(fluid, fluid.packing_fraction, k)
-        thermal = 1.0 if k == 0 else fluid.mass_ratio**-0.5
+        thermal = (1.0 if k == 0 else fluid.mass_ratio**-0.5) * math.sqrt(
+            fluid.units["temperature"] / fluid.units["mass"]
+        )
         curve = v * thermal / law.rates(v * thermal).sum(axis=-1) / law.mean_path
         axes.plot(v, curve, color=COLOURS["theory"], lw=1.2, ls=("-", (0, (5, 1.5)))[k % 2])
     for answer, shade in zip(answers, shades, strict=False):

@@ -53,7 +53,7 @@ def _sentence(where: str, numbers: Sequence[TheoryCheck]) -> str:
 
 def _capital(text: str) -> str:
     """Return a sentence with a capital, unless it begins with a symbol, as a2 or <l^2>."""
-    first = text.split(" ", 1)[0]
+    first = text.split(" ", 1)[0].replace("-", "").rstrip(",:")
     return text[0].upper() + text[1:] if first.isalpha() and len(first) > 1 else text
 
 
@@ -77,7 +77,7 @@ def _over_many(quantity: str, answers: Sequence[Answer], told: Sequence[Sequence
     """Return how well a quantity was measured in many gases, and its largest deviation from theory."""
     pairs = zip(names_of(answers), told, strict=True)
     found = [(where, each) for where, numbers in pairs for each in numbers if each.quantity == quantity]
-    relative = [abs(each.measured.standard_error / each.measured.value) for _, each in found]
+    relative = [abs(each.measured.standard_error / (each.measured.value or math.nan)) for _, each in found]
     etas = [answer.gas.packing_fraction for answer in answers]
     text = f"{quantity} in {len(found)} gases, packing fractions {min(etas):g} to {max(etas):g}"
     if all(map(math.isfinite, relative)):

@@ -5,11 +5,16 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import os
+import pickle
 import signal
+import sys
 import threading
 import time
+import types
+import warnings
 from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
+from contextlib import nullcontext
 from multiprocessing.process import BaseProcess
 from typing import Any, TypeVar
 
@@ -26,6 +31,14 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 PATIENCE = 5.0  # seconds in which a worker may save its state
+NOT_IN_A_FILE = (
+    "worker processes cannot import what is defined in a notebook or at a prompt, so the runs go one after "
+    "another; put it into a file and import it from there, to use all cores"
+)
+UNGUARDED = (
+    'a program that defines what its workers do must start them under `if __name__ == "__main__":`, as each '
+    "of them runs the rest of it"
+)
 
 
 def replica_seeds(seed: int, count: int) -> list[np.random.SeedSequence]:
@@ -97,6 +110,22 @@ def _starting(workers: int | None) -> Iterator[None]:
         mask(getattr(signal, "SIG_SETMASK", 0), before)
 
 
+def _needs_main(task: object, items: Sequence[object]) -> bool:
+    """Return whether workers need what the program's main module defines."""
+    return b"__main__" in pickle.dumps((task, list(items)))
+
+
+@contextlib.contextmanager
+def _without_main() -> Iterator[None]:
+    """Start processes that do not import the program's main module, which would run a script once more."""
+    main = sys.modules["__main__"]
+    sys.modules["__main__"] = types.ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = main
+
+
 def _prepare_worker() -> None:
     for number in STOPPING:  # it is the parent that terminates
         signal.signal(number, signal.SIG_DFL if number == signal.SIGTERM else signal.SIG_IGN)
@@ -128,6 +157,7 @@ def run_replicas(
     executor: Executor | None = None,
     done: Callable[[], None] | None = None,
     shelf: Shelf | None = None,
+    note: Callable[[str], object] = warnings.warn,
 ) -> list[Result]:
     """Apply a task to every item and return the results in the order of the items.
 
@@ -149,6 +179,8 @@ def run_replicas(
     shelf : Shelf, optional
         Where results are kept; those that are there already are not computed again, and a `Resumable` task
         continues from its saved state.
+    note : callable
+        Is told in a sentence why there are no workers, where the task is defined in no file.
 
     Returns
     -------
@@ -159,7 +191,7 @@ def run_replicas(
     ValueError
         If `workers` is less than one.
     SimulationError
-        If worker processes cannot be started, or one was killed from outside, for example when out of memory.
+        If worker processes cannot be started, or one ended too early, for example when out of memory.
     Exception
         Whatever the task raises first; the rest is cancelled.
     """
@@ -172,11 +204,21 @@ def run_replicas(
     for _ in range(len(items) - len(jobs)):
         told()
     fresh: list[Result] = []
+    several = executor is None and min(count, len(jobs)) > 1
+    main = several and _needs_main(task, items)
+    if main and not os.path.isfile(getattr(sys.modules["__main__"], "__file__", None) or ""):
+        note(NOT_IN_A_FILE)
+        several = False
     if executor is not None:
         fresh = _collect(executor, jobs, told, cancel=True)
-    elif min(count, len(jobs)) > 1:
-        with spawned_processes(min(count, len(jobs))) as pool:
-            fresh = _collect(pool, jobs, told, cancel=False)  # the pool is ended instead
+    elif several:
+        try:
+            with spawned_processes(min(count, len(jobs))) as pool:
+                fresh = _collect(pool, jobs, told, cancel=False, hidden=not main)  # the pool is ended instead
+        except SimulationError as error:
+            if main:
+                error.add_note(UNGUARDED)
+            raise
     else:
         for job in jobs:
             fresh.append(perform(*job))
@@ -186,11 +228,16 @@ def run_replicas(
 
 
 def _collect(
-    executor: Executor, jobs: Sequence[tuple[Any, ...]], told: Callable[[], None], cancel: bool
+    executor: Executor,
+    jobs: Sequence[tuple[Any, ...]],
+    told: Callable[[], None],
+    cancel: bool,
+    hidden: bool = False,
 ) -> list[Any]:
     futures: list[Future[Any]] = []
     try:
-        with _starting(getattr(executor, "_max_workers", None)):
+        count = getattr(executor, "_max_workers", None)
+        with _starting(count), _without_main() if hidden else nullcontext():
             for job in jobs:
                 futures.append(executor.submit(perform, *job))
         for future in as_completed(futures):

@@ -183,7 +183,7 @@ def _calibrate(study: Calibrations, out: OutputFolder, screen: Screen) -> tuple[
         tables, legend = _tables(study, rows), _legend(rows)
         page = Report(
             name=study.name,
-            subject=_in_words(study),
+            subject=f"{len(rows)} estimators, {study.runs} runs of each",
             question=study.asked,
             answer=[f"{len(rows) - len(failures)} of {len(rows)} estimators are calibrated."],
             figures={"calibration": drawn},

@@ -12,6 +12,8 @@ import html
 import json
 import math
 import os
+import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -21,9 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import hardspheres as hs
+from hardspheres.event_log import event_dtype
 from hardspheres.temporary import temporary_beside
+from studies.fluid import kind_of
 
-__all__ = ["Replay", "view"]
+__all__ = ["Replay", "replay_by_steps", "view"]
 
 MOST_PARTICLES = 20_000
 MOST_EVENTS = 2_000_000
@@ -59,8 +63,7 @@ class Replay:
     @property
     def _title(self) -> str:
         scene = self.scene
-        kind = "spheres" if scene.dim == 3 else "discs"
-        return f"{scene.n} hard {kind}, packing fraction {scene.packing_fraction:.3g}"
+        return f"{scene.n} {kind_of(scene)}, packing fraction {scene.packing_fraction:.3g}"
 
     def _head(self) -> dict[str, Any]:
         scene = self.scene
@@ -71,13 +74,22 @@ class Replay:
             "duration": self.duration,
             "box": scene.box.tolist(),
             "periodic": scene.periodic.tolist(),
+            "labels": None if self._labels is None else self._labels[0].tolist(),
         }
+
+    @property
+    def _labels(self) -> Any:
+        """Labels that differ, and which of them each particle has; None where they tell nothing apart."""
+        labels = getattr(self.scene, "labels", None)
+        names, which = np.unique([] if labels is None else labels, return_inverse=True)
+        return (names, which) if len(names) > 1 else None
 
     def _data(self) -> bytes:
         scene, events = self.scene, self.events
         momenta = events["normal"] * events["impulse"][:, None]
         floats = (scene.positions, scene.velocities, scene.radii, scene.masses, events["time"], momenta)
-        whole = (events["i"], events["j"], scene.species)
+        whole = [events["i"], events["j"], scene.species]
+        whole += [] if self._labels is None else [self._labels[1]]
         parts = [part.astype("<f8") for part in floats] + [part.astype("<i4") for part in whole]
         return b"".join(part.tobytes() for part in parts)
 
@@ -186,10 +198,70 @@ def view(start: hs.Scene | hs.Simulation, collisions_per_particle: float = 10.0)
 
     simulation = hs.Simulation(start, log=keep) if isinstance(start, hs.Scene) else start.with_log(keep)
     scene, began = simulation.to_scene(), simulation.time
-    simulation.run(collisions=collisions)
+    try:
+        simulation.run(collisions=collisions)
+    except hs.SimulationError as error:  # none to come: what it says of `run` is of no use here
+        told = re.sub(r"(; |, or |: )use run\(time=\.\.\.\)$", "", str(error))
+        raise hs.SimulationError(told) from error
     events = np.concatenate(chunks)
     events["time"] -= began
     return Replay(scene, events, float(events["time"][-1]))
+
+
+def replay_by_steps(scene: hs.Scene, collisions_per_particle: float = 10.0) -> Replay:
+    """Return what `view` does of a small gas, without a log.
+
+    A log needs kernels of its own, and compiling them takes longer than stopping at every collision of a few
+    hundred particles to see whose velocities have changed. Hits of walls in between follow from the flights.
+
+    Parameters
+    ----------
+    scene : Scene
+        The start.
+    collisions_per_particle : float, default 10
+        How long, s = 2 collisions / N.
+    """
+    simulation, n, walled = hs.Simulation(scene), scene.n, not scene.periodic.all()
+    time, x, v = 0.0, simulation.positions, simulation.velocities
+    found: list[tuple[float, int, int, NDArray[np.float64]]] = []  # time, i, j, momentum passed
+    for _ in range(math.ceil(collisions_per_particle * n / 2 - 1e-9)):
+        simulation.run(collisions=1)
+        now, after = simulation.time, simulation.velocities
+        before = v.copy()
+        if walled:
+            for hit, i, axis, side in sorted(_wall_hits(scene, x, v, now - time)):
+                push = np.zeros(scene.dim)
+                push[axis] = -2.0 * scene.masses[i] * before[i, axis]
+                before[i, axis] = -before[i, axis]
+                found.append((time + hit, i, n + 2 * axis + side, push))
+            x = simulation.positions
+        changed = np.flatnonzero(np.any(after != before, axis=1))
+        if len(changed) != 2:  # a velocity so little changed that it rounds to what it was: only a log tells
+            return view(scene, collisions_per_particle)
+        one, other = (int(i) for i in changed)
+        found.append((now, one, other, scene.masses[one] * (after[one] - before[one])))
+        time, v = now, after
+    events = np.zeros(len(found), event_dtype(scene.dim))
+    events["time"], events["i"], events["j"] = (np.array([row[k] for row in found]) for k in range(3))
+    push = np.array([row[3] for row in found])
+    events["impulse"] = np.linalg.norm(push, axis=1)
+    events["normal"] = push / events["impulse"][:, None]
+    events["free_path"] = np.nan
+    return Replay(simulation.scene, events, time)
+
+
+def _wall_hits(
+    scene: hs.Scene, x: NDArray[np.float64], v: NDArray[np.float64], duration: float
+) -> Iterator[tuple[float, int, int, int]]:
+    """Yield time, particle, axis and side of each hit of a wall in free flight for so long."""
+    for axis in np.flatnonzero(~scene.periodic):
+        room = scene.box[axis] - 2.0 * scene.radii  # of a centre; it bounces to and fro in it
+        inside, speed = x[:, axis] - scene.radii, np.abs(v[:, axis])
+        ahead = np.where(v[:, axis] > 0.0, room - inside, inside)
+        for i in np.flatnonzero(ahead < speed * duration):
+            side = int(v[i, axis] > 0.0)
+            for k in range(1 + int((speed[i] * duration - ahead[i]) / room[i])):
+                yield float((ahead[i] + k * room[i]) / speed[i]), int(i), int(axis), side ^ (k & 1)
 
 
 def _too_many(n: int) -> hs.SimulationError:

@@ -10,7 +10,8 @@ export function decode(head, base64) {
   const radii = take(Float64Array, n), masses = take(Float64Array, n);
   const time = take(Float64Array, events), push = take(Float64Array, events * dim);
   const first = take(Int32Array, events), second = take(Int32Array, events), species = take(Int32Array, n);
-  return {...head, positions, velocities, radii, masses, time, push, first, second, species};
+  const label = head.labels && take(Int32Array, n);
+  return {...head, positions, velocities, radii, masses, time, push, first, second, species, label};
 }
 
 // Straight flights: 0 to n-1 begin at the start, n+2e and n+2e+1 at event e. Each knows the flight before it.
@@ -145,13 +146,16 @@ export class Gas {
       kind.count++; kind.sum += this.masses[i] * sum;
     }
     const total = kinds.reduce((sum, k) => sum + k.count * k.mass, 0);
-    const fixed = n < 2 ? 0 : this.periodic.filter(Boolean).length;
     return kinds.map(k =>
-      ({count: k.count, mass: k.mass, kT: k.sum / (k.count * dim - fixed * k.count * k.mass / total)}));
+      ({count: k.count, mass: k.mass, kT: k.sum / (k.count * dim - this.fixed() * k.count * k.mass / total)}));
   }
+
+  fixed() { return this.n < 2 ? 0 : this.periodic.filter(Boolean).length; } // degrees of freedom of the drift
+
+  // What a2 is on average where all velocities of this energy are equally likely: -2 / (degrees of freedom + 2).
+  thermalA2() { return -2 / (this.n * this.dim - this.fixed() + 2); }
 }
 
-const PALETTE = ["#1f77b4", "#e8b23a", "#c8403f", "#3d2466", "#7fc8d8"]; // of the figures
 const RAMP = [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]]; // viridis
 const LEVELS = 24;
 const ramp = f => {
@@ -159,21 +163,34 @@ const ramp = f => {
   return `rgb(${RAMP[k].map((c, j) => Math.round(c + (RAMP[k + 1][j] - c) * (x - k))).join(",")})`;
 };
 
+function sphere(colour, size) { // the picture of one
+  const canvas = new OffscreenCanvas(size, size), g = canvas.getContext("2d"), r = size / 2;
+  g.fillStyle = colour; g.beginPath(); g.arc(r, r, r - .5, 0, 7); g.fill();
+  const light = g.createRadialGradient(.68 * r, .62 * r, .04 * r, r, r, r);
+  light.addColorStop(0, "rgba(255,255,255,.75)"); light.addColorStop(0.35, "rgba(255,255,255,.05)");
+  light.addColorStop(1, "rgba(0,0,0,.5)");
+  g.fillStyle = light; g.fill();
+  return canvas.transferToImageBitmap(); // drawn in a third of the time that a canvas takes
+}
+
 function start() {
   const $ = id => document.getElementById(id);
   const gas = new Gas(decode(JSON.parse($("head").textContent), $("data").textContent.trim()));
   const {n, dim, box, duration} = gas, centre = box.map(L => L / 2), kinds = gas.temperatures();
-  let playing = false, direction = 1, rate = duration / 60, bySpeed = kinds.length < 2, shown = false, dirty = true;
+  const ways = ["speed", ...kinds.length > 1 ? ["species"] : [], ...gas.labels ? ["label"] : []]; // to colour
+  let playing = false, direction = 1, rate = duration / 60, way = ways.length - 1, shown = false, dirty = true;
   let turned = [0.5, -0.35], last = 0;
   const fastest = Math.max(...kinds.map(k => 3 * Math.sqrt(k.kT / k.mass))) || 1;
-  const css = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-  let ink, faint, paper, accent;
+  let ink, faint, paper, accent, palette, colours, sprites; // of the light page or the dark one
+  const dark = matchMedia("screen and (prefers-color-scheme: dark)");
   const theme = () => {
+    const css = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
     [ink, faint, paper, accent] = ["--ink", "--faint", "--paper", "--accent"].map(css);
-    dirty = true;
+    palette = css("--palette").split(" ");
+    const [from, to] = css("--ramp").split(" ").map(Number);
+    colours = Array.from({length: LEVELS}, (_, k) => ramp(from + (to - from) * k / (LEVELS - 1))).concat(palette);
+    sprites = dim === 3 && [96, 24].map(size => colours.map(colour => sphere(colour, size)));
   };
-  theme();
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", theme);
   const fit = canvas => { // to its place on the page, sharp on every screen
     const d = devicePixelRatio || 1, w = canvas.clientWidth, h = canvas.clientHeight;
     if (canvas.width !== Math.round(w * d) || canvas.height !== Math.round(h * d)) {
@@ -184,24 +201,25 @@ function start() {
     g.font = "12px system-ui, sans-serif"; g.lineWidth = 1; g.setLineDash([]); g.textAlign = "left";
     return [g, w, h];
   };
-  const colours = Array.from({length: LEVELS}, (_, k) => ramp(k / (LEVELS - 1))).concat(PALETTE);
   const colour = i => {
-    if (!bySpeed) return LEVELS + gas.species[i] % PALETTE.length;
+    if (ways[way] !== "speed") return LEVELS + (ways[way] === "label" ? gas.label : gas.species)[i] % palette.length;
     const p = gas.flight[i] * dim;
     let sum = 0;
     for (let k = 0; k < dim; k++) sum += (gas.v[p + k] - gas.drift[k]) ** 2;
     return Math.min(Math.floor(LEVELS * Math.sqrt(sum) / fastest), LEVELS - 1);
   };
-  const sprites = colours.map(c => {
-    const canvas = document.createElement("canvas"), g = canvas.getContext("2d");
-    canvas.width = canvas.height = 96;
-    g.fillStyle = c; g.beginPath(); g.arc(48, 48, 47, 0, 7); g.fill();
-    const light = g.createRadialGradient(33, 30, 2, 48, 48, 48);
-    light.addColorStop(0, "rgba(255,255,255,.75)"); light.addColorStop(0.35, "rgba(255,255,255,.05)");
-    light.addColorStop(1, "rgba(0,0,0,.5)");
-    g.fillStyle = light; g.fill();
-    return canvas;
-  });
+  const legend = () => { // of the colours
+    const name = ways[way], swatch = k => `<i style="background:${palette[k % palette.length]}"></i>`;
+    const bar = `<i class="bar" style="background:linear-gradient(90deg,${colours.slice(0, LEVELS).join(",")})"></i>`;
+    const groups = name === "label" ? gas.labels.map(label => `label ${label}`)
+      : kinds.map((kind, k) => `species ${k + 1}, mass ${+kind.mass.toPrecision(3)}`);
+    $("legend").innerHTML = name === "speed"
+      ? `speed 0 ${bar} ${fastest.toPrecision(3)}${kinds.length > 1 ? "" : " = 3 √(kT/m)"}`
+      : groups.slice(0, 8).map((text, k) => `<span>${swatch(k)} ${text}</span>`).join(" ") +
+        (groups.length > 8 ? ` and so on: ${groups.length} of them, and colours repeat` : "");
+    $("colour").textContent = `by ${name}`;
+    $("colour").hidden = ways.length < 2;
+  };
   const arrow = (g, x, y, dx, dy, style, width = 2, dash = []) => {
     const size = Math.hypot(dx, dy);
     if (size < 1) return;
@@ -286,15 +304,22 @@ function start() {
     }
   }
 
-  function spheres(g, see) {
+  const order = Array.from({length: n}, (_, i) => i), seen = new Array(n), depth = new Float64Array(n);
+  function spheres(g, see, rule) { // far ones first; at a collision the two that collide stand out
     edges(g, see, false);
-    const seen = Array.from({length: n}, (_, i) =>
-      [...see([gas.coordinate(i, 0), gas.coordinate(i, 1), gas.coordinate(i, 2)]), i]);
-    seen.sort((a, b) => a[2] - b[2]);
-    for (const [x, y, , s, i] of seen) {
-      const r = Math.max(gas.radii[i] * s, .8);
-      g.drawImage(sprites[colour(i)], x - r, y - r, 2 * r, 2 * r);
+    const x = [0, 0, 0], pixel = devicePixelRatio || 1;
+    for (let i = 0; i < n; i++) {
+      for (let k = 0; k < 3; k++) x[k] = gas.coordinate(i, k);
+      seen[i] = see(x); depth[i] = seen[i][2];
     }
+    const paint = i => {
+      const [px, py, , s] = seen[i], r = Math.max(gas.radii[i] * s, .8);
+      g.drawImage(sprites[+(r * pixel < 12)][colour(i)], px - r, py - r, 2 * r, 2 * r);
+    };
+    g.globalAlpha = rule ? .35 : 1;
+    for (const i of order.sort((a, b) => depth[a] - depth[b])) paint(i);
+    g.globalAlpha = 1;
+    if (rule) rule.bodies.map(body => body.i).sort((a, b) => depth[a] - depth[b]).forEach(paint);
     edges(g, see, true);
   }
 
@@ -313,22 +338,22 @@ function start() {
   }
 
   function drawRule() {
-    const rule = shown && gas.rule();
-    $("rulebox").hidden = !rule;
-    if (!rule) return;
-    const [g, w, h] = fit($("rule")), [one, two] = rule.bodies; // a hidden canvas has no size
+    const rule = shown && gas.rule(), [g, w, h] = fit($("rule"));
+    if (!rule) { $("words").textContent = "Stop at a collision with next or previous."; return; }
+    const [one, two] = rule.bodies;
     let side = dim === 2 ? [-rule.normal[1], rule.normal[0]]
       : one.before.across.map((x, k) => x - (two ? two.before.across[k] : 0)); // a plane of the page
     const size = Math.hypot(...side);
     side = side.map(x => size > 0 ? x / size : 0);
     const up = v => v.reduce((sum, x, k) => sum + x * side[k], 0);
     const most = Math.max(...rule.bodies.flatMap(b => [b.before, b.after].map(p => Math.hypot(...p.v)))) || 1;
-    const radius = Math.max(...rule.bodies.map(b => b.radius)), unit = Math.min(w / 13, h / 7);
+    const radius = Math.max(...rule.bodies.map(b => b.radius)), unit = Math.min(w / 13, (h - 20) / 6);
     ["before", "after"].forEach((when, column) => {
-      const x0 = w * (column ? .75 : .25), y0 = h * .56;
+      const x0 = w * (column ? .75 : .25), y0 = (h - 4) / 2;
       g.fillStyle = ink; g.textAlign = "center"; g.fillText(when, x0, 14);
-      g.strokeStyle = faint; g.setLineDash([4, 3]); g.beginPath();
+      g.strokeStyle = faint; g.lineWidth = 1; g.setLineDash([4, 3]); g.beginPath();
       g.moveTo(x0 - w * .23, y0); g.lineTo(x0 + w * .23, y0); g.stroke(); g.setLineDash([]);
+      if (!two) { g.fillStyle = ink; g.fillRect(x0 - unit - 3, y0 - 2 * unit, 3, 4 * unit); } // the wall
       rule.bodies.forEach((body, k) => {
         const r = unit * body.radius / radius, x = two ? x0 + (k ? -1 : 1) * r : x0, part = body[when];
         g.globalAlpha = .35; g.fillStyle = colours[colour(body.i)]; g.beginPath(); g.arc(x, y0, r, 0, 7); g.fill();
@@ -338,16 +363,22 @@ function start() {
         arrow(g, x, y0, a, 0, accent, 3); arrow(g, x, y0, 0, c, ink, 2);
       });
     });
+    let x = 0;
+    const line = two ? "line of centres" : "normal of the wall";
+    for (const [text, style, dash] of [["along the " + line, accent, []], ["across it", ink, []], ["both", faint, [3, 2]]]) {
+      arrow(g, x, h - 8, 22, 0, style, 2, dash); g.fillStyle = ink; g.textAlign = "left"; g.fillText(text, x + 26, h - 4);
+      x += 38 + g.measureText(text).width;
+    }
     const f = x => x.toPrecision(3);
     $("words").textContent = two
       ? `Particles ${one.i} and ${two.i}, t = ${rule.time.toPrecision(6)}. Along the line of centres: ` +
         `${f(one.before.along)} → ${f(one.after.along)} and ${f(two.before.along)} → ${f(two.after.along)}. Across it: unchanged.`
-      : `Particle ${one.i} and a wall, t = ${rule.time.toPrecision(6)}. Normal to it: ` +
-        `${f(one.before.along)} → ${f(one.after.along)}. Along it: unchanged.`;
+      : `Particle ${one.i} and a wall, t = ${rule.time.toPrecision(6)}. Along the wall's normal: ` +
+        `${f(one.before.along)} → ${f(one.after.along)}. Across it: unchanged.`;
   }
 
   function drawSpeeds() {
-    const [g, w, h] = fit($("speeds")), now = gas.temperatures(), many = now.length > PALETTE.length;
+    const [g, w, h] = fit($("speeds")), now = gas.temperatures(), many = now.length > palette.length;
     const bins = 30, reach = 1.15 * fastest, width = reach / bins, L = 8, B = h - 32, T = 8, R = w - 8;
     const groups = many ? [now.reduce((a, k) => ({count: a.count + k.count, mass: 1, kT: 0}), {count: 0})] : now;
     const counts = groups.map(() => new Float64Array(bins));
@@ -364,9 +395,13 @@ function start() {
     const peak = 1.7 * Math.max(...groups.filter(k => k.kT > 0).map(k => law(Math.sqrt((dim - 1) * k.kT / k.mass), k)), 1e-300);
     const px = v => L + (R - L) * v / reach, py = f => B - (B - T) * Math.min(f / peak, 1);
     groups.forEach((kind, s) => {
-      g.fillStyle = PALETTE[s]; g.globalAlpha = .45;
-      counts[s].forEach((f, k) => g.fillRect(px(k * width) + .5, py(f), (R - L) / bins - 1, B - py(f)));
-      g.globalAlpha = 1; g.strokeStyle = groups.length > 1 ? PALETTE[s] : ink; g.lineWidth = 2; g.setLineDash(s ? [6, 3] : []);
+      g.globalAlpha = groups.length > 1 ? .55 : 1;
+      counts[s].forEach((f, k) => {
+        const level = Math.min(Math.floor(LEVELS * (k + .5) * width / fastest), LEVELS - 1);
+        g.fillStyle = groups.length > 1 ? palette[s] : colours[level];
+        g.fillRect(px(k * width) + .5, py(f), (R - L) / bins - 1, B - py(f));
+      });
+      g.globalAlpha = 1; g.strokeStyle = groups.length > 1 ? palette[s] : ink; g.lineWidth = 2; g.setLineDash(s ? [6, 3] : []);
       if (kind.kT > 0) {
         g.beginPath();
         for (let k = 0; k <= 120; k++) g.lineTo(px(k * reach / 120), py(law(k * reach / 120, kind)));
@@ -376,8 +411,8 @@ function start() {
       const name = groups.length > 1 ? `species ${s + 1}: ` : "";
       if (!many) {
         g.fillText(`${name}kT = ${kind.kT.toPrecision(4)}`, R, T + 10 + 16 * s);
-        if (groups.length > 1) { g.fillStyle = PALETTE[s]; g.fillRect(R - 150, T + 2 + 16 * s, 9, 9); }
-      }
+        if (groups.length > 1) { g.fillStyle = palette[s]; g.fillRect(R - 150, T + 2 + 16 * s, 9, 9); }
+      } else g.fillText(`no curve for ${now.length} species at once`, R, T + 10);
     });
     axes(g, L, R, T, B, reach, "speed");
   }
@@ -396,12 +431,13 @@ function start() {
   let span = [0, 0], longest = gas.s[gas.events] || 1;
   function drawCourse() {
     const [g, w, h] = fit($("course")), L = 46, R = w - 8, T = 10, B = h - 32, m = gas.events;
+    const thermal = gas.thermalA2();
     let low = -.05, high = .05;
     const points = Math.min(m + 1, 800), at = k => Math.round(k * m / Math.max(points - 1, 1));
     for (let k = 0; k < points; k++) { low = Math.min(low, gas.a2[at(k)]); high = Math.max(high, gas.a2[at(k)]); }
     const px = s => L + (R - L) * s / longest, py = a => B - (B - T) * (a - low) / (high - low);
-    g.strokeStyle = faint; g.setLineDash([4, 4]); g.beginPath(); g.moveTo(L, py(0)); g.lineTo(R, py(0)); g.stroke();
-    g.setLineDash([]); g.strokeStyle = PALETTE[0]; g.lineWidth = 2; g.beginPath();
+    g.strokeStyle = ink; g.setLineDash([4, 4]); g.beginPath(); g.moveTo(L, py(thermal)); g.lineTo(R, py(thermal)); g.stroke();
+    g.setLineDash([]); g.strokeStyle = palette[0]; g.lineWidth = 2; g.beginPath();
     for (let k = 0; k < points; k++) g.lineTo(px(gas.s[at(k)]), py(gas.a2[at(k)]));
     g.stroke();
     axes(g, L, R, T, B, longest, "s, collisions per particle");
@@ -415,17 +451,19 @@ function start() {
 
   function draw() {
     const [g, w, h] = fit($("gas")), see = camera(w, h), rule = shown && gas.rule();
-    (dim === 2 ? discs : spheres)(g, see);
+    (dim === 2 ? discs : spheres)(g, see, rule);
     if (rule) mark(g, see, rule);
     drawSpeeds(); drawCourse(); drawRule();
-    $("numbers").textContent = `t = ${gas.t.toPrecision(5)}   s = ${gas.s[gas.done].toFixed(2)}   a2 = ${gas.a2[gas.done].toFixed(3)}`;
+    const pace = direction * rate * 60 / duration;
+    $("numbers").textContent = (`t = ${gas.t.toPrecision(5)}   s = ${gas.s[gas.done].toFixed(2)}   ` +
+      `a2 = ${gas.a2[gas.done].toFixed(3)}   pace ${+pace.toPrecision(2)}`).replaceAll("-", "−");
     $("slider").value = gas.done;
     $("slider").setAttribute("aria-valuetext", `s = ${gas.s[gas.done].toFixed(2)}`);
   }
 
   const play = on => {
     playing = on; shown = shown && !on; dirty = true;
-    $("play").textContent = on ? "pause" : "play"; $("play").setAttribute("aria-label", on ? "Pause" : "Play");
+    $("play").textContent = on ? "pause" : "play";
   };
   const step = forward => { play(false); forward ? gas.next() : gas.previous(); shown = gas.done > 0; dirty = true; };
   const jump = s => { // to the first event with this s
@@ -434,20 +472,26 @@ function start() {
     gas.seek(a ? gas.time[a - 1] : 0); shown = false; dirty = true;
   };
   const actions = {
-    play() { if (!playing && gas.t >= duration && direction > 0) gas.seek(0); play(!playing); },
+    play() { // at an end: from the other one
+      if (!playing && gas.t === (direction > 0 ? duration : 0)) gas.seek(direction > 0 ? 0 : duration);
+      play(!playing);
+    },
     next: () => step(true), previous: () => step(false),
     faster() { rate *= 1.5; dirty = true; }, slower() { rate /= 1.5; dirty = true; },
     reverse() { direction = -direction; $("reverse").setAttribute("aria-pressed", direction < 0); play(true); },
-    colour() { bySpeed = !bySpeed; $("colour").textContent = bySpeed ? "by speed" : "by species"; dirty = true; },
+    colour() { way = (way + 1) % ways.length; legend(); dirty = true; },
     help() { $("manual").open ? $("manual").close() : $("manual").showModal(); },
   };
-  for (const name in actions) $(name).addEventListener("click", actions[name]);
-  $("colour").textContent = bySpeed ? "by speed" : "by species";
+  for (const name in actions) $(name).addEventListener("click", event => {
+    actions[name]();
+    if (event.detail) $(name).blur(); // a mouse or finger: space is to play, and not to press the same again
+  });
   const keys = {" ": "play", ArrowRight: "next", ArrowLeft: "previous", "+": "faster", "=": "faster", "-": "slower",
     r: "reverse", c: "colour", "?": "help"};
   addEventListener("keydown", event => {
     const name = keys[event.key];
-    if (!name || event.ctrlKey || event.metaKey || event.altKey) return;
+    if (!name || event.ctrlKey || event.metaKey || event.altKey || $("manual").open && name !== "help") return;
+    if (event.key === " " && event.target.closest("nav button")) return; // it presses that one
     event.preventDefault(); actions[name]();
   });
   $("slider").max = gas.events;
@@ -480,9 +524,15 @@ function start() {
     if (dirty) { dirty = false; draw(); }
     requestAnimationFrame(frame);
   };
+  const dress = () => { theme(); legend(); draw(); };
+  dark.addEventListener("change", dress); // also before it is printed, where no frame comes
+  dress();
+  // It starts to move by itself where it is the page, and nobody asked for less motion.
+  play(window.top === window && !matchMedia("(prefers-reduced-motion: reduce)").matches);
   requestAnimationFrame(frame);
   globalThis.replay = {gas, get playing() { return playing; }, get direction() { return direction; },
-    get rate() { return rate; }, get shown() { return shown; }};
+    get rate() { return rate; }, get shown() { return shown; }, get turned() { return turned; },
+    get way() { return ways[way]; }};
 }
 
 if (typeof document !== "undefined") start();

@@ -5,6 +5,7 @@ import importlib
 import inspect
 import pickle
 import pkgutil
+import re
 from dataclasses import fields, is_dataclass, replace
 from types import SimpleNamespace
 
@@ -18,6 +19,7 @@ import analysis
 import hardspheres as hs
 from analysis.distributions import ComponentDistribution, EnergyDistribution, SpeedDistribution
 from analysis.estimator import Estimator, NoDataError
+from analysis.expansion import Spreading
 from analysis.free_path import FreePath
 from analysis.maxwell_test import MaxwellTest
 from analysis.moments import VelocityMoments
@@ -45,7 +47,7 @@ STREAMING = [
     Diffusion,
 ]
 REPLICAS = [RelaxationCurve, TemperatureEquilibration, AnisotropyDecay]
-EVERY = [*STREAMING, *REPLICAS, Pressure, FreePath]
+EVERY = [*STREAMING, *REPLICAS, Spreading, Pressure, FreePath]
 # true before anything is added
 WITHOUT_DATA = {"n_replicas", "n_blocks", "discarded_rows", "predictions", "flights"}
 WITH_SCENE = {"gas", "scene", "labels"}  # where the constructor takes the scene
@@ -55,8 +57,15 @@ def new(kind):
     return kind(random_gas("3d", 32, 0.1)) if kind in (Pressure, FreePath) else kind()
 
 
+def walled(n):
+    """A gas between walls along x, whose halves mix."""
+    return random_gas("3d_walls", n, 0.1, boundary=("wall", "periodic", "periodic"))
+
+
 def frames(kind):
     """31 frames of a small gas that this kind of estimator can measure."""
+    if kind is Spreading:
+        return list(hs.Simulation(walled(64)).frames(every=1.0, count=31))
     scene = random_gas("3d_mixture" if kind is TemperatureEquilibration else "3d", 64, 0.1)
     if kind in REPLICAS:
         faster = np.where(scene.species == 0, 1.5, 1.0)[:, None] if scene.species.any() else (1.5, 1.0, 1.0)
@@ -218,21 +227,22 @@ def test_memory_does_not_grow_with_the_blocks(kind):
 def test_repr_tells_results_or_that_there_are_none(kind):
     """Sibling: an estimator that has seen nothing; what cannot be told yet raises nothing."""
     name = kind.__name__
-    known = {FreePath: "labels, predictions", Pressure: "predictions"}
-    empty = f"{known[kind]}; nothing more yet" if kind in known else "nothing added yet"
-    assert repr(new(kind)) == f"<{name}: {empty}>"
-    scene = (
-        random_gas("3d_mixture", 60, 0.02) if kind is TemperatureEquilibration else random_gas("3d", 32, 0.1)
-    )
+    assert repr(new(kind)) == f"<{name}: nothing added yet>"
+    special = {TemperatureEquilibration: random_gas("3d_mixture", 60, 0.02), Spreading: walled(32)}
+    scene = special.get(kind, random_gas("3d", 32, 0.1))
     estimator = kind(scene) if kind in (Pressure, FreePath) else new(kind)
     sim = hs.Simulation(scene, free_paths=kind is FreePath)
-    sim.run(collisions=400)
+    sim.run(collisions=0 if kind is Spreading else 400)
     for frame in sim.frames(every=3.0, count=21):
         estimator.add(frame)
     text = repr(estimator)
-    assert text.startswith(f"<{name}: ") and "nothing" not in text and "\n" not in text and len(text) < 300
+    assert text.startswith(f"<{name} of {scene.n} particles") and "\n" not in text
+    assert ("no result yet" in text) == (kind is AnisotropyDecay)  # in an isotropic gas
+    assert len(text) < 250 and re.search(
+        r"D at packing fraction 0\.\d+, (21|20|1) (frames|moments|blocks|replica):", text
+    )
     if kind is Pressure:
-        assert f"virial {estimator.virial}" in text and "n_blocks 20" in text
+        assert f"virial {estimator.virial}" in text and "20 blocks" in text
 
 
 def same(a, b):

@@ -241,6 +241,34 @@ def test_diffusion_to_two_per_cent(eta, known, infinite):
         assert abs(checks[1].measured.deviation(infinite, 0.001)) < 4
 
 
+def test_a_tracer_is_the_particles_with_a_label(scene):
+    """Exactly what the labelled particles alone give; sibling: the others give something else."""
+    chosen = np.arange(400) % 3 == 1
+    labelled, few = scene.replace(labels=np.where(chosen, 7, 2)), random_gas("3d", 133, 0.01, boundary="wall")
+    tracer, alone, others = Diffusion(points=8, label=7), Diffusion(points=8), Diffusion(points=8, label=2)
+    for frame in brownian(np.random.default_rng(3), 400, 40, labelled):
+        for each in (tracer, others):
+            each.add(frame)
+        alone.add(
+            SimpleNamespace(
+                time=frame.time,
+                unwrapped_positions=frame.unwrapped_positions[chosen],
+                velocities=frame.velocities[chosen],
+                scene=few,
+            )
+        )
+    for name in ("mean_square_displacement", "mean_square_displacement_error", "velocity_autocorrelation"):
+        assert np.array_equal(getattr(tracer, name), getattr(alone, name))
+        assert not np.array_equal(getattr(others, name), getattr(alone, name))
+    walk = next(brownian(np.random.default_rng(3), 400, 1, labelled))
+    with pytest.raises(ValueError, match="label = 3, but no particle"):
+        Diffusion(label=3).add(walk)
+    with pytest.raises(ValueError, match="label = 7, but the particles have no labels"):
+        Diffusion(label=7).add(next(brownian(np.random.default_rng(3), 400, 1, scene)))
+    with pytest.raises(ValueError, match="of different label"):
+        tracer.merge(others)
+
+
 def test_misuse_is_named(scene):
     with pytest.raises(NoDataError, match=r"call add\(sim\) at least 18 times first"):
         _ = Diffusion().lags

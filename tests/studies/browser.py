@@ -44,21 +44,42 @@ class Browser:
         with urllib.request.build_opener(urllib.request.ProxyHandler({})).open(request, timeout=60) as answer:
             return json.load(answer)["value"]
 
-    def open(self, path, width, height):
-        self.call("POST", "/goog/cdp/execute", {"cmd": "Emulation.setDeviceMetricsOverride",
-            "params": {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}})  # fmt: skip
+    def cdp(self, command, **parameters):
+        return self.call("POST", "/goog/cdp/execute", {"cmd": command, "params": parameters})
+
+    def open(self, path, width, height, touch=False):
+        metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": touch}
+        self.cdp("Emulation.setDeviceMetricsOverride", **metrics)
+        self.cdp("Emulation.setTouchEmulationEnabled", enabled=touch)
         self.call("POST", "/url", {"url": path.absolute().as_uri()})
 
-    def scheme(self, word):
-        features = [{"name": "prefers-color-scheme", "value": word}]
-        self.call(
-            "POST",
-            "/goog/cdp/execute",
-            {"cmd": "Emulation.setEmulatedMedia", "params": {"features": features}},
-        )
+    def media(self, kind="", scheme="light", motion="reduce"):
+        features = {"prefers-color-scheme": scheme, "prefers-reduced-motion": motion}
+        wanted = [{"name": name, "value": value} for name, value in features.items()]
+        self.cdp("Emulation.setEmulatedMedia", media=kind, features=wanted)
 
     def run(self, script):
         return self.call("POST", "/execute/sync", {"script": script, "args": []})
+
+    def frame(self):
+        """Wait until the page has drawn."""
+        script = "const end = arguments[0]; requestAnimationFrame(() => requestAnimationFrame(() => end()));"
+        self.call("POST", "/execute/async", {"script": script, "args": []})
+
+    def finger(self, *points):
+        """Put a finger down, move it and lift it."""
+        for k, (x, y) in enumerate(points):
+            kind = "touchMove" if k else "touchStart"
+            self.cdp("Input.dispatchTouchEvent", type=kind, touchPoints=[{"x": x, "y": y}])
+        self.cdp("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
+
+    def click(self, x, y, *more):
+        """Press the mouse at a place of the page, and lift it there, or drag it on."""
+        move = [{"type": "pointerMove", "x": int(x), "y": int(y), "duration": 20} for x, y in ((x, y), *more)]
+        down, up = {"type": "pointerDown", "button": 0}, {"type": "pointerUp", "button": 0}
+        actions = [move[0], down, *move[1:], up]
+        mouse = {"type": "pointer", "id": "mouse", "parameters": {"pointerType": "mouse"}, "actions": actions}
+        self.call("POST", "/actions", {"actions": [mouse]})
 
     def press(self, key):
         keys = [{"type": "keyDown", "value": key}, {"type": "keyUp", "value": key}]

@@ -4,7 +4,7 @@ import json
 import math
 import re
 import shlex
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import jinja2
@@ -205,6 +205,10 @@ def test_the_answer_in_words():
     nothing = replace(many[0], numbers=[number("a2", Estimate(math.nan, math.nan))])
     assert answer_in_words([nothing]) == ["a2 = not known."]
     assert answer_in_words([replace(nothing, numbers=[])]) == []
+    timed = replace(many[0], numbers=[number("half-time, in transits", Estimate(0.5, 0.1))])
+    assert answer_in_words([timed]) == ["Half-time, in transits = 0.50(10)."]
+    zero = [replace(one, numbers=[number("x", Estimate(0.0, 0.1))]) for one in many]
+    assert answer_in_words(zero) == ["x in 4 gases, packing fractions 0.1 to 0.4."]
 
 
 # What made it.
@@ -284,6 +288,7 @@ def test_the_same_figure_gives_the_same_bytes(tmp_path):
     assert matplotlib.rcParams["svg.hashsalt"] is None
 
 
+@dataclass
 class Drawing:
     """A study with one figure."""
 
@@ -309,6 +314,16 @@ def test_another_format_leaves_nothing_of_the_one_before(tmp_path):
         found = run(tmp_path / "out", form, force=True)
         assert found == [f"drawing.{form}", "report.html", "summary.json"]
         assert json.loads((tmp_path / "out" / "summary.json").read_text())["files"] == found
+
+
+def test_a_run_resumed_in_another_format_leaves_one_figure(tmp_path):
+    with pytest.raises(KeyboardInterrupt), (folder := OutputFolder(tmp_path)).running(Drawing()):
+        folder.save_figure("drawing.png", drawn(), "a gas")
+        raise KeyboardInterrupt
+    with (folder := OutputFolder(tmp_path, resume=True, figure_format="pdf")).running(Drawing()):
+        folder.save_figure("drawing.png", drawn(), "a gas")
+        folder.write_json("summary.json", {})
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["drawing.pdf", "summary.json"]
 
 
 @pytest.mark.parametrize("name", ["drawing.svg", "report.html"])
@@ -380,7 +395,7 @@ def test_the_report_in_a_browser(tmp_path):
     )
     with chromium.browser() as window:
         for scheme in ("light", "dark"):
-            window.scheme(scheme)
+            window.media(scheme=scheme)
             for width in (1200, 400):
                 window.open(tmp_path / "report.html", width, 900)
                 seen = window.run("return [document.documentElement.scrollWidth, innerWidth]")

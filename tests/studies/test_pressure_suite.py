@@ -36,7 +36,7 @@ def test_a_small_suite(tmp_path, monkeypatch, capsys):
     study = EquationOfState(suite=True, until_error=0.02, workers=1)
     summary, sound = conduct(study, OutputFolder(tmp_path / "out"), Screen())
     assert sound
-    names = {"summary.json", "equation_of_state.csv", "equation_of_state.png"}
+    names = {"summary.json", "report.html", "equation_of_state.csv", "equation_of_state.png"}
     assert {path.name for path in (tmp_path / "out").iterdir()} == names == set(summary["files"])
     stored = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert stored["machine"]["processor"] and len(stored["date"]) == 10

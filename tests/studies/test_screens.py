@@ -24,6 +24,7 @@ from studies.benchmarks.gas import Gas
 from studies.benchmarks.suite import Suite as BenchSuite
 from studies.benchmarks.suite import run_suite as run_bench_suite
 from studies.diffusion import SelfDiffusion
+from studies.expansion import Expansion
 from studies.figures.style import LIMIT, falling
 from studies.fluid import Fluid
 from studies.free_path import FreePaths
@@ -85,6 +86,9 @@ STUDIES = {
         *to,
     ),
     "mixture": lambda *to: conduct(Mixture(**MIXED, relaxation_times=1.5, replicas=8, workers=1), *to),
+    "expansion": lambda *to: conduct(
+        Expansion(n=100, packing_fraction=0.02, transits=4.0, replicas=4, cells=4, workers=1), *to
+    ),
     "calibration": Calibrations(runs=20, workers=1, families=("series",)).conduct,
     "hard-cases": HardCases(size="small", only=("cradle",)).conduct,
     "soak": lambda *to: conduct(Soak(n=200, dim=2, collisions=20_000, workers=1), *to),

@@ -1,11 +1,13 @@
 """The viewer: the page's data and program give the positions of the engine, forwards and backwards."""
 
 import base64
+import html
 import json
 import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +15,15 @@ import pytest
 from scenes import everything, gas
 
 import hardspheres as hs
+import hardspheres.kernel
 import studies.viewer
+from analysis.theory import equilibrium_a2
 from studies import view
 from studies.cli import main
+from studies.thermalisation import Thermalisation
 from studies.viewer import replay as replays
+from studies.viewer.command import View
+from studies.viewer.replay import replay_by_steps
 
 from . import browser as chromium
 
@@ -121,7 +128,7 @@ import {{Gas, decode}} from {json.dumps(MODULE.as_uri())};
 const gas = new Gas(decode({script(replay.html, "head")}, readFileSync("data", "utf8")));
 const at = t => {{ gas.seek(t); return Array.from(gas.positionsNow()); }};
 const moments = {json.dumps(list(moments))};
-const out = {{kT: gas.temperatures(), a2: Array.from(gas.a2), s: Array.from(gas.s)}};
+const out = {{kT: gas.temperatures(), a2: Array.from(gas.a2), s: Array.from(gas.s), thermal: gas.thermalA2()}};
 out.forwards = moments.map(at);
 out.backwards = moments.slice().reverse().map(at).reverse();
 gas.seek(0);
@@ -157,6 +164,7 @@ def test_the_module_gives_the_same_positions_back_and_forth(kind, shown, tmp_pat
         scene.temperature, rel=1e-12
     )
     assert sum(freedom) == pytest.approx(scene.degrees_of_freedom)
+    assert out["thermal"] == pytest.approx(equilibrium_a2(scene.degrees_of_freedom), rel=1e-12)
     drift = np.where(scene.periodic, scene.masses @ scene.velocities / scene.masses.sum(), 0.0)
     q = scene.masses * np.sum((scene.velocities - drift) ** 2, axis=1)
     assert out["a2"][0] == pytest.approx(
@@ -219,7 +227,147 @@ def test_a_simulation_is_shown_from_now_on():
     assert distance(replay.scene, positions_from(head, data, [sim.time - began])[0], sim.positions) < CLOSE
 
 
+# The gas that thermalise leaves to be watched.
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"dim": 2, "boundary": "wall", "mass_ratio": 7.0, "diameter_ratio": 0.6, "packing_fraction": 0.2},
+        {"packing_fraction": 0.3, "velocities": "beams"},
+    ],
+)
+def test_a_small_gas_of_the_kind_without_other_kernels(options, monkeypatch):
+    """Same dimension, walls, species, density and start; sibling: a log has kernels of its own."""
+    kernels, specialise = [], hardspheres.kernel.specialise
+    monkeypatch.setattr(
+        hardspheres.kernel, "specialise", lambda *kind: kernels.append(kind) or specialise(*kind)
+    )
+    study = Thermalisation(seed=5, **options)
+    gas = study.gases()[0]
+    study.start(gas, np.random.SeedSequence(5, spawn_key=(0,)))
+    replay = study.replay()
+    assert kernels[0] == kernels[1] and len(kernels) == 2
+    hs.Simulation(replay.scene, log=print)
+    assert kernels[2] != kernels[0]
+    small = replace(gas, n=400).scene(np.random.SeedSequence(5, spawn_key=(0,)))
+    assert replay.scene.positions.tobytes() == small.positions.tobytes()
+    assert replay.scene.velocities.tobytes() == small.velocities.tobytes()
+    assert replay.collisions == 2000 and len(replay.html) < 300_000
+    assert study.replay().html == replay.html != replace(study, seed=6).replay().html
+
+
+def test_of_few_all_are_watched_and_of_a_large_file_none():
+    few, many = gas("3d", 40, 0.1), gas("3d", 900, 0.01)
+    assert Thermalisation(n=30).replay().scene.n == 30
+    study = Thermalisation(source="few.xyz", structure=few)
+    assert study.replay().scene.velocities.tobytes() == few.velocities.tobytes()
+    assert Thermalisation(source="many.xyz", structure=many).replay() is None
+    assert Thermalisation(n=1).replay() is None  # it never collides
+
+
 # The page.
+
+RIGHT, LEFT = "\ue014", "\ue012"  # arrow keys, as the driver names them
+PAGE = (MODULE.parent / "page.html").read_text(encoding="utf-8")
+
+
+def colours(rules):
+    """Colours of a block of CSS variables, as relative luminances (WCAG 2)."""
+    found = {}
+    for name, text in re.findall(r"--(\w+): #([0-9a-f]{6}|[0-9a-f]{3})[;\s]", rules):
+        text = text if len(text) == 6 else "".join(2 * digit for digit in text)
+        c = np.array([int(text[k : k + 2], 16) / 255 for k in (0, 2, 4)])
+        found[name] = np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4) @ [
+            0.2126,
+            0.7152,
+            0.0722,
+        ]
+    return found
+
+
+def contrast(a, b):
+    return (max(a, b) + 0.05) / (min(a, b) + 0.05)
+
+
+def test_text_stands_out_light_and_dark():
+    """WCAG 2: 4.5 for text, 3 for borders. Sibling: grey on the panel would not do."""
+    blocks = re.findall(r":root \{(.*?)\}", PAGE, re.DOTALL)
+    assert len(blocks) == 2
+    for block in blocks:
+        c = colours(block)
+        for text, ground in (("ink", "paper"), ("ink", "panel"), ("paper", "accent")):
+            assert contrast(c[text], c[ground]) >= 4.5, (text, ground)
+        assert contrast(c["faint"], c["paper"]) >= 3 and contrast(c["accent"], c["panel"]) >= 3
+    grey = colours("--grey: #9aa4b2;")["grey"]
+    assert contrast(grey, colours(blocks[0])["panel"]) < 4.5
+
+
+def test_each_key_is_told_and_each_control_has_a_name():
+    keys = re.search(r"const keys = \{(.*?)\}", MODULE.read_text(encoding="utf-8"), re.DOTALL)[1]
+    words = {" ": "Space", "ArrowRight": "Right", "ArrowLeft": "left", "-": "−", "=": "+"}  # = is + unshifted
+    told = " ".join(re.findall(r"<dt>(.*?)</dt>", PAGE)).split()
+    named = re.findall(r'"([^"]+)": "\w+"|\b(\w+): "\w+"', keys)
+    assert len(named) == 9
+    for key in map("".join, named):
+        assert words.get(key, key) in told, key
+    buttons = re.findall(r"<button([^>]*)>(.*?)</button>", PAGE)
+    assert len(buttons) == 9 and all(
+        re.search("[a-z]", text) or "aria-label" in more for more, text in buttons
+    )
+    for tag in re.findall(r"<(?:canvas|input|nav)[^>]*>", PAGE):
+        assert "aria-label" in tag, tag
+    assert '<html lang="en">' in PAGE
+
+
+def test_the_title_says_which_gas(shown):
+    page = shown("2d_mixture_walls")[0].html
+    told = "40 hard discs of two species, wall box, packing fraction 0.2"
+    assert f"<title>{told}</title>" in page and f"<h1>{told}</h1>" in page
+
+
+class Labelled:
+    """A scene with labels of its particles."""
+
+    def __init__(self, scene, labels):
+        self._scene, self.labels = scene, labels
+
+    def __getattr__(self, name):
+        return getattr(self._scene, name)
+
+
+def test_labels_go_along(shown):
+    """Sibling: where all are the same, or there are none, there is nothing to tell apart."""
+    replay = shown("3d")[0]
+    labels = np.arange(40) % 3 * 5 - 5
+    page = replace(replay, scene=Labelled(replay.scene, labels)).html
+    head, data = json.loads(script(page, "head")), base64.b64decode(script(page, "data"))
+    plain = base64.b64decode(script(replay.html, "data"))
+    assert head["labels"] == [-5, 0, 5] and data[: len(plain)] == plain
+    assert np.array_equal(np.frombuffer(data[len(plain) :], "<i4"), np.arange(40) % 3)
+    for same in (None, np.zeros(40, dtype=int)):
+        assert replace(replay, scene=Labelled(replay.scene, same)).html == replay.html
+
+
+@pytest.mark.parametrize("kind", QUICK)
+def test_steps_see_the_events_of_a_log(kind):
+    """Sibling: without the hits of walls between two collisions there are fewer."""
+    scene = gas(kind, 40, 0.2)
+    log, steps = view(scene, 10).events, replay_by_steps(scene, 10).events
+    assert np.array_equal(log["i"], steps["i"]) and np.array_equal(log["j"], steps["j"])
+    for name in ("time", "normal", "impulse"):
+        assert np.allclose(log[name], steps[name], rtol=0, atol=1e-12)
+    assert (np.sum(steps["j"] < 40) < len(steps)) == ("walls" in kind)
+
+
+def test_steps_that_change_nothing_are_left_to_a_log():
+    """A velocity of 1 does not change where 1e-18 is added."""
+    still = hs.Scene(
+        [[1, 1, 1], [2.4, 1.1, 1]], [[0, 1, 0], [-1, 1, 0]], masses=[1e18, 1], radii=[0.5, 0.3], box=[3, 3, 3]
+    )
+    replay = replay_by_steps(still, 3)
+    assert replay.collisions == 3 and not np.any(np.isnan(replay.events["normal"]))
 
 
 def test_a_thousand_spheres_with_twenty_collisions_are_under_a_megabyte():
@@ -314,9 +462,45 @@ def test_a_file_becomes_a_page(file, trajectory, monkeypatch, capsys):
     assert not command(monkeypatch, file, "--out", "new/gas.html", "--force", "--collisions-per-particle", 1)
 
 
+OWN = """2
+Lattice="9 0 0 0 9 0 0 0 9" Properties=species:S:1:pos:R:3:vel:R:3 pbc="T T T"
+A 2 2 0 0 1 0
+B 5 5 0 1 0 0
+"""
+
+
+def test_the_options_of_foreign_files(tmp_path, monkeypatch):
+    """Sibling: without each of them the file is refused, or read as something else."""
+    monkeypatch.chdir(tmp_path)
+    Path("foreign.xyz").write_text(OWN)
+    given = {"radius": {"A": 0.5, "B": 0.3}, "velocities_are": "reduced", "dim": 2, "mass": {"A": 7, "B": 2}}
+    read = {}
+    for left_out in (None, *given):
+        view_of = View(file="foreign.xyz", **{name: each for name, each in given.items() if name != left_out})
+        try:
+            scene = view_of._start()
+            read[left_out] = scene.dim, scene.radii.tolist(), scene.masses.tolist()
+        except hs.HardSpheresError as error:
+            read[left_out] = left_out.replace("_", "-") in str(error)
+    assert read == {
+        None: (2, [0.5, 0.3], [7, 2]),
+        "radius": True,
+        "velocities_are": True,
+        "dim": (3, [0.5, 0.3], [7, 2]),
+        "mass": (2, [0.5, 0.3], [1, 1]),
+    }
+
+
 def test_bad_input_is_one_sentence(trajectory, monkeypatch, capsys):
     monkeypatch.chdir(trajectory)
     (trajectory / "folder.html").mkdir()
+    for name, scene in {
+        "rest": hs.Scene([[1, 1, 1]], [[0, 0, 0]], box=[3, 3, 3]),
+        "one": hs.Scene([[1, 1, 1]], [[1, 0, 0]], box=[3, 3, 3], boundary="wall"),
+        "still": hs.Scene([[1, 1, 1], [2, 2, 2]], np.ones((2, 3)), box=[3, 3, 3]),
+    }.items():
+        with hs.TrajectoryWriter(f"{name}.xyz") as out:
+            out.write(hs.Simulation(scene).frame())
     for options, sentence in [
         (["missing.xyz", "--out", "gas.html"], "missing.xyz"),
         (["missing.npz", "--out", "gas.html"], "missing.npz"),
@@ -327,6 +511,13 @@ def test_bad_input_is_one_sentence(trajectory, monkeypatch, capsys):
         ),
         (["own.xyz", "--out", "own.npz/gas.html"], "own.npz exists and is not a folder"),
         (
+            ["own.npz", "--radius", "1", "--dim", "3"],
+            "own.npz is a checkpoint, which has everything; leave out --radius, --dim\n",
+        ),
+        (["rest.xyz"], "rest.xyz is at rest: no frame has velocities; give a file that has them\n"),
+        (["one.xyz"], "no collision is to come: there is one particle only\n"),
+        (["still.xyz"], "no particle moves relative to another; give them velocities\n"),
+        (
             ["own.xyz", "--collisions-per-particle", "-1"],
             "collisions_per_particle is -1.0; it must be above 0",
         ),
@@ -334,43 +525,156 @@ def test_bad_input_is_one_sentence(trajectory, monkeypatch, capsys):
         assert command(monkeypatch, *options) == 2
         told = capsys.readouterr().err
         assert told.startswith("error: ") and sentence in told and told.count("\n") == 1, told
-    assert {path.name for path in trajectory.iterdir()} == {"own.xyz", "own.npz", "folder.html"}
+    assert not list(trajectory.glob("gas*")) and list((trajectory / "folder.html").iterdir()) == []
 
 
 # In a browser.
 
+in_a_browser = pytest.mark.skipif(bool(chromium.missing()), reason=chromium.missing() or "there is a browser")
+CENTRE = """const r = document.getElementById('%s').getBoundingClientRect();
+    return [r.x + r.width / 2, r.y + r.height / 2];"""
+PIXELS = """const c = document.getElementById("%s"), copy = new OffscreenCanvas(c.width, c.height),
+    g = copy.getContext("2d", {willReadFrequently: true}); g.drawImage(c, 0, 0);
+    const data = g.getImageData(0, 0, c.width, c.height).data; """
+STATE = """return [replay.gas.done, replay.shown, replay.playing, replay.direction,
+    document.getElementById('manual').open];"""
+
+
+@pytest.fixture(scope="module")
+def window():
+    with chromium.browser() as opened:
+        yield opened
+
+
+@pytest.fixture
+def still(window):
+    """The browser, for a reader who wants no motion; at the end no page has complained."""
+    window.media()
+    yield window
+    assert window.messages() == []
+
 
 @pytest.mark.slow
-@pytest.mark.skipif(bool(chromium.missing()), reason=chromium.missing() or "there is a browser")
+@in_a_browser
 @pytest.mark.parametrize("kind", ["3d", "2d"])
-def test_the_page_in_a_browser(kind, shown, tmp_path):
+def test_the_page_in_a_browser(kind, shown, tmp_path, still):
     replay, moments, truth = shown(kind)
     replay.save(tmp_path / "gas.html")
-    with chromium.browser() as window:
-        window.open(tmp_path / "gas.html", 1200, 900)
-        ask = "const g = replay.gas; return %s.map(t => { g.seek(t); return Array.from(g.positionsNow()); });"
-        for way in (1, -1):
-            seen = window.run(ask % json.dumps(moments[::way].tolist()))
-            assert distance(replay.scene, np.reshape(seen, truth.shape)[::way], truth) < CLOSE
-        window.run("replay.gas.seek(0);")
-        state = "return [replay.gas.done, replay.shown, replay.playing, replay.direction, document.getElementById('manual').open];"
-        drawn = """const c = document.getElementById("rule");
-            return c.width > 0 && c.getContext("2d").getImageData(0, 0, c.width, c.height).data.some(x => x > 0);"""
-        frame = "const end = arguments[0]; requestAnimationFrame(() => requestAnimationFrame(() => end()));"
-        window.press("\ue014")  # right arrow
-        window.call("POST", "/execute/async", {"script": frame, "args": []})
-        assert window.run(drawn)  # at the first step already
-        window.press("\ue014")
-        assert window.run(state) == [2, True, False, 1, False]
-        window.press("\ue012")  # left arrow
-        assert window.run(state) == [1, True, False, 1, False]
-        window.press("?")
-        assert window.run(state)[4] is True
-        window.press("?")
-        window.press(" ")
-        assert window.run(state)[2:] == [True, 1, False]
-        window.press(" ")
-        assert window.run(state)[2] is False
-        window.press("r")
-        assert window.run(state)[3] == -1
-        assert window.messages() == []
+    still.open(tmp_path / "gas.html", 1200, 900)
+    ask = "const g = replay.gas; return %s.map(t => { g.seek(t); return Array.from(g.positionsNow()); });"
+    for way in (1, -1):
+        seen = still.run(ask % json.dumps(moments[::way].tolist()))
+        assert distance(replay.scene, np.reshape(seen, truth.shape)[::way], truth) < CLOSE
+    still.run("replay.gas.seek(0);")
+    drawn = PIXELS % "rule" + "return data.some(x => x > 0);"
+    assert not still.run(drawn)
+    still.press(RIGHT)
+    still.frame()
+    assert still.run(drawn)  # at the first step already
+    still.press(RIGHT)
+    assert still.run(STATE) == [2, True, False, 1, False]
+    still.press(LEFT)
+    assert still.run(STATE) == [1, True, False, 1, False]
+    still.press("?")
+    assert still.run(STATE)[4] is True
+    still.press(RIGHT)  # not behind the help
+    assert still.run(STATE)[0] == 1
+    still.press("?")
+    still.press(" ")
+    assert still.run(STATE)[2:] == [True, 1, False]
+    still.press(" ")
+    assert still.run(STATE)[2] is False
+    still.press("r")
+    assert still.run(STATE)[3] == -1
+    still.run("replay.gas.seek(0);")
+    for key, button in ((" ", "previous"), (RIGHT, "next"), (LEFT, "slider")):  # a button that has the focus
+        still.run(f"document.getElementById('{button}').focus();")
+        still.press(key)
+    assert still.run(STATE)[:3] == [0, False, False]
+    still.click(*still.run(CENTRE % "next"))
+    still.press(" ")  # plays: a clicked button does not keep the focus
+    assert still.run(STATE)[2] is True
+
+
+@pytest.mark.slow
+@in_a_browser
+def test_a_finger_and_a_mouse(shown, tmp_path, still):
+    """On a phone: nothing wider than it, buttons of 40 pixels, the box turned and the cursor dragged."""
+    shown("3d")[0].save(tmp_path / "gas.html")
+    for width, touch, drag in ((400, True, still.finger), (1200, False, lambda a, b: still.click(*a, b))):
+        still.open(tmp_path / "gas.html", width, 800, touch=touch)
+        still.frame()
+        assert still.run("return document.documentElement.scrollWidth;") == width
+        sizes = still.run("""return Array.from(document.querySelectorAll("nav button, #slider"),
+            b => b.getBoundingClientRect()).filter(r => r.width).map(r => Math.min(r.width, r.height));""")
+        assert len(sizes) == 8 and min(sizes) >= 40
+        turned = still.run("return replay.turned;")
+        x, y = still.run(CENTRE % "gas")
+        drag((x, y), (x + 50, y - 20))
+        assert still.run("return replay.turned;") == pytest.approx([turned[0] + 0.4, turned[1] + 0.16])
+        still.run("document.getElementById('course').scrollIntoView();")
+        x, y = still.run(CENTRE % "course")
+        drag((x, y), (x + 50, y))
+        assert 0.5 < still.run("return replay.gas.s[replay.gas.done] / 10;") < 0.8
+        drag((x, y), (x - 500, y))
+        assert still.run("return replay.gas.done;") == 0
+
+
+@pytest.mark.slow
+@in_a_browser
+def test_light_dark_and_paper(shown, tmp_path, still):
+    """The canvases change colours at once; paper is light whatever the screen is."""
+    shown("2d")[0].save(tmp_path / "gas.html")
+    still.open(tmp_path / "gas.html", 1200, 900)
+    # the commonest grey: text and curve
+    ink = (
+        PIXELS % "speeds"
+        + """const seen = new Map();
+        for (let k = 0; k < data.length; k += 4) if (data[k + 3] === 255 && Math.abs(data[k] - data[k + 2]) < 25)
+          seen.set(data[k], (seen.get(data[k]) || 0) + 1);
+        return [...seen].sort((a, b) => b[1] - a[1])[0][0];"""
+    )
+    seen = []
+    for kind, scheme in (("", "light"), ("", "dark"), ("print", "dark"), ("", "dark")):
+        still.media(kind, scheme)
+        still.frame()
+        seen.append(still.run(ink))
+    assert seen[0] < 60 and seen[1] > 200 and seen[2] < 60 and seen[3] == seen[1], seen
+
+
+@pytest.mark.slow
+@in_a_browser
+def test_it_moves_by_itself_unless_that_is_unwanted(shown, tmp_path, still):
+    shown("3d")[0].save(tmp_path / "gas.html")
+    for motion, moves in (("no-preference", True), ("reduce", False)):
+        still.media(motion=motion)
+        still.open(tmp_path / "gas.html", 1200, 900)
+        still.frame()
+        assert still.run("return [replay.playing, replay.gas.t > 0];") == [moves, moves]
+
+
+@pytest.mark.slow
+@in_a_browser
+@pytest.mark.parametrize("box", ["", " sandbox='allow-scripts'"])
+def test_in_a_notebook_it_waits_until_it_is_clicked(box, shown, tmp_path, still):
+    """It does not play by itself, and takes no keys of the page around it before a click."""
+    frame = shown("3d")[0]._repr_html_().replace("<iframe", f"<iframe{box} onload='this.ready = true'")
+    told = """<script>addEventListener("message", e => { told.push(e.data); }); const told = [];</script>"""
+    spy = "<script>setInterval(() => parent.postMessage([replay.playing, replay.gas.done], '*'), 20)</script>"
+    frame = frame.replace("&lt;/body&gt;", f"{html.escape(spy)}&lt;/body&gt;")
+    (tmp_path / "note.html").write_text(f"<!doctype html><meta charset=utf-8>{told}{frame}")
+    still.media(motion="no-preference")
+    still.open(tmp_path / "note.html", 900, 900)
+    wait = "const end = arguments[0]; told.length = 0; const k = setInterval(() => { if (told.length > 2) { clearInterval(k); end(told[told.length - 1]); } }, 20);"
+
+    def state():
+        return still.call("POST", "/execute/async", {"script": wait, "args": []})
+
+    still.press(RIGHT)
+    assert state() == [False, 0]
+    still.click(300, 200)
+    still.press(RIGHT)
+    still.press(RIGHT)
+    assert state() == [False, 2]
+    still.press(" ")
+    assert state()[0] is True

@@ -147,7 +147,7 @@ def _written(
     }
     page = Report(
         name=study.name,
-        subject=f"hard cases, {size}",
+        subject=f"Hard cases, {size}",
         question=study.asked,
         answer=[f"{len(rows) - len(failures)} of {len(rows)} cases passed."],
         sections=[

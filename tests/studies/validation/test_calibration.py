@@ -31,7 +31,7 @@ def test_series_and_walls_are_calibrated(tmp_path):
     out = OutputFolder(tmp_path / "out")
     summary, sound = study.conduct(out, Screen(json_output=True))
     assert sound == summary["checks"]["passed"] and all(right(entry) for entry in summary["rows"])
-    names = {"summary.json", "calibration.csv", "calibration.png"}
+    names = {"summary.json", "report.html", "calibration.csv", "calibration.png"}
     assert {path.name for path in out.path.iterdir()} == names == set(summary["files"])
     stored = json.loads((out.path / "summary.json").read_text())
     with (out.path / "calibration.csv").open() as handle:

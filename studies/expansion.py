@@ -1,0 +1,679 @@
+"""Free expansion: a gas in half of a box, the other half opened, and the way back; or two halves that mix."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import hardspheres as hs
+from analysis import theory
+from analysis.brief import brief
+from analysis.expansion import Spreading, cell_counts
+from analysis.statistics import (
+    Estimate,
+    TheoryCheck,
+    deviates,
+    estimate_from_jackknife,
+    estimate_from_replicas,
+    replica_mean,
+)
+from analysis.theory import Prediction, TheoryRangeWarning
+from studies.answer import Answer, Column, Curves, alarms, number
+from studies.fluid import Fluid, check_spread
+from studies.options import OptionError, dimension, one_number, option, particles, positive, runs, word
+from studies.report import alarming
+from studies.running.resuming import until
+from studies.study import Replica, Study
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from studies.viewer.replay import Replay
+
+__all__ = ["Expansion", "HalfFull", "WayBack"]
+
+FloatArray = NDArray[np.float64]
+
+AXIS = 0  # along which it expands
+FEWEST = 16  # particles
+MOMENTS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0)  # transit times
+SHORTEST, LONGEST = 6.0, 30.0  # transit times that are run by default
+MOST = 100_000  # transit times: years of computing
+DIED_OUT, ENOUGH = 4.0, 3.0  # e-folds of the last wave, or slowest mode of mixing: run by default, needed
+STOPS = 48  # on the way there, at which the way back is compared with it
+HORIZONS = (0.5, 1.0, 1.5, 2.0, 3.0)  # of retracing, after which velocities are reversed by default
+WATCHED = 120  # particles in gas.html
+RETURNED = 1e-3  # diameters that count as back at the start
+COOLED = 1e-12  # relative change of kT that no rounding makes
+LAYERED = 0.01  # entropy that layers at walls take
+VAGUE = 0.05  # uncertainty of theory from which on it has no z
+PARTS = ("value", "standard_error")  # of an estimate
+SETTLING = 4.0  # transit times in which a dilute gas, placed at random, has mixed
+
+
+def _reversals(text: str) -> tuple[float, ...]:
+    """Return the collisions per particle that a text names."""
+    try:
+        found = tuple(sorted({float(part) for part in text.split(",")}))
+    except ValueError:
+        raise OptionError(f"--reverse-after {text} is not understood; give numbers, as in 2,4,8") from None
+    if not all(0.0 < s < math.inf for s in found):
+        raise OptionError(
+            f"--reverse-after {text}: each must be positive, a number of collisions per particle"
+        )
+    return found
+
+
+@dataclass(frozen=True)
+class HalfFull:
+    """A gas in half of a box between walls along x, or in a whole box whose two halves are told apart.
+
+    Attributes
+    ----------
+    start : Fluid
+        The gas in equilibrium before.
+    mix : bool
+        Whether it fills the whole box, and its halves mix.
+    """
+
+    start: Fluid
+    mix: bool = False
+
+    @property
+    def n(self) -> int:
+        """Number of particles."""
+        return self.start.n
+
+    @property
+    def dim(self) -> int:
+        """Dimension."""
+        return self.start.dim
+
+    @property
+    def packing_fraction(self) -> float:
+        """Packing fraction at the start, in what the gas fills then."""
+        return self.start.packing_fraction
+
+    @property
+    def kind(self) -> str:
+        """What the engine is compiled for, in words."""
+        return self.start.kind
+
+    @property
+    def spread(self) -> float:
+        """Packing fraction in the whole box."""
+        return self.packing_fraction * (1.0 if self.mix else 0.5)
+
+    @cached_property
+    def edge(self) -> float:
+        """Edge of the box that the start fills, in diameters."""
+        volume = self.n * math.pi / (2 * self.dim) / self.packing_fraction
+        return float(volume ** (1.0 / self.dim))
+
+    @property
+    def half(self) -> float:
+        """Half of the whole box along x: also the transit time, as kT and m are 1."""
+        return self.edge * (0.5 if self.mix else 1.0)
+
+    @property
+    def knudsen(self) -> float:
+        """Mean free path at the start over half of the box."""
+        return float(theory.mean_free_path(self.packing_fraction, self.dim)) / self.half
+
+    @property
+    def rate(self) -> float:
+        """Collisions per particle and time in the whole box."""
+        return float(theory.collision_rate(self.spread, self.dim))
+
+    @property
+    def decay(self) -> float:
+        """Decay of the slowest mode per transit time: a wave between the walls, or cos(pi x/L) of mixing."""
+        q, dim = math.pi / (2.0 * self.half), self.dim
+        if self.mix:
+            s = theory.tracer_displacement([self.half, 2.0 * self.half], self.spread, dim).value
+            return float(0.5 * q * q * (s[1] ** 2 - s[0] ** 2))
+        damping = float(theory.sound_damping(self.spread, dim).value)
+        return min(damping * q * q, float(theory.sound_speed(self.spread, dim).value) * q) * self.half
+
+    @property
+    def rounding(self) -> float:
+        """One unit in the last place of the box."""
+        return 2.0 * self.half * float(np.finfo(np.float64).eps)
+
+    @cached_property
+    def horizon(self) -> Prediction:
+        """Collisions per particle that are retraced on the way back; NaN where that is not known."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", TheoryRangeWarning)
+            return theory.reversal_horizon(self.spread, self.dim, 2.0 * self.half)
+
+    @property
+    def settled(self) -> int:
+        """Pair collisions after which a run from `scene` is in equilibrium."""
+        if self.start.dense:
+            return self.start.settled
+        rate = float(theory.collision_rate(self.packing_fraction, self.dim))
+        return min(self.start.settled, math.ceil(SETTLING * self.half * rate * self.n / 2))
+
+    def scene(self, seed: np.random.SeedSequence) -> hs.Scene:
+        """Return the gas before, not yet in equilibrium."""
+        return self.start.scene(seed)
+
+    def opened(self, scene: hs.Scene) -> hs.Scene:
+        """Return the same particles in the whole box; of halves that mix, 0 labels the lower, 1 the upper."""
+        box = scene.box.copy()
+        box[AXIS] *= 1.0 if self.mix else 2.0
+        labels = np.where(scene.positions[:, AXIS] < 0.5 * box[AXIS], 0, 1) if self.mix else None
+        same = (scene.positions, scene.velocities, scene.radii, scene.masses)
+        return hs.Scene.as_left(*same, box, scene.boundary, labels)
+
+    def __str__(self) -> str:
+        """Return the gas in words."""
+        kind = "spheres" if self.dim == 3 else "discs"
+        what = "two halves of a box that mix" if self.mix else "let out of half of a box"
+        return f"{self.n} hard {kind}, {what}"
+
+
+@dataclass
+class WayBack:
+    """One gas on its way there, and back again after all its velocities were reversed, several times.
+
+    Attributes
+    ----------
+    ahead, running : Simulation or None
+        The gas on its way there, and on the way back that it is on now.
+    there : list of (N, d) array
+        Positions on the way there, at each of the stops, as long as they are needed.
+    times, reached : lists of float
+        Of the stops: time and collisions per particle since the opening.
+    turned : list of int
+        The stops at which velocities were reversed.
+    s, crossed, distance : lists of list of float
+        Of each way back, at each stop again from the last on: collisions per particle since the reversal,
+        share of the followed particles in the upper half, root mean square distance from where they were.
+    counts : list of array
+        Followed particles in each cell at the end of each way back, when all should be where they started.
+    """
+
+    ahead: hs.Simulation | None = None
+    running: hs.Simulation | None = None
+    there: list[FloatArray] = field(default_factory=list)
+    times: list[float] = field(default_factory=list)
+    reached: list[float] = field(default_factory=list)
+    turned: list[int] = field(default_factory=list)
+    s: list[list[float]] = field(default_factory=list)
+    crossed: list[list[float]] = field(default_factory=list)
+    distance: list[list[float]] = field(default_factory=list)
+    counts: list[FloatArray] = field(default_factory=list)
+
+    __repr__ = brief
+
+    def go(self, stops: Mapping[int, bool], cells: int) -> Iterator[None]:
+        """Go on, from stop to stop and back; pause wherever this may be saved.
+
+        Parameters
+        ----------
+        stops : mapping of int to bool
+            Pair collisions of each stop, 0 first, and whether velocities are reversed there.
+        cells : int
+            Along x, for `counts`.
+        """
+        for goal, reverse in [*stops.items()][len(self.times) - (self.running is not None) :]:
+            if self.running is None:
+                assert self.ahead is not None
+                yield from until(self.ahead, goal)
+                self.there.append(self.ahead.positions)
+                self.times.append(self.ahead.time)
+                self.reached.append(self.ahead.collisions_per_particle)
+                if reverse:
+                    self.turn(self.ahead.to_scene())
+            while self.running is not None:
+                self.look(cells)
+                yield
+            yield
+        self.ahead, self.there = None, []
+
+    def turn(self, scene: hs.Scene) -> None:
+        """Reverse all velocities of a gas, in a gas of its own."""
+        self.running = hs.Simulation(scene.with_state(scene.positions, -scene.velocities))
+        self.turned.append(len(self.times) - 1)
+        for each in (self.s, self.crossed, self.distance):
+            each.append([])
+
+    def look(self, cells: int) -> None:
+        """Go back to the next stop, and take in where everybody is."""
+        assert self.running is not None
+        stop = len(self.times) - 1 - len(self.s[-1])
+        (frame,) = self.running.frames(times=[self.times[-1] - self.times[stop]])
+        labels = frame.scene.labels
+        followed = frame.positions if labels is None else frame.positions[labels == 0]
+        counts = cell_counts(followed, frame.scene, AXIS, cells)
+        off = frame.positions - self.there[stop]
+        off -= np.where(frame.scene.periodic, frame.scene.box * np.rint(off / frame.scene.box), 0.0)
+        self.s[-1].append(frame.collisions_per_particle)
+        self.crossed[-1].append(float(counts[cells // 2 :].sum() / counts.sum()))
+        self.distance[-1].append(math.sqrt(float(np.mean(np.sum(off * off, axis=1)))))
+        if stop == 0:
+            self.counts.append(counts)
+            self.running = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Expansion(Study):
+    """A gas that is let out of half of a box, and its way back; or the mixing of two halves."""
+
+    name = "expansion"
+    question = "How does a gas fill a box, and does it go back when all velocities are reversed?"
+    explanation = """
+    A gas in equilibrium in half of a box is let into the other half: densities and coarse-grained entropy
+    against time, beside an ideal gas. Then all velocities are reversed, and the gas goes back for as long as
+    the arithmetic remembers, beside the Lyapunov exponent. With --mix the gas fills the box, and the
+    particles of its two halves mix, beside Enskog's diffusion. Writes a summary, five tables, a picture and a
+    page with a small gas to be watched.
+    """
+    table = "expansion"
+    files = (
+        "expansion.csv",
+        "spreading.csv",
+        "profiles.csv",
+        "returns.csv",
+        "way_back.csv",
+        "expansion.png",
+        "gas.html",
+    )
+
+    packing_fraction: float = option(
+        0.01, **one_number | {"help": "Volume fraction of the spheres at the start, in what they fill then."}
+    )
+    n: int = particles(1000)
+    dim: int = dimension()
+    mix: bool = option(False, "The gas fills the box, and the particles of its two halves are told apart.")
+    boundary: str = option(
+        "periodic",
+        "Of the sides of the box; along x there are walls.",
+        **word("--boundary", "periodic", "wall"),
+    )
+    cells: int = option(
+        20, "Cells along x for densities and entropy, an even number.", at_least=2, at_most=1000
+    )
+    transits: float | None = option(
+        None,
+        "How long to run, in transit times: half of the box over sqrt(kT/m).",
+        shown="until waves or mixing have died out, 6 to 30",
+        **positive("--transits", "how long to run"),
+    )
+    reverse_after: tuple[float, ...] | None = option(
+        None,
+        "Collisions per particle after which all velocities are reversed, several with commas.",
+        shown="0.5 to 3 times those that are retraced",
+        parser=_reversals,
+        metavar="NUMBER|LIST",
+    )
+    replicas: int = runs(40)
+
+    def gases(self) -> list[HalfFull]:
+        """Return the one gas."""
+        start = Fluid(self.n, self.dim, self.packing_fraction, ("wall", *[self.boundary] * (self.dim - 1)))
+        start.check_within("the theory of its pressure")
+        if self.n < FEWEST:
+            raise hs.SceneError(f"--n {self.n} is too few for densities; ask for at least {FEWEST}")
+        if self.cells % 2:
+            raise OptionError(f"--cells {self.cells} is odd; the middle of the box must be an edge of cells")
+        check_spread(self.replicas)
+        if self.transits is not None and self.transits > MOST:
+            raise OptionError(f"--transits {self.transits:g} would never end; ask for at most {MOST}")
+        gas = HalfFull(start, self.mix)
+        end = self.length(gas) * gas.half * gas.rate
+        if self.reverse_after is not None and self.reverse_after[-1] > end:
+            raise OptionError(
+                f"--reverse-after {self.reverse_after[-1]:g} is later than the run, which has about "
+                f"{end:.2g} collisions per particle; ask for less, or for more --transits"
+            )
+        return [gas]
+
+    def length(self, gas: HalfFull) -> float:
+        """Return how long to run, in transit times."""
+        return self.transits or float(np.clip(DIED_OUT / gas.decay, SHORTEST, LONGEST))
+
+    def moments(self, gas: HalfFull) -> list[float]:
+        """Return when densities are measured, in transit times: dense early, later by steps of a third."""
+        end, points = self.length(gas), list(MOMENTS)
+        while points[-1] < end:
+            points.append(float(f"{points[-1] * 4 / 3:.2g}"))
+        return [t for t in points if t < end * 0.98] + [end]
+
+    def reversals(self, gas: HalfFull) -> list[float]:
+        """Return the collisions per particle after which all velocities are reversed."""
+        if self.reverse_after is not None:
+            return list(self.reverse_after)
+        end = 0.9 * self.length(gas) * gas.half * gas.rate
+        horizon = float(gas.horizon.value)
+        wanted = [h * horizon for h in HORIZONS] if math.isfinite(horizon) else [0.3 * end, end]
+        return sorted({float(f"{min(s, end):.2g}") for s in wanted})
+
+    def stops(self, gas: HalfFull) -> dict[int, bool]:
+        """Return the pair collisions after which the way there is looked at, and whether it is reversed."""
+        reversals = self.reversals(gas)
+        found = {0: False}
+        for begin, end in itertools.pairwise([0.0, *reversals]):
+            count = max(4, round(STOPS * (end - begin) / reversals[-1]))
+            for s in np.linspace(begin, end, count + 1)[1:]:
+                found.setdefault(max(1, math.ceil(s * gas.n / 2 - 1e-9)), False)
+            found[max(found)] = True
+        return found
+
+    def estimators(self, gas: HalfFull, simulation: hs.Simulation) -> dict[str, Any]:
+        """Return what measures where the particles are, there and on the way back."""
+        return {"there": self._spreading(gas), "back": WayBack()}
+
+    def _spreading(self, gas: HalfFull) -> Spreading:
+        return Spreading(AXIS, self.cells, None if self.mix else gas.half - 0.5)
+
+    def advance(self, gas: HalfFull, replica: Replica) -> Iterator[None]:
+        """Equilibrate and open the box; go there and back, then the whole way there."""
+        there, back = replica.estimators["there"], replica.estimators["back"]
+        if replica.done == 0:
+            yield from until(replica.simulation, gas.settled)
+            replica.seen["temperature"] = replica.simulation.temperature
+            opened = gas.opened(replica.simulation.to_scene())
+            replica.running, back.ahead = hs.Simulation(opened), hs.Simulation(opened)
+            replica.done = 1
+            yield
+        if back.ahead is not None:
+            yield from back.go(self.stops(gas), self.cells)
+        moments = [t * gas.half for t in self.moments(gas)]
+        for frame in replica.simulation.frames(times=moments[replica.done - 1 :]):
+            there.add(frame)
+            replica.done += 1
+            yield
+        replica.seen["cooled"] = replica.simulation.temperature / replica.seen["temperature"] - 1.0
+
+    def answer(self, gas: HalfFull, replicas: Sequence[Replica]) -> Answer:
+        """Return numbers and curves, with errors from the spread of the replicas."""
+        there = self._spreading(gas)
+        for replica in replicas:
+            there.merge(replica.estimators["there"])
+        back = [replica.estimators["back"] for replica in replicas]
+        spreading, failures = _spreading(gas, there)
+        returns, lost = _returns(gas, back)
+        cooled = max((replica.seen["cooled"] for replica in replicas), key=abs)
+        died_out = gas.decay * self.length(gas)
+        numbers = [
+            _half_time(gas, there),
+            _last_entropy(there, died_out),
+            _fluctuations(gas, there, died_out),
+            *_retraced(gas, back),
+            number("change of kT, relative", cooled),
+        ]
+        if abs(cooled) > COOLED:
+            failures.append(
+                f"kT has changed by {cooled:.1e} of itself: free expansion does not cool this gas"
+            )
+        notes = [_came_back(returns)]
+        if not _retraced(gas, back):
+            notes.append(
+                "every way back was retraced, or nearly: ask for a later --reverse-after to see the end"
+            )
+        if there.layering > LAYERED:
+            notes.append(
+                f"the {self.cells} cells are so narrow that they show layers of particles at the walls: the "
+                "entropy stays below ln 2; ask for fewer --cells"
+            )
+        if died_out < ENOUGH:
+            slow = "the halves have not mixed" if self.mix else "waves have not died out"
+            enough = math.ceil(DIED_OUT / gas.decay)
+            notes.append(f"{slow} at the end: no theory of the entropy there; ask for --transits {enough}")
+        return Answer(
+            gas,
+            numbers,
+            {
+                "spreading": spreading,
+                "returns": returns,
+                "profiles": _profiles(gas, there),
+                "way_back": _way_back(gas, back),
+            },
+            notes=notes,
+            failures=[*failures, *lost, *alarms(numbers)],
+            details={
+                "knudsen_number": gas.knudsen,
+                "transit_time": gas.half,
+                "retraced_in_theory": float(gas.horizon.value),
+                "theory": there.theory_name,
+            },
+            hidden={"there": there},
+        )
+
+    def legend(self, answers: Sequence[Answer]) -> list[str]:
+        """Return what the columns are."""
+        gas: HalfFull = answers[0].gas
+        who = "of those that started in the left half" if self.mix else "of the particles"
+        if self.mix:
+            how = "Gaussian displacements with Enskog's D, velocities forgotten exponentially"
+        else:
+            how = (
+                "no collisions, exact for an ideal gas; its uncertainty is what collisions were found to "
+                "change, 0.008 for each one per particle"
+            )
+        columns = (
+            f"t: time in transit times, half of the box over sqrt(kT/m); s: collisions per particle; right: share "
+            f"{who} in the right half; S: "
+            f"entropy of the density in {self.cells} cells along x, per particle, 0 for one half and ln 2 = "
+            "0.6931 for all of the box, of all replicas together, so that few particles in a cell do not "
+            "lower it"
+        )
+        back = (
+            "reversed: collisions per particle after which all velocities were reversed; left: share in the "
+            "left half then; on return: after as long again; off: root mean square distance from the start "
+            "on return, in diameters, beside one rounding of the box, grown by the Lyapunov exponent"
+        )
+        return [
+            f"mean free path at the start over half of the box (Knudsen number): {gas.knudsen:.3g}",
+            columns,
+            f"theory: {how}",
+            back,
+            "errors from the spread of the replicas",
+        ]
+
+    def figure(self, answers: Sequence[Answer]) -> Figure:
+        """Return densities, entropy, and the way back."""
+        from studies.figures.expansion import figure
+
+        return figure(answers[0])
+
+    def replay(self) -> Replay | None:
+        """Return a small gas of this kind from the opening on; None where it has no room."""
+        from studies.viewer.replay import replay_by_steps
+
+        start = Fluid(min(self.n, WATCHED), self.dim, self.packing_fraction, self.gases()[0].start.boundary)
+        gas = HalfFull(start, self.mix)
+        length = 3.0 * gas.half * gas.rate
+        try:
+            simulation = hs.Simulation(gas.scene(np.random.SeedSequence(self.seed, spawn_key=(0,))))
+            simulation.run(collisions=gas.settled)
+            return replay_by_steps(gas.opened(simulation.to_scene()), float(np.clip(length, 1.0, 20.0)))
+        except hs.HardSpheresError:
+            return None
+
+
+def _spreading(gas: HalfFull, there: Spreading) -> tuple[Curves, list[str]]:
+    """Return share in the right half and entropy against time, and a sentence where theory fails."""
+    freedom = there.n_replicas - 1.0
+    expected, entropy, found = there.theory, there.theory_entropy, there.entropies
+    crossed, error = there.crossed, there.crossed_error
+    moved = there.time > 0.0
+    told = moved & (expected.uncertainty < VAGUE)
+    z = deviates(np.where(told, crossed - expected.value, np.nan), error, expected.uncertainty, freedom)
+    value, spread = (np.array([getattr(each, name) for each in found]) for name in PARTS)
+    z_entropy = deviates(np.where(told, value - entropy.value, np.nan), spread, entropy.uncertainty, freedom)
+    failures = []
+    worst = int(np.argmax(np.nan_to_num(np.abs(z))))
+    at_worst = Estimate(float(crossed[worst]), float(error[worst]), degrees_of_freedom=freedom)
+    time = there.time / gas.half
+    if alarming(at_worst, expected.value[worst], expected.uncertainty[worst]):
+        failures.append(
+            f"the share in the right half is {z[worst]:+.1f} standard errors from theory at t = "
+            f"{time[worst]:.3g}"
+        )
+    columns = {
+        "right": Column(crossed, error, expected.value, expected.uncertainty, z, brief=True),
+        "entropy": Column(value, spread, entropy.value, entropy.uncertainty, z_entropy, "S", brief=True),
+    }
+    return Curves({"t": time, "s": there.s}, columns, printed=True), failures
+
+
+def _profiles(gas: HalfFull, there: Spreading) -> Curves:
+    """Return densities in all cells at all moments, over that of the particles spread evenly."""
+    cells, shares, error = there.cells, there.shares, there.shares_error
+    middle = 0.5 * (there.edges[1:] + there.edges[:-1])
+    density = Column(
+        (cells * shares).ravel(),
+        (cells * error).ravel(),
+        (cells * there.expected(there.time)).ravel(),
+    )
+    axes = {"t": np.repeat(there.time / gas.half, cells), "x": np.tile(middle, len(there.time))}
+    return Curves(axes, {"density": density})
+
+
+def _half_time(gas: HalfFull, there: Spreading) -> TheoryCheck:
+    """Return when half of what the right half holds at last has come, in transit times."""
+    quantity = "half-time, in transit times"
+    if not there.crossed.max() > 0.25:
+        return number(quantity, math.nan)
+    (check,) = there.checks
+    found, unit = check.measured, gas.half
+    scaled = Estimate(
+        found.value / unit, found.standard_error / unit, found.n_effective, found.degrees_of_freedom
+    )
+    return number(quantity, scaled, check.theory, Prediction(check.expected / unit, check.uncertainty / unit))
+
+
+def _last_entropy(there: Spreading, died_out: float) -> TheoryCheck:
+    """Return the entropy at the last moment beside ln 2, less what waves and layers at walls leave."""
+    expected = None
+    if died_out >= ENOUGH:
+        expected = Prediction(math.log(2.0), max(there.layering + math.exp(-2.0 * died_out), 1e-5))
+    return number("entropy at the end, per particle", there.entropies[-1], "ln 2", expected)
+
+
+def _fluctuations(gas: HalfFull, there: Spreading, died_out: float) -> TheoryCheck:
+    """Return the variance of the number in the right half, over that of free particles, late in the run.
+
+    Theory: in two halves of a large system it is that of free particles times rho kT times the isothermal
+    compressibility, 1/(Z + eta Z'); half of that deviation where half of the particles are followed. u: how
+    much of the box is within two diameters of the plane between them.
+    """
+    late = there.time >= 0.5 * there.time[-1]
+    counts = there.samples[:, late]
+    followed = counts.sum(axis=2)
+    off = (2.0 * counts[:, :, there.cells // 2 :].sum(axis=2) - followed) / np.sqrt(followed)
+    moments = np.stack([off, off * off], axis=2)  # waves that all replicas share are no fluctuation
+    found = estimate_from_jackknife(moments, lambda mean: float(np.mean(mean[:, 1] - mean[:, 0] ** 2)))
+    z = float(theory.compressibility_factor(gas.spread, gas.dim).value)
+    slope = float(theory.compressibility_slope(gas.spread, gas.dim))
+    less = (1.0 - 1.0 / (z + gas.spread * slope)) * (0.5 if gas.mix else 1.0)
+    expected = Prediction(1.0 - less, less * min(2.0 / gas.half, 1.0)) if died_out >= ENOUGH else None
+    return number("variance in the right half, over free ones'", found, "compressibility", expected)
+
+
+def _retraced(gas: HalfFull, back: Sequence[WayBack]) -> list[TheoryCheck]:
+    """Return for how many collisions per particle the last way back is that there, where it is not for all.
+
+    Until the root mean square distance from it is a diameter, between two steps on the logarithm.
+    """
+    quantity, found = "collisions per particle retraced", []
+    for one in back:
+        s, distance = np.array(one.s[-1]), np.array(one.distance[-1])
+        beyond = int(np.argmax(distance > 1.0))
+        if beyond > 0:
+            low, high = _log_off(gas, distance[beyond - 1 : beyond + 1])
+            found.append(s[beyond - 1] - low / (high - low) * (s[beyond] - s[beyond - 1]))
+    if len(found) < len(back):  # some came all the way back
+        return []
+    expected = gas.horizon if math.isfinite(float(gas.horizon.value)) else None
+    return [number(quantity, estimate_from_replicas(found), "Lyapunov exponent", expected)]
+
+
+def _returns(gas: HalfFull, back: Sequence[WayBack]) -> tuple[Curves, list[str]]:
+    """Return how much came back from each reversal, and a sentence where it should have and did not."""
+    time, s = _turned(back)
+    count = len(s)
+    left_then = replica_mean([[1.0 - one.crossed[k][0] for k in range(count)] for one in back])
+    left = replica_mean([[1.0 - one.crossed[k][-1] for k in range(count)] for one in back])
+    log_off, log_error = replica_mean(
+        [[_log_off(gas, one.distance[k][-1]) for k in range(count)] for one in back]
+    )
+    off = np.exp(log_off)
+    exponent = float(gas.horizon.value)
+    folds = -math.log(gas.rounding)
+    log_expected = folds * (s / exponent - 1.0)
+    small = log_expected < math.log(0.1)
+    doubt = np.hypot(2.0, np.hypot(0.1, 0.0 if gas.mix else 0.2) * folds * s / exponent)
+    z = deviates(np.where(small, log_off - log_expected, np.nan), log_error, doubt, len(back) - 1.0)
+    sure = exponent - 3.0 * float(gas.horizon.uncertainty)
+    failures = [
+        f"reversed at s = {s[k]:.3g}, the gas is {off[k]:.1e} diameters from its start on return"
+        for k in range(count)
+        if s[k] < sure and off[k] > RETURNED
+    ]
+    entropies = [
+        estimate_from_jackknife(np.array([one.counts[k] for one in back]), _entropy) for k in range(count)
+    ]
+    entropy, entropy_error = (np.array([getattr(each, name) for each in entropies]) for name in PARTS)
+    columns = {
+        "left": Column(*left_then, title="left"),
+        "left_on_return": Column(*left, title="on return"),
+        "entropy_on_return": Column(entropy, entropy_error, title="S"),
+        "off": Column(off, off * log_error, np.where(small, np.exp(log_expected), np.nan), z=z, title="off"),
+    }
+    return Curves({"reversed": s, "t": time / gas.half}, columns, printed=True), failures
+
+
+def _came_back(returns: Curves) -> str:
+    """Return in a sentence how much of the gas was in the left half again."""
+    left = returns.columns["left_on_return"].value
+    told = [
+        f"{100 * share:.3g} % at s = {s:.3g}" for s, share in zip(returns.axes["reversed"], left, strict=True)
+    ]
+    return f"in the left half again, by collisions per particle at the reversal: {', '.join(told)}"
+
+
+def _log_off(gas: HalfFull, distance: Any) -> Any:
+    """Return logarithms of distances; less than a rounding of the box, or nothing, counts as one."""
+    return np.log(np.maximum(distance, gas.rounding))
+
+
+def _turned(back: Sequence[WayBack]) -> tuple[FloatArray, FloatArray]:
+    """Return mean time of each reversal, and collisions per particle by then: those of all ways back."""
+    stops = back[0].turned
+    return np.mean([one.times for one in back], axis=0)[stops], np.array(back[0].reached)[stops]
+
+
+def _entropy(counts: FloatArray) -> float:
+    return float(theory.spread_entropy(counts))
+
+
+def _way_back(gas: HalfFull, back: Sequence[WayBack]) -> Curves:
+    """Return each way back, stop by stop: the time since the opening that is retraced, and how well."""
+    times = np.mean([one.times for one in back], axis=0) / gas.half
+    parts = []
+    for k, (stop, s) in enumerate(zip(back[0].turned, _turned(back)[1], strict=True)):
+        since, crossed, distance = (
+            np.array([getattr(one, name)[k] for one in back]) for name in ("s", "crossed", "distance")
+        )
+        log_off, log_error = replica_mean(_log_off(gas, distance))
+        off = np.exp(log_off)
+        rows = (np.full(stop + 1, s), times[stop::-1], since.mean(axis=0))
+        parts.append([*rows, *replica_mean(crossed), off, off * log_error])
+    reversed_at, retraced, since, share, error, off, off_error = (
+        np.concatenate(rows) for rows in zip(*parts, strict=True)
+    )
+    axes = {"reversed": reversed_at, "t_retraced": retraced, "s_since": since}
+    return Curves(axes, {"right": Column(share, error), "off": Column(off, off_error)})
