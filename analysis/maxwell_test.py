@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import special, stats
 
 from analysis.correlation_times import FrameWeights
-from analysis.estimator import PALETTE, Estimator, axes_or_new, labelled
+from analysis.estimator import PALETTE, Estimator, axes_or_new, counted, labelled
 from analysis.moments import FEW
 from analysis.reduced import Gas
 from analysis.statistics import Estimate, TheoryCheck
@@ -82,6 +82,14 @@ class MaxwellTest(Estimator):
         self._counts = self._counts + other._counts if self._tested else other._counts
         self._frames, self._tested = self._frames + other._frames, self._tested + other._tested
         self._weights.merge(other._weights)
+
+    @property
+    def _added(self) -> str:
+        return counted(self._frames, "frame")
+
+    def _results(self) -> list[str]:
+        found = zip(self.gas.labels, self.p_values[:, 0], strict=True) if self._tested else ()
+        return [f"p of speeds{'' if label == 'all' else f', {label},'} {p:.2g}" for label, p in found]
 
     @property
     def n_tested(self) -> int:

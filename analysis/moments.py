@@ -106,6 +106,12 @@ class VelocityMoments(PerFrame):
             frame.time,
         ]
 
+    def _results(self) -> list[str]:
+        if not self._series():
+            return []
+        a2 = ", ".join(str(each) for each in self.a2)
+        return [f"kT {self.temperature}", f"a2 {a2}", f"independent frames {self.effective_frames:.3g}"]
+
     def _level(self) -> float:
         return float(self._mean[1])
 
