@@ -88,6 +88,14 @@ class MaxwellTest(Estimator):
         self._weights.merge(other._weights)
 
     @property
+    def _added(self) -> str:
+        return counted(self._frames, "frame")
+
+    def _results(self) -> list[str]:
+        found = zip(self.gas.labels, self.p_values[:, 0], strict=True) if self._tested else ()
+        return [f"p of speeds{'' if label == 'all' else f', {label},'} {p:.2g}" for label, p in found]
+
+    @property
     def n_tested(self) -> int:
         """How many frames count as independent and are tested."""
         self._require(self._tested > 0, "tested frames", "add(frame)")

@@ -28,11 +28,12 @@ from hardspheres.scene import drift, total_momentum
 if TYPE_CHECKING:
     from hardspheres import Frame
 
-__all__ = ["FEW", "VelocityMoments"]
+__all__ = ["FEW", "FIXED", "VelocityMoments"]
 
 FloatArray = NDArray[np.float64]
 
-CONSTANT = 1e-9  # relative spread of the kinetic energy below which it counts as conserved
+CONSERVED = 1e-3  # spread, over that of a gas in contact with others, that is rounding: of any file's digits
+FIXED = 1e-4  # the same of the momentum, in sqrt(M kT)
 FEW = 10  # particles of a species below which it has no distribution of its own
 
 
@@ -105,6 +106,12 @@ class VelocityMoments(PerFrame):
             frame.time,
         ]
 
+    def _results(self) -> list[str]:
+        if not self._series():
+            return []
+        a2 = ", ".join(str(each) for each in self.a2)
+        return [f"kT {self.temperature}", f"a2 {a2}", f"independent frames {self.effective_frames:.3g}"]
+
     def _level(self) -> float:
         return float(self._mean[1])
 
@@ -139,10 +146,16 @@ class VelocityMoments(PerFrame):
         return (self._highest - self._lowest) / self._level()
 
     @property
+    def energy_conserved(self) -> bool:
+        """Whether the kinetic energy of all frames, at least two, is the same but for rounding."""
+        few = CONSERVED * math.sqrt(2.0 / self.gas.degrees_of_freedom)
+        return self.n_frames > 1 and self.energy_spread < few
+
+    @property
     def temperature(self) -> Estimate:
         """kT, [energy]; without error where the kinetic energy is conserved, as in a gas of hard spheres."""
         self._require_values()
-        if self.n_frames > 1 and self.energy_spread < CONSTANT:
+        if self.energy_conserved:
             return Estimate(self._level(), 0.0, float(self.n_frames))
         return self._settled(1, self._level() * math.sqrt(2.0 / self.gas.degrees_of_freedom))
 
@@ -190,7 +203,7 @@ class VelocityMoments(PerFrame):
         found = []
         for index in range(first, first + self.gas.dim):
             column = np.concatenate(self._columns(index))
-            conserved = np.ptp(column) < CONSTANT if len(column) > 1 else self.gas.periodic[index - first]
+            conserved = np.ptp(column) < FIXED if len(column) > 1 else self.gas.periodic[index - first]
             value = float(self._mean[index])
             found.append(Estimate(value, 0.0) if conserved else self._settled(index, 1.0))
         return found
@@ -207,7 +220,7 @@ class VelocityMoments(PerFrame):
         if len(y) >= 4 and np.ptp(residuals) > 0.0:
             effective = min(effective, len(y) / max(2.0 * block_length(residuals) / BLOCK_LENGTH, 1.0))
         change = float(t @ y / (t @ t) * np.ptp(t)) / self._level()
-        if self.energy_spread < CONSTANT or effective < 4.0:
+        if self.energy_conserved or effective < 4.0:
             return Estimate(change, math.nan, effective)
         variance = float(residuals @ residuals) / (effective - 2.0)
         error = math.sqrt(variance / float(t @ t)) * float(np.ptp(t)) / self._level()

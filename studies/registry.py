@@ -34,7 +34,7 @@ QUESTIONS = {
     ),
     "view": ("studies.viewer.command:View", "Watch the gas in a file in a browser, every collision."),
     "analyse": (
-        "studies.analyse:Analyse",
+        "studies.analyse.command:Analyse",
         "Analyse a trajectory of any program, its velocities beside Maxwell and Boltzmann's.",
     ),
     "bench": (

@@ -18,9 +18,8 @@ from analysis.correlation_times import MeasuredCollisions
 from analysis.maxwell_test import MaxwellTest
 from analysis.moments import VelocityMoments
 from hardspheres.files import Reading
-from studies.analyse import Analyse, answer_of, findings
+from studies.analyse import GasInFile, answer_of, findings
 from studies.cli import main
-from studies.gas_in_file import GasInFile
 
 
 def command(monkeypatch, *options):
@@ -130,6 +129,26 @@ def test_a_drift_is_found_and_its_significance(tmp_path):
     assert drifts["change of kT / kT"].z > 3.3 and "a drift, so that its mean is that of no" in said(drifts)
     assert "kT drifts" in drifts.verdict and "kT drifts" not in steady.verdict
     assert float(drifts["change of kT / kT"].measured) == pytest.approx(0.2, abs=0.06)
+
+
+def test_digits_of_the_file_are_no_fluctuation(tmp_path):
+    """Six digits, as other programs print: the energy is conserved, the momentum zero. Sibling: a thermostat."""
+
+    def printed(k, scene):
+        return {"velocities": np.vectorize(lambda v: float(f"{v:.6g}"))(scene.velocities)}
+
+    answer = analysed(written(tmp_path / "gas.xyz", frames()[:10], printed))
+    assert 1e-9 < answer.hidden["found"].moments.energy_spread < 1e-5
+    assert answer["kT"].measured.standard_error == 0.0 and "total momentum is zero along x, y, z" in said(
+        answer
+    )
+    assert not any("momentum" in each.quantity or "change" in each.quantity for each in answer.numbers)
+
+    def thermostat(k, scene):
+        return {"velocities": scene.velocities * (1.0 + 0.001 * (k % 3)) + 0.001 * (k % 2)}
+
+    answer = analysed(written(tmp_path / "warm.xyz", frames()[:10], thermostat))
+    assert answer["kT"].measured.standard_error > 1e-4 and "momentum along x" in str(answer.numbers)
 
 
 def test_a_gas_that_moves_as_a_whole(tmp_path):

@@ -21,7 +21,7 @@ from studies.fluid import kind_of
 __all__ = ["GasInFile"]
 
 POINT = 1e-6  # diameter of a particle of unknown radius, in mean distances
-SAME = 1e-6  # relative difference of masses, radii and edges that is taken for rounding
+SAME = 2e-4  # relative difference of masses, radii and edges that is taken for rounding, of any file
 
 
 class GasInFile:
