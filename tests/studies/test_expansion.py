@@ -2,12 +2,14 @@
 
 import json
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import hardspheres as hs
 from analysis import theory
+from analysis.calibration import calibrate
 from studies.cli import main
 from studies.expansion import Expansion, HalfFull, WayBack
 from studies.fluid import Fluid
@@ -132,6 +134,27 @@ def test_the_way_back_of_one_gas_is_its_way_there():
         assert back.distance[k][0] == 0.0 and 0.0 < back.distance[k][-1] < 1e-4
         assert back.s[k][-1] == pytest.approx(2 * collisions / 100, abs=0.021)
         assert back.crossed[k][-1] == 0.0 and back.counts[k].sum() == 100
+
+
+@pytest.mark.slow
+def test_its_error_bars_are_right():
+    """40 studies of 12 gases; 1e-3 for each number. Sibling: errors half as large."""
+    runs = {}
+    for seed in range(40):
+        dilute = {"packing_fraction": 2e-3, "n": 100, "cells": 4, "transits": 8.0, "reverse_after": (0.5,)}
+        found = answered(**dilute, seed=seed)
+        assert found.failures == []
+        for each in found.numbers[:3]:
+            runs.setdefault(each.quantity, []).append(each)
+    for quantity, several in runs.items():
+        measured = [each.measured for each in several]
+        truth = several[0].expected if "time" not in quantity else np.mean([each.value for each in measured])
+        assert calibrate(measured, truth).passed or "entropy" in quantity  # its error may be too large
+        if "entropy" not in quantity:
+            small = [replace(each, standard_error=0.5 * each.standard_error) for each in measured]
+            assert not calibrate(small, truth).passed
+        pulls = [(each.value - truth) / each.standard_error for each in measured]
+        assert abs(np.mean(pulls)) < 4.0 * np.std(pulls) / np.sqrt(40) and np.std(pulls) < 1.7
 
 
 @pytest.mark.parametrize("eta", [1e-4, 0.02])
