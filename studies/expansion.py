@@ -25,6 +25,7 @@ from analysis.statistics import (
     replica_mean,
 )
 from analysis.theory import Prediction, TheoryRangeWarning
+from analysis.theory.lyapunov import LOST
 from studies.answer import Answer, Column, Curves, alarms, number
 from studies.fluid import Fluid, check_spread
 from studies.options import OptionError, dimension, one_number, option, particles, positive, runs, word
@@ -450,7 +451,7 @@ class Expansion(Study):
     def legend(self, answers: Sequence[Answer]) -> list[str]:
         """Return what the columns are."""
         gas: HalfFull = answers[0].gas
-        who = "of those that started in the left half" if self.mix else "of the particles"
+        who = "of those from the left" if self.mix else "of the particles"
         if self.mix:
             how = "Gaussian displacements with Enskog's D, velocities forgotten exponentially"
         else:
@@ -459,16 +460,16 @@ class Expansion(Study):
                 "change, 0.008 for each one per particle"
             )
         columns = (
-            f"t: time in transit times, half of the box over sqrt(kT/m); s: collisions per particle; right: share "
-            f"{who} in the right half; S: "
-            f"entropy of the density in {self.cells} cells along x, per particle, 0 for one half and ln 2 = "
-            "0.6931 for all of the box, of all replicas together, so that few particles in a cell do not "
-            "lower it"
+            "t: time in transit times, half of the box over sqrt(kT/m); s: collisions per particle; right: "
+            f"share {who} in the right half; S: entropy of the density in {self.cells} cells along x, per "
+            "particle, 0 for one half and ln 2 = 0.6931 for all of the box, of all replicas together, so that "
+            "few particles in a cell do not lower it"
         )
         back = (
             "reversed: collisions per particle after which all velocities were reversed; left: share in the "
             "left half then; on return: after as long again; off: root mean square distance from the start "
-            "on return, in diameters, beside one rounding of the box, grown by the Lyapunov exponent"
+            "on return, in diameters, beside one rounding of the box, grown by the Lyapunov exponent; "
+            "retraced: until it is a tenth of a diameter"
         )
         return [
             f"mean free path at the start over half of the box (Knudsen number): {gas.knudsen:.3g}",
@@ -582,15 +583,16 @@ def _fluctuations(gas: HalfFull, there: Spreading, died_out: float) -> TheoryChe
 def _retraced(gas: HalfFull, back: Sequence[WayBack]) -> list[TheoryCheck]:
     """Return for how many collisions per particle the last way back is that there, where it is not for all.
 
-    Until the root mean square distance from it is a diameter, between two steps on the logarithm.
+    Until the root mean square distance from it is a tenth of a diameter, between two stops on the logarithm.
     """
     quantity, found = "collisions per particle retraced", []
     for one in back:
         s, distance = np.array(one.s[-1]), np.array(one.distance[-1])
-        beyond = int(np.argmax(distance > 1.0))
+        beyond = int(np.argmax(distance > LOST))
         if beyond > 0:
             low, high = _log_off(gas, distance[beyond - 1 : beyond + 1])
-            found.append(s[beyond - 1] - low / (high - low) * (s[beyond] - s[beyond - 1]))
+            share = (math.log(LOST) - low) / (high - low)
+            found.append(s[beyond - 1] + share * (s[beyond] - s[beyond - 1]))
     if len(found) < len(back):  # some came all the way back
         return []
     expected = gas.horizon if math.isfinite(float(gas.horizon.value)) else None
@@ -607,13 +609,14 @@ def _returns(gas: HalfFull, back: Sequence[WayBack]) -> tuple[Curves, list[str]]
         [[_log_off(gas, one.distance[k][-1]) for k in range(count)] for one in back]
     )
     off = np.exp(log_off)
-    exponent = float(gas.horizon.value)
-    folds = -math.log(gas.rounding)
-    log_expected = folds * (s / exponent - 1.0)
-    small = log_expected < math.log(0.1)
-    doubt = np.hypot(2.0, np.hypot(0.1, 0.0 if gas.mix else 0.2) * folds * s / exponent)
+    horizon = float(gas.horizon.value)
+    growth = s / horizon * math.log(LOST / gas.rounding)
+    small = s < horizon
+    # two e-folds of the first roundings, 10 % of the exponent, 20 % where it is that of a denser gas at first
+    doubt = np.hypot(2.0, (0.1 if gas.mix else 0.2) * growth)
+    log_expected = math.log(gas.rounding) + growth
     z = deviates(np.where(small, log_off - log_expected, np.nan), log_error, doubt, len(back) - 1.0)
-    sure = exponent - 3.0 * float(gas.horizon.uncertainty)
+    sure = horizon - 3.0 * float(gas.horizon.uncertainty)
     failures = [
         f"reversed at s = {s[k]:.3g}, the gas is {off[k]:.1e} diameters from its start on return"
         for k in range(count)

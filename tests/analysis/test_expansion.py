@@ -116,7 +116,7 @@ def test_lyapunov_exponents():
     with pytest.warns(TheoryRangeWarning):
         assert math.isnan(theory.lyapunov_exponent(1e-5, 3).value)
     horizon = theory.reversal_horizon(0.2, 3, 10.0)
-    assert horizon.value == pytest.approx(math.log(1.0 / (10.0 * 2.22e-16)) / 1.02, rel=1e-3)
+    assert horizon.value == pytest.approx(math.log(0.1 / (10.0 * 2.22e-16)) / 1.02, rel=1e-3)
     assert 2.0 / 1.02 < horizon.uncertainty < 5.0
 
 
