@@ -462,8 +462,8 @@ class Expansion(Study):
         columns = (
             "t: time in transit times, half of the box over sqrt(kT/m); s: collisions per particle; right: "
             f"share {who} in the right half; S: entropy of the density in {self.cells} cells along x, per "
-            "particle, 0 for one half and ln 2 = 0.6931 for all of the box, of all replicas together, so that "
-            "few particles in a cell do not lower it"
+            "particle, 0 for one half and ln 2 = 0.6931 for all of the box, of all replicas together, so "
+            "that few particles in a cell do not lower it"
         )
         back = (
             "reversed: collisions per particle after which all velocities were reversed; left: share in the "
