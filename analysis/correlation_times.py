@@ -179,8 +179,11 @@ class MeasuredCollisions:
     ds = -tau ln C, with C the correlation of the velocities of a species in successive frames, and tau the
     decay time of its velocities: of the species with the longest tau whose C is not lost in noise. C is that
     of the last few pairs of frames, so many that its noise is at most 0.03; below 0.03, or twice its noise,
-    it counts as 0, and where that is so for all species frames count as independent. Only ds / tau matters
-    for error bars, and that is right for any interaction whose velocity correlation decays exponentially.
+    it counts as 0, and where that is so for all species frames count as independent. Walls turn a velocity
+    without changing a temperature: C is that of the components along periodic axes, and where there is none
+    that of the speeds less their mean, which in a gas of one species decays at the same rate.
+    Only ds / tau matters for error bars, and that is right for any interaction whose velocity correlation
+    decays exponentially.
 
     Attributes
     ----------
@@ -199,11 +202,15 @@ class MeasuredCollisions:
         self._taus, longest = _times(scene)
         self._longest = float(longest.max())
         self._order = np.argsort(-self._taus)
-        self._numbers = scene.dim * np.bincount(scene.species)
+        self._numbers = max(int(scene.periodic.sum()), 1) * np.bincount(scene.species)
         self._pairs: list[deque[tuple[float, float]]] = [
             deque(maxlen=math.ceil(1.0 / (self.LEAST**2 * count))) for count in self._numbers
         ]
         self._sums = np.zeros((len(self._taus), 2))
+
+    def __repr__(self) -> str:
+        """Return how many collisions have passed."""
+        return f"<MeasuredCollisions: {self.s:.4g} per particle>"
 
     @property
     def correlation(self) -> float:
@@ -215,10 +222,15 @@ class MeasuredCollisions:
 
     def add(self, scene: Scene, velocities: NDArray[np.float64]) -> float:
         """Take in the velocities, (N, d), of the next frame; return its `s`."""
-        now = velocities - drift(velocities, scene.masses, scene.periodic)
         if self._before is None:
             self._begin(scene)
+        if scene.periodic.any():
+            now = (velocities - drift(velocities, scene.masses, scene.periodic))[:, scene.periodic]
         else:
+            now = np.sqrt((velocities**2).sum(axis=1, keepdims=True))
+            sizes = np.bincount(scene.species)
+            now -= (np.bincount(scene.species, now[:, 0]) / sizes)[scene.species, None]
+        if self._before is not None:
             parts = [now * self._before, now**2, self._before**2]
             kinds = len(self._taus)
             product, one, other = (

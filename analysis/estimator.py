@@ -144,7 +144,9 @@ class Estimator(ABC):
             return f"<{name}: nothing added yet>"
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # reading the result itself gives the warning
-            results = self._results() or self._checked() or ["no result yet"]
+            results = self._results() or self._checked()
+        if not results:
+            results = ["nothing added yet" if added is None else "no result yet"]
         what = f"{name} of {self._gas}" if self._gas else name
         return f"<{', '.join([what, added] if added else [what])}: {', '.join(results[:MOST])}>"
 

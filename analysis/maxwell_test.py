@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special, stats
 
-from analysis import theory
 from analysis.correlation_times import FrameWeights
 from analysis.estimator import PALETTE, Estimator, axes_or_new, labelled
 from analysis.moments import FEW
@@ -30,7 +29,7 @@ BINS = 1 << 14  # of probability: the distance is that of unbinned values to 6e-
 
 
 class MaxwellTest(Estimator):
-    """Are speeds and velocity components those of Maxwell and Boltzmann, each about its own mean and spread?
+    """Distance of speeds and velocity components from Maxwell and Boltzmann's law, and its significance.
 
     For each species (of at least 10 particles), the largest distance between the distribution of the speeds,
     or of the components along one axis, and the law of normal velocities that is exact for any N. Mean

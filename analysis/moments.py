@@ -1,4 +1,4 @@
-"""Temperatures, momenta and cumulants of the velocities in each frame, with errors for any spacing of frames."""
+"""Temperatures, momenta and cumulants of velocities in each frame, with errors for any spacing of frames."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ FEW = 10  # particles of a species below which it has no distribution of its own
 
 
 class VelocityMoments(PerFrame):
-    """kT, its share along each axis and of each species, a2 of each species, and the momentum, frame by frame.
+    """kT in all, along each axis and of each species, a2 of each species, and the momentum, frame by frame.
 
     kT is 2 K_th / D of each frame, kT along an axis sum of m (v - u)^2 / f with f = N, less 1 where the axis
     is periodic, and kT of a species as in `temperatures.TemperatureEquilibration`: at equilibrium all have
@@ -113,6 +113,7 @@ class VelocityMoments(PerFrame):
     @property
     def n_frames(self) -> int:
         """Number of frames."""
+        self._require_values()
         return sum(series.n_samples for series in self._series())
 
     @property
@@ -147,14 +148,14 @@ class VelocityMoments(PerFrame):
 
     @property
     def along_axes(self) -> list[Estimate]:
-        """kT along each axis over kT."""
+        """KT along each axis over kT."""
         self._require_values()
         noise = _share_noise(_along(self.gas), self.gas.degrees_of_freedom)
         return [self._settled(2 + k, float(noise[k])) for k in range(self.gas.dim)]
 
     @property
     def of_species(self) -> list[Estimate]:
-        """kT of each species over kT."""
+        """KT of each species over kT."""
         self._require_values()
         noise = _share_noise(_of_species(self.gas), self.gas.degrees_of_freedom)
         first = 2 + self.gas.dim
@@ -180,7 +181,7 @@ class VelocityMoments(PerFrame):
 
     @property
     def momentum(self) -> list[Estimate]:
-        """Total momentum along each axis over sqrt(M kT): of unit variance at equilibrium where it fluctuates.
+        """Total momentum along each axis over sqrt(M kT): of unit variance at equilibrium if not fixed.
 
         Without error where it is the same in all frames, as along the axes of a periodic box.
         """
@@ -198,28 +199,50 @@ class VelocityMoments(PerFrame):
     def drift(self) -> Estimate:
         """Change of kT from the first frame to the last by a straight line, relative to its mean.
 
-        Least squares; the error is that of as many independent frames as the residuals have, and the
-        velocities. NaN with fewer than 4 of these.
+        Least squares over all frames, taken as evenly spaced. The error is that of as many independent frames
+        as the velocities and the residuals have; NaN with fewer than 4, or where the energy is conserved.
         """
-        runs = [(run[:, -1], run[:, 1]) for run in (series.rows for series in self._series()) if len(run) > 1]
-        self._require(bool(runs), "two frames", "add(frame) twice or more")
-        centred = [(t - t.mean(), y - y.mean()) for t, y in runs]
-        t, y = (np.concatenate([pair[k] for pair in centred]) for k in (0, 1))
-        total = float(t @ t)
-        if not total > 0.0:
-            t = np.concatenate([np.arange(len(run)) - (len(run) - 1) / 2 for _, run in runs])
-            total = float(t @ t)
-        slope = float(t @ y) / total
-        span = float(np.ptp(t)) / self._level()
-        residuals = y - slope * t
+        t, y, residuals = self._line_through(1)
         effective = min(self.effective_frames, float(len(y)))
         if len(y) >= 4 and np.ptp(residuals) > 0.0:
-            effective = min(effective, len(y) / max(block_length(residuals) / BLOCK_LENGTH * 2.0, 1.0))
+            effective = min(effective, len(y) / max(2.0 * block_length(residuals) / BLOCK_LENGTH, 1.0))
+        change = float(t @ y / (t @ t) * np.ptp(t)) / self._level()
         if self.energy_spread < CONSTANT or effective < 4.0:
-            return Estimate(slope * span, math.nan, effective)
-        variance = float(residuals @ residuals) / (effective - 2.0) * effective / len(y)
-        error = math.sqrt(variance * len(y) / effective / total)
-        return Estimate(slope * span, error * span, effective, effective - 2.0)
+            return Estimate(change, math.nan, effective)
+        variance = float(residuals @ residuals) / (effective - 2.0)
+        error = math.sqrt(variance / float(t @ t)) * float(np.ptp(t)) / self._level()
+        return Estimate(change, error, effective, effective - 2.0)
+
+    @property
+    def share_drifts(self) -> dict[str, Estimate]:
+        """Changes, as `drift`, of kT along each axis and of each species over kT; empty for too few frames.
+
+        The errors are those of the noise of so many particles at equilibrium.
+        """
+        self._require_values()
+        gas, effective = self.gas, self.effective_frames
+        if effective < FEWEST_BLOCKS:
+            return {}
+        names = [f"kT along {axis}" for axis in "xyz"[: gas.dim]]
+        noise = [*_share_noise(_along(gas), gas.degrees_of_freedom)]
+        if len(gas.sizes) > 1:
+            names += [f"kT of species {kind + 1}" for kind in range(len(gas.sizes))]
+            noise += [*_share_noise(_of_species(gas), gas.degrees_of_freedom)]
+        found = {}
+        for index, (name, own) in enumerate(zip(names, noise, strict=True), 2):
+            t, y, _ = self._line_through(index)
+            length = float(np.ptp(t)) / float(t @ t)
+            error = float(own) * math.sqrt(len(y) / effective * float(t @ t)) * length
+            found[name] = Estimate(float(t @ y) * length, error, effective)
+        return found
+
+    def _line_through(self, index: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return numbers of frames and a column, both less their mean in each run, and its residuals."""
+        columns = [column for column in self._columns(index) if len(column) > 1]
+        self._require(bool(columns), "two frames", "add(frame) twice or more")
+        t = np.concatenate([np.arange(len(each)) - (len(each) - 1) / 2 for each in columns])
+        y = np.concatenate([each - each.mean() for each in columns])
+        return t, y, y - float(t @ y) / float(t @ t) * t
 
     def _settled(self, index: int, noise: float, kind: int | None = None, slow: bool = False) -> Estimate:
         """Return the mean of a column: error from blocks, or from the noise of one frame at equilibrium."""
@@ -234,17 +257,17 @@ class VelocityMoments(PerFrame):
                 warnings.simplefilter("error", ShortSeriesWarning)
                 shortest = [math.ceil(needed / series.samples_per_row) for series in self._series()]
                 try:
-                    return self._pooled(columns, shortest=shortest)
+                    found = self._pooled(columns, shortest=shortest)
+                    if found.standard_error > 0.0:  # frames that repeat themselves have none
+                        return found
                 except ShortSeriesWarning:
-                    found = [
-                        autocorrelation_time(column).n_effective for column in columns if len(column) > 1
-                    ]
-                    effective = min(effective, sum(found))
+                    each = [autocorrelation_time(column).n_effective for column in columns if len(column) > 1]
+                    effective = min(effective, sum(each))
         return Estimate(float(self._mean[index]), noise / math.sqrt(max(effective, 1.0)), effective)
 
     @property
     def checks(self) -> list[TheoryCheck]:
-        """kT along each axis and of each species beside kT, and a2 beside that of fixed energy."""
+        """KT along each axis and of each species beside kT, and a2 beside that of fixed energy."""
         labels = [f"species {k + 1}" for k in range(len(self.gas.sizes))]
         several = len(labels) > 1
         axes = [
@@ -291,7 +314,7 @@ def _of_species(gas: Gas) -> FloatArray:
 
 
 def _share_noise(own: FloatArray, whole: float) -> FloatArray:
-    """Standard deviation in one frame of kT of some degrees of freedom over that of all, at fixed energy.
+    """Return the noise in one frame of kT of some degrees of freedom over that of all, at fixed energy.
 
     Their share of the energy follows Beta(own/2, (whole - own)/2).
     """

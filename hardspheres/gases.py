@@ -8,7 +8,7 @@ A molecule has no one diameter. Two usual choices are in the table:
 - ``"viscosity"``: the spheres have the viscosity of the gas, mu = 1.016034 x 5/(16 d^2) sqrt(m kT/pi)
   (Chapman and Cowling, The Mathematical Theory of Non-Uniform Gases, 3rd ed., 1970, chapter 10; the factor is
   the converged Sonine series). Molecules are soft, so that d falls with temperature: that of argon by 7 %
-  from 200 to 400 K. Viscosities, in uPa s at low pressure: CRC Handbook of Chemistry and Physics, section 6,
+  from 200 to 300 K. Viscosities, in uPa s at low pressure: CRC Handbook of Chemistry and Physics, section 6,
   "Viscosity of gases" (Huber and Harvey), three digits at 200, 300, 400 and 500 K, between which log mu is
   linear in log T. Their uncertainty is said to be below 3 %; that of d is half of it.
 - ``"kinetic"``: the narrowest pore that molecules pass (Breck, Zeolite Molecular Sieves, Wiley 1974, p. 636).
@@ -131,9 +131,9 @@ class RealGas:
             value = getattr(self, name)
             if not _positive(value):
                 raise SceneError(f"{name} is {value!r}; it must be positive and finite, in {unit}")
-        if not (self.size in DIAMETERS if isinstance(self.size, str) else _positive(self.size)):
+        if not (self.size in DIAMETERS if isinstance(self.size, str) else _positive(self.size, 0.01, 10.0)):
             raise SceneError(
-                f'diameter is {self.size!r}; it must be "viscosity", "kinetic", or a positive number of nm'
+                f'diameter is {self.size!r}; it must be "viscosity", "kinetic", or nm between 0.01 and 10'
             )
         low, high = TEMPERATURES[0], TEMPERATURES[-1]
         if self.size == "viscosity" and not low <= self.temperature <= high:
@@ -184,7 +184,7 @@ class RealGas:
     @property
     def packing_fraction(self) -> float:
         """Packing fraction at which hard spheres have this pressure (Carnahan and Starling 1969)."""
-        wanted = self.pressure / PASCAL * self.diameter**3 / self.kT
+        wanted = float(self.pressure) / PASCAL * self.diameter**3 / self.kT
         eta = FREEZING
         for _ in range(20):  # Newton's method from above falls to the root: p d^3 / kT is convex
             eta -= (_reduced_pressure(eta) - wanted) / _slope(eta)
@@ -196,8 +196,14 @@ class RealGas:
         return self.packing_fraction / (math.pi / 6.0 * self.diameter**3)
 
 
-def _positive(value: Any) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool) and 0.0 < value < math.inf
+def _positive(value: Any, low: float = 0.0, high: float = math.inf) -> bool:
+    """Return whether this is a number between two, both excluded."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        return False
+    try:
+        return low < float(value) < high
+    except OverflowError:  # a Python integer beyond all floats
+        return False
 
 
 def _unknown(formula: object) -> str:
@@ -220,6 +226,8 @@ def _slope(eta: float) -> float:
 
 def _rounded_down(value: float) -> str:
     """Return a number in three digits that is not larger."""
+    if value == 0.0:
+        return "0"
     step = 10.0 ** (math.floor(math.log10(value)) - 2)
     return f"{math.floor(value / step) * step:.3g}"
 
@@ -249,7 +257,7 @@ def real_gas(
     temperature : float
         In kelvin; with the diameter from the viscosity from 200 to 500.
     pressure : float
-        In Pa.
+        In Pa, of a large box; one of n particles, whose momentum is zero, has 1/n less.
     n : int
         Number of particles.
     diameter : "viscosity", "kinetic" or float

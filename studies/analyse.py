@@ -6,7 +6,7 @@ import datetime
 import math
 import time
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,7 +23,18 @@ from analysis.series import SeriesWarning
 from analysis.statistics import Estimate, TheoryCheck
 from analysis.structure import PairDistribution
 from hardspheres.files import Reading
-from studies.answer import Answer, Column, Curves, curve_files, heading, marks_of, number, tidy, write_tables
+from studies.answer import (
+    Answer,
+    Column,
+    Curves,
+    curve_files,
+    heading,
+    marks_of,
+    number,
+    sections,
+    tidy,
+    write_tables,
+)
 from studies.fluid import Boundary
 from studies.gas_in_file import GasInFile
 from studies.options import (
@@ -35,9 +46,10 @@ from studies.options import (
     units,
     velocities_are,
 )
-from studies.page import write_report
+from studies.page.write import Report, write_page
 from studies.program import Program
 from studies.report import OutputFolder, Screen, figure_style, machine, seconds_taken
+from studies.running.ownership import REPORT, SUMMARY
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -76,6 +88,10 @@ class Findings:
     pairs: PairDistribution | None = None
     notes: list[str] = field(default_factory=list)
 
+    def __repr__(self) -> str:
+        """Return of which file they are, and the moments."""
+        return f"<Findings in {self.gas!r}: {self.moments!r}>"
+
     def begin(self, scene: hs.Scene) -> None:
         """Look at the first frame, and decide what can be measured."""
         if scene.n < 2:
@@ -85,7 +101,8 @@ class Findings:
         if not none:
             return
         if not self.gas.moving:
-            raise hs.TrajectoryError(f"{self.gas.path} has no velocities, and there is no g(r): {none}")
+            lacking = "all particles are at rest" if self.gas.at_rest else "there are no velocities"
+            raise hs.TrajectoryError(f"{self.gas.path}: {lacking}, and there is no g(r): {none}")
         self.notes.append(f"no g(r): {none}")
 
     def _no_pairs(self, scene: hs.Scene) -> str:
@@ -102,6 +119,8 @@ class Findings:
                 return f"the box is only {2.0 * half / largest:.3g} diameters wide"
             self.pairs = PairDistribution(depth=depth, bins=max(round(100 * depth), 60))
         else:
+            if not gas.points:
+                self.notes.append("no radii in the file, so no contact value; --radius 0.5 gives them")
             spacing = float(scene.number_density ** (-1.0 / scene.dim))
             depth = min(REACH * spacing, 0.999 * half) / largest - 1.0
             self.pairs = PairDistribution(depth=depth, window=depth)
@@ -146,7 +165,9 @@ def findings(gas: GasInFile) -> Findings:
 
 @dataclass(frozen=True)
 class Analysis(Answer):
-    """The answer for one file."""
+    """The answer for one file, with what it comes to, in a sentence or two."""
+
+    verdict: str = ""
 
     @property
     def label(self) -> str:
@@ -215,13 +236,14 @@ class Analyse(Program):
         with screen.working("testing and drawing"), figure_style():
             answer = answer_of(found)
             subject, figures = heading([answer], None), self.figures(answer)
+        told = [*legend(found), *(marks_of([answer]) if answer.numbers else [])]
         out.create()
         out.write_csv("analysis.csv", tidy([answer]))
         for name, columns in curve_files([answer]).items():
             out.write_csv(f"{name}.csv", columns)
         for name, figure in figures.items():
             out.save_figure(f"{name}.png", figure, subject)
-        summary = {
+        summary: dict[str, Any] = {
             "study": self.name,
             "version": hs.__version__,
             "command": self.command,
@@ -232,23 +254,24 @@ class Analyse(Program):
             "n": found.gas.n,
             "dim": found.gas.dim,
             "states": [answer.summary()],
-            "checks": {"passed": True, "failures": []},
-            "files": sorted({*out.files, "report.html", "summary.json"}),
+            "files": sorted({*out.files, REPORT, SUMMARY}),
             "seconds": seconds_taken(began, began, read, work="reading"),
         }
-        write_report(
-            out,
+        page = Report(
             name=self.name,
-            question=self.question,
-            answers=[answer],
             subject=subject,
-            legend=legend(found),
+            question=self.question,
+            answer=[answer.verdict],
+            notes=answer.notes,
             figures=figures,
+            sections=sections([answer], None),
+            legend=told,
             summary=summary,
         )
-        out.write_json("summary.json", summary)
+        write_page(out, page)
+        out.write_json(SUMMARY, summary)
         write_tables(screen, [answer], None)
-        for sentence in [*legend(found), *marks_of([answer]), *answer.notes]:
+        for sentence in [*told, *answer.notes, answer.verdict]:
             screen.say(sentence)
         screen.say(f"written to {out.path}: {', '.join(summary['files'])}")
         return summary, True
@@ -273,23 +296,53 @@ def answer_of(found: Findings) -> Analysis:
     curves: dict[str, Curves] = {}
     notes = [*gas.notes]
     details: dict[str, Any] = {"file": gas.path, "frames": gas.n_frames, "boundary": list(gas.scene.boundary)}
+    lacking = "all particles are at rest" if gas.at_rest else "no velocities in the file"
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         if gas.moving:
             numbers += _numbers(found)
             curves |= _curves(found)
             notes += _of_velocities(found, details)
-        else:
-            notes.append("no velocities in the file: nothing but g(r)")
     with warnings.catch_warnings(record=True) as of_pairs:
         warnings.simplefilter("always")
         if found.pairs is not None:
             numbers += _of_pairs(found)
             curves["pair_distribution"] = _pair_curves(found)
     notes += [*found.notes, *dict.fromkeys(str(each.message) for each in said), *_about_pairs(of_pairs)]
+    details["verdict"] = verdict = (
+        _of_all(found) if gas.moving else f"{lacking[0].upper()}{lacking[1:]}: nothing but g(r)."
+    )
     main = [each.quantity for each in numbers if each.quantity in ("kT", "a2", "g at contact")]
     main += [each.quantity for each in numbers if each.quantity.startswith("KS distance of speeds")]
-    return Analysis(gas, numbers, curves, notes, main=main, details=details, hidden={"found": found})
+    hidden = {"found": found}
+    return Analysis(gas, numbers, curves, notes, main=main, details=details, hidden=hidden, verdict=verdict)
+
+
+def _of_all(found: Findings) -> str:
+    """Return what all tests of velocities come to."""
+    moments, several = found.moments, len(found.moments.gas.sizes) > 1
+    amiss = []
+    if moments.equal_axes < SIGNIFICANT:
+        amiss.append("axes have different temperatures")
+    if several and moments.equal_species < SIGNIFICANT:
+        amiss.append("species have different temperatures")
+    for kind, row in enumerate(found.test.p_values):
+        whose = f" of species {kind + 1}" if several else ""
+        odd = [name for name, p in zip(("speeds", *"xyz"), row, strict=False) if p < SIGNIFICANT]
+        if odd:
+            what = ", ".join(name if name == "speeds" else f"velocities along {name}" for name in odd)
+            amiss.append(f"{what}{whose} are not Maxwell and Boltzmann's")
+    for each in moments.checks:
+        if each.quantity.startswith("a2") and each.p_value < SIGNIFICANT:
+            amiss.append(f"{each.quantity} is {each.z:+.1f} standard errors from equilibrium's")
+    many = found.gas.n_frames > 1
+    if many and moments.drift.p_value(0.0) < SIGNIFICANT:
+        amiss.append("kT drifts")
+    if many and any(change.p_value(0.0) < SIGNIFICANT for change in moments.share_drifts.values()):
+        amiss.append("temperatures drift apart, or together")
+    if amiss:
+        return f"This gas is not in equilibrium: {'; '.join(amiss)}."
+    return "Nothing in the velocities tells this gas from one in equilibrium."
 
 
 def _numbers(found: Findings) -> list[TheoryCheck]:
@@ -319,12 +372,13 @@ def _of_velocities(found: Findings, details: dict[str, Any]) -> list[str]:
     if frames == 1:
         notes.append("one frame: errors of velocities are the noise of so many particles at equilibrium")
     elif counted < ALMOST * frames:
-        apart = gas.clock.s / (frames - 1)
+        apart = round(gas.clock.s / (frames - 1), 6)
         notes.append(
-            f"frames are {apart:.2g} mean free times apart (the velocities of successive ones are correlated by "
-            f"{gas.clock.correlation:.2g}): {frames} frames count as {counted:.2g}, and error bars allow for it"
+            f"frames are {apart:.2g} mean free times apart (the velocities of successive ones are correlated "
+            f"by {gas.clock.correlation:.2g}): {frames} frames count as {counted:.2g}, and error bars allow "
+            "for it"
         )
-    notes += _steadiness(found)
+    notes += _steadiness(found) + (_drifting(found) if frames > 1 else [])
     still = [axis for axis, each in zip("xyz", moments.momentum, strict=False) if _vanishes(each)]
     if still:
         notes.append(f"total momentum is zero along {', '.join(still)}")
@@ -357,6 +411,19 @@ def _of_velocities(found: Findings, details: dict[str, Any]) -> list[str]:
     return notes
 
 
+def _drifting(found: Findings) -> list[str]:
+    """Return which temperatures change relative to that of all, in a sentence."""
+    changed = {
+        name: change
+        for name, change in found.moments.share_drifts.items()
+        if change.p_value(0.0) < SIGNIFICANT
+    }
+    if not changed:
+        return []
+    told = ", ".join(f"{name} by {100 * change.value:+.2g} %" for name, change in changed.items())
+    return [f"not in equilibrium: over the file changes {told} of kT"]
+
+
 def _vanishes(momentum: Estimate) -> bool:
     return momentum.standard_error == 0.0 and abs(momentum.value) < CONSTANT
 
@@ -367,21 +434,15 @@ def _steadiness(found: Findings) -> list[str]:
     if found.gas.n_frames == 1:
         return []
     if moments.energy_spread < CONSTANT:
-        return [
-            f"kinetic energy the same in all frames, to {max(moments.energy_spread, 1e-16):.0e}: kT has no error "
-            "bar, and does not drift"
-        ]
+        same = f"kinetic energy the same in all frames, to {max(moments.energy_spread, 1e-16):.0e}"
+        return [f"{same}: kT has no error bar, and does not drift"]
     change = moments.drift
     per = "" if found.gas.times is not None else " (the file has no times)"
+    changes = f"kT changes by {100 * change.value:+.2g} % over the file{per}"
     if math.isnan(change.standard_error):
-        return [
-            f"kT changes by {100 * change.value:+.2g} % over the file{per}; too few frames to say if by chance"
-        ]
-    p = change.p_value(0.0)
-    return [
-        f"kT changes by {100 * change.value:+.2g} % over the file{per}: "
-        + _verdict(p, "no more than chance", "a drift, so that its mean is that of no steady state")
-    ]
+        return [f"{changes}; too few frames to say if by chance"]
+    drifts = "a drift, so that its mean is that of no steady state"
+    return [f"{changes}: {_verdict(change.p_value(0.0), 'no more than chance', drifts)}"]
 
 
 def _verdict(p: float, same: str, different: str) -> str:
@@ -431,7 +492,7 @@ def _about_pairs(said: Sequence[warnings.WarningMessage]) -> list[str]:
 def _curves(found: Findings) -> dict[str, Curves]:
     """Return frames, speeds and components as files."""
     moments, speeds, times = found.moments, found.speeds, found.gas.times
-    kinds, dim = len(moments.gas.sizes), found.gas.dim
+    kinds = len(moments.gas.sizes)
     rows = moments.table
     index = rows.pop("index")
     when = index if times is None else np.interp(index, np.arange(len(times)), times)
@@ -471,13 +532,14 @@ def _pair_curves(found: Findings) -> Curves:
 
 def legend(found: Findings) -> Sequence[str]:
     """Return what the quantities are."""
-    told = []
-    if found.gas.moving:
-        told = [
-            "kT = 2 K / D, without the common motion along periodic axes; momentum in units of sqrt(M kT), M the "
-            "mass of all particles",
-            "KS distance: from Maxwell and Boltzmann's law of the same mean square, for "
-            f"{found.test.n_tested} of {found.gas.n_frames} frames, which are independent; theory: its mean and "
-            "spread at equilibrium",
-        ]
-    return told
+    if not found.gas.moving:
+        return []
+    tested, count = found.test.n_tested, found.gas.n_frames
+    some = f", for {tested} of {count} frames, which are independent" if tested < count else ""
+    momentum = "; momentum in units of sqrt(M kT), M the mass of all particles"
+    moves = not all(map(_vanishes, found.moments.momentum))
+    law = "Maxwell and Boltzmann's law of the same mean velocity and mean square"
+    return [
+        f"kT = 2 K / D, without the common motion along periodic axes{momentum * moves}",
+        f"KS distance: from {law}{some}; theory: its mean and spread at equilibrium",
+    ]

@@ -36,6 +36,7 @@ __all__ = [
     "number",
     "sections",
     "tidy",
+    "to_dataframe",
     "write_tables",
 ]
 
@@ -260,14 +261,8 @@ class Answer:
         return f"packing fraction {self.gas.packing_fraction:g}"
 
     def to_dataframe(self) -> DataFrame:
-        """Return the numbers as a pandas DataFrame, with the columns of the study's table; see `tidy`.
-
-        Raises
-        ------
-        ImportError
-            If pandas is not installed: it is no dependency.
-        """
-        return _dataframe(tidy([self]))
+        """Return the numbers as a pandas DataFrame; see `studies.answer.to_dataframe`, for several gases."""
+        return to_dataframe([self])
 
     def summary(self) -> dict[str, Any]:
         """Return what summary.json tells of this gas."""
@@ -324,6 +319,24 @@ def tidy(answers: Sequence[Answer]) -> dict[str, list[Any]]:
         "uncertainty": [found.uncertainty for _, found in rows],
         "z": [found.z for _, found in rows],
     }
+
+
+def to_dataframe(answers: Sequence[Answer], curves: str | None = None) -> DataFrame:
+    """Return all numbers of several gases, or the curves of this name, as the file of the study has them.
+
+    Parameters
+    ----------
+    answers : sequence of Answer
+        As from `Study.answers`.
+    curves : str, optional
+        A name in `Answer.curves`.
+
+    Raises
+    ------
+    ImportError
+        If pandas is not installed: it is no dependency.
+    """
+    return _dataframe(tidy(answers) if curves is None else curve_files(answers)[curves])
 
 
 def _dataframe(columns: Mapping[str, Any]) -> DataFrame:

@@ -20,7 +20,7 @@ from studies import real_fluid
 from studies.answer import Answer, Column, Curves, alarms, number
 from studies.fluid import Fluid, check_length, check_spread, ordered
 from studies.options import densities, dimension, option, packing_fractions, particles, runs
-from studies.real_fluid import RealFluid, real_gas_of, require_gas
+from studies.real_fluid import RealFluid, real_gas_of
 from studies.running.resuming import until
 from studies.study import Replica, Study
 
@@ -143,7 +143,6 @@ class SelfDiffusion(Study):
 
     def gases(self) -> list[Fluid]:
         """Return the gases to measure, by ascending packing fraction."""
-        require_gas(self, "temperature", "pressure", "diameter")
         etas = self.packing_fractions or packing_fractions(USUAL_DENSITIES)
         fluids = [Fluid(self.n, self.dim, eta) for eta in etas]
         if (real := real_gas_of(self)) is not None:

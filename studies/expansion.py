@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 import hardspheres as hs
 from analysis import theory
+from analysis.brief import brief
 from analysis.expansion import Spreading, cell_counts
 from analysis.statistics import (
     Estimate,
@@ -213,6 +214,8 @@ class WayBack:
     crossed: list[list[float]] = field(default_factory=list)
     distance: list[list[float]] = field(default_factory=list)
     counts: list[FloatArray] = field(default_factory=list)
+
+    __repr__ = brief
 
     def go(self, stops: Mapping[int, bool], cells: int) -> Iterator[None]:
         """Go on, from stop to stop and back; pause wherever this may be saved.

@@ -19,7 +19,7 @@ from studies.answer import Answer, Column, Curves, alarms
 from studies.fluid import Fluid, check_length, number_fraction
 from studies.noticing import Notices, too_short
 from studies.options import densities, dimension, option, packing_fractions, particles
-from studies.real_fluid import RealFluid, real_gas_of, require_gas
+from studies.real_fluid import RealFluid, real_gas_of, scaled
 from studies.running.resuming import in_blocks
 from studies.study import Replica, Study
 
@@ -79,12 +79,12 @@ class FreePaths(Study):
 
     def gases(self) -> list[Fluid]:
         """Return the gases to measure, by ascending packing fraction."""
-        require_gas(self, "temperature", "pressure", "diameter")
+        real = real_gas_of(self)
         share = number_fraction(self.fraction, self.diameter_ratio, self.mass_ratio)
         second = (self.diameter_ratio, self.mass_ratio, share)
         etas = self.packing_fractions or packing_fractions(USUAL)
         fluids = [Fluid(self.n, self.dim, eta, "periodic", *second) for eta in etas]
-        if (real := real_gas_of(self)) is not None:
+        if real is not None:
             fluids = [RealFluid.of(self.n, real)]
         for fluid in fluids:
             fluid.check_within("the theory of this study")
@@ -121,14 +121,20 @@ class FreePaths(Study):
     def answer(self, gas: Fluid, replicas: Sequence[Replica]) -> Answer:
         """Return means, rates, moments and distributions, with the error bars of all replicas' blocks."""
         found, curves, notes, times = [], [], [], 0.0
+        of_speed = Notices()  # the mean speed is correlated for longer than all else
         for replica in replicas:
             paths, notices = replica.estimators["paths"], Notices(list(replica.notes))
             with notices.of("free paths"):
-                found.append(_physical(paths) if isinstance(gas, RealFluid) else paths.checks)
+                found.append(paths.checks)
+            if isinstance(gas, RealFluid):
+                with of_speed.of("mean speed"):
+                    found[-1] = _physical(paths, found[-1])
             with notices.of("distributions of free paths"):
                 curves.append(_curves(paths))
             notes += notices.notes
             times = max(times, notices.times)
+        length = self.collisions_per_particle
+        notes += [*of_speed.notes, *(f"mean speed: {why}" for why in too_short(of_speed.times, length))]
         notices, numbers = Notices(list(dict.fromkeys(notes))), []
         for checks in zip(*found, strict=True):
             measured = [check.measured for check in checks]
@@ -141,7 +147,7 @@ class FreePaths(Study):
             gas,
             numbers,
             {name: _pooled(name, [of_one[name] for of_one in curves]) for name in CURVES},
-            [*gas.remarks, *notices.notes, *too_short(times, self.collisions_per_particle)],
+            [*gas.remarks, *notices.notes, *too_short(times, length)],
             alarms(numbers),
             main=[each.quantity for each in numbers if each.quantity.startswith("mean free path")],
             details={"flights": sum(one.flights for one in paths), "species": paths[0].labels},
@@ -154,6 +160,10 @@ class FreePaths(Study):
         sentences = [f"{means}; Z: {answers[0].numbers[-1].theory}; uncertainty in parentheses"]
         if len(labels) > 1:
             sentences.insert(0, "species: " + "; ".join(f"{k}: {label}" for k, label in enumerate(labels, 1)))
+        if isinstance(answers[0].gas, RealFluid):
+            sentences.append(
+                "pressure: Z rho kT, of a large box; in this one, whose momentum is zero, it is 1/N lower"
+            )
         if self.n > 2:
             sentences.append(
                 "<l^k>, <t^k> of all flights, counted exactly: Boltzmann, whose uncertainty, k - 1 times the "
@@ -168,16 +178,13 @@ class FreePaths(Study):
         return figure(answers)
 
 
-def _physical(paths: FreePath) -> list[TheoryCheck]:
-    """Return what is measured of a real gas: also the mean speed, and the pressure of its collisions."""
-    path, time, *others = paths.checks
+def _physical(paths: FreePath, checks: Sequence[TheoryCheck]) -> list[TheoryCheck]:
+    """Return checks of a real gas with its mean speed, and the pressure that follows from its collisions."""
+    path, time, *others = checks
     exact = path.expected / time.expected  # of the velocities of N particles at this temperature
     speed = TheoryCheck("mean speed", "Maxwell", paths.mean_speed[0], exact, 0.0)
-    z, ideal = others[-1], paths.scene.number_density * paths.scene.temperature
-    measured = replace(
-        z.measured, value=z.measured.value * ideal, standard_error=z.measured.standard_error * ideal
-    )
-    pressure = TheoryCheck("pressure", z.theory, measured, z.expected * ideal, z.uncertainty * ideal)
+    ideal = paths.scene.number_density * paths.scene.temperature
+    pressure = scaled(others[-1], "pressure", ideal)  # Z rho kT
     return [path, time, speed, pressure, *others]
 
 

@@ -38,8 +38,12 @@ class GasInFile:
     ----------
     scene : Scene
         The first frame, in a box and with radii that mean nothing where the file has none.
+    points : bool
+        Whether the user takes all particles as points.
     moving, boxed, sized : bool
         Whether there are velocities, a box, and radii.
+    at_rest : bool
+        Whether there are velocities, and all of them are zero.
     steady : bool
         Whether the box is the same in all frames.
     n_frames : int
@@ -51,10 +55,10 @@ class GasInFile:
     """
 
     def __init__(self, path: str, reading: Reading) -> None:
-        self.path, self._points = path, np.ndim(reading.radius) == 0 and reading.radius == 0
-        self._reading = replace(reading, radius=None) if self._points else reading
+        self.path, self.points = path, isinstance(reading.radius, (int, float)) and not reading.radius
+        self._reading = replace(reading, radius=None) if self.points else reading
         self.moving = self.boxed = self.sized = False
-        self.steady = True
+        self.steady, self.at_rest = True, False
         self.notes: list[str] = []
         self.clock = MeasuredCollisions()
         self._scene: hs.Scene | None = None
@@ -111,6 +115,10 @@ class GasInFile:
             text += f", time {times[0]:.4g} to {times[-1]:.4g}"
         return text
 
+    def __repr__(self) -> str:
+        """Return which file it is, and how much of it was read."""
+        return f"<GasInFile {self.path}: {self.n_frames} frames read>"
+
     def frames(self) -> Iterator[hs.Frame]:
         """Yield each frame; its time is its index, and its collisions per particle those of `clock`.
 
@@ -119,7 +127,7 @@ class GasInFile:
         TrajectoryError, SceneError
             Where the file cannot be read, or the frames are not of one gas.
         """
-        for index, (atoms, notes) in enumerate(structures(self.path, self._reading)):
+        for index, (atoms, notes) in enumerate(self._structures()):
             scene, more = self._taken(atoms, index)
             self.notes += [note for note in [*notes, *more] if note not in self.notes]
             if self._scene is None:
@@ -133,6 +141,24 @@ class GasInFile:
         if self._scene is None:
             raise hs.TrajectoryError(f"{self.path} holds no frame")
 
+    def _structures(self) -> Iterator[tuple[Any, list[str]]]:
+        """Yield the frames as they stand; of a file without velocities masses do not matter."""
+        frames = structures(self.path, self._reading)
+        try:
+            first = next(frames, None)
+        except hs.TrajectoryError:
+            if self._reading.mass is not None or self._reading.units is not None:
+                raise
+            reading = replace(self._reading, mass=1.0, velocities=False)
+            frames = structures(self.path, reading)
+            first = next(frames, None)
+            if first is None or has_velocities(first[0]):
+                raise
+            self._reading = reading
+        if first is not None:
+            yield first
+            yield from frames
+
     def _taken(self, atoms: Any, index: int) -> tuple[hs.Scene, list[str]]:
         """Return the scene of a frame; where box or radii are missing, with some that mean nothing."""
         try:
@@ -143,12 +169,13 @@ class GasInFile:
                     np.any(columns[name].values) for name in ("momenta", "velocities") if name in columns
                 ),
                 "a box": self._reading.box is not None or bool(np.any(atoms.cell)),
-                "radii": not self._points
+                "radii": not self.points
                 and (self._reading.radius is not None or bool(columns.keys() & {"radii", "diameters"})),
             }
             before = {"velocities": self.moving, "a box": self.boxed, "radii": self.sized}
             if self._scene is None:
                 self.moving, self.boxed, self.sized = has.values()
+                self.at_rest = has_velocities(atoms) and not self.moving
             elif has != before:
                 odd = next(name for name in has if has[name] != before[name])
                 one, other = ("has", "have none") if has[odd] else ("has no", "have them")
@@ -157,7 +184,7 @@ class GasInFile:
         except (hs.SceneError, hs.TrajectoryError) as error:
             where = f"{self.path}: " if self.path not in str(error) else ""
             frame = f"frame {index}: " if index and f"frame {index}" not in str(error) else ""
-            hint = "; --radius 0 takes the particles for points" if " overlap by " in str(error) else ""
+            hint = "; --radius 0 takes all particles as points" if " overlap by " in str(error) else ""
             raise type(error)(f"{where}{frame}{error}{hint}") from error
 
     def _completed(self, atoms: Any) -> Reading:
@@ -180,8 +207,8 @@ class GasInFile:
         first = self.scene
         if (scene.n, scene.dim) != (first.n, first.dim):
             raise hs.TrajectoryError(
-                f"{self.path}: frame {index} has {scene.n} particles in {scene.dim} dimensions, the first has "
-                f"{first.n} in {first.dim}; give a file of one gas, whose particles stay the same"
+                f"{self.path}: frame {index} has {scene.n} particles in {scene.dim} dimensions, the first "
+                f"has {first.n} in {first.dim}; give a file of one gas, whose particles stay the same"
             )
         if not np.allclose(scene.masses, first.masses, rtol=SAME, atol=0.0):
             raise hs.TrajectoryError(

@@ -7,6 +7,7 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import timedelta
 
 from rich.console import Console
 
@@ -67,8 +68,8 @@ def bar(text: str, total: int) -> Iterator[Callable[[], None]]:
             done, now = done + 1, time.monotonic()
             if now - told < OFTEN:
                 return
-            told, left = now, (now - began) / done * (total - done)
-            state = f"{done}/{total}, about {left:.0f} s left"
+            told, left = now, timedelta(seconds=round((now - began) / done * (total - done)))
+            state = f"{done}/{total}, about {left} left"
             element = f'<progress value="{done}" max="{total}"></progress>'
             show(f"{text} {state}", f"{html.escape(text)} {element} {state}")
 

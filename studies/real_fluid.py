@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -84,49 +85,52 @@ def diameter() -> Any:
     )
 
 
-def real_gas_of(study: Any) -> RealGas | None:
+def real_gas_of(study: Any, own: Sequence[str] = ("temperature", "pressure", "diameter")) -> RealGas | None:
     """Return the gas of --gas, None where none is asked for; SceneError for options that exclude each other.
 
     Parameters
     ----------
     study : Study
         With the fields `gas`, `temperature`, `pressure` and `diameter`.
+    own : sequence of str
+        Those that make no sense without a gas.
     """
     if study.gas is None:
+        for name in own:
+            if getattr(study, name) is not None:
+                raise SceneError(f"--{name} goes with --gas, as in --gas Ar; without it units are reduced")
         return None
     for each, its in options_of(study):
-        value = getattr(study, each.name)
-        if each.name in _EXCLUDED and value not in (each.default, 3 if each.name == "dim" else each.default):
+        harmless = (each.default, 3 if each.name == "dim" else each.default)
+        if each.name in _EXCLUDED and getattr(study, each.name) not in harmless:
             raise SceneError(f"{its.named(each.name)} has no effect with --gas, {_EXCLUDED[each.name]}")
     given = {"temperature": study.temperature, "pressure": study.pressure, "size": study.diameter}
     return RealGas(study.gas, **{name: value for name, value in given.items() if value is not None})
 
 
-def require_gas(study: Any, *names: str) -> None:
-    """Raise SceneError where options of a real gas are given without one."""
-    for name in names:
-        if study.gas is None and getattr(study, name) is not None:
-            raise SceneError(f"--{name} goes with --gas, as in --gas Ar; without it units are reduced")
+def scaled(found: TheoryCheck, quantity: str, factor: float, in_theory: float | None = None) -> TheoryCheck:
+    """Return a number times a factor under another name, its theory times the same or a factor of its own."""
+    expected, measured = factor if in_theory is None else in_theory, found.measured
+    return TheoryCheck(
+        quantity,
+        found.theory,
+        replace(measured, value=measured.value * factor, standard_error=measured.standard_error * factor),
+        found.expected * expected,
+        found.uncertainty * expected,
+    )
 
 
 def in_units(numbers: Iterable[TheoryCheck]) -> list[TheoryCheck]:
     """Return numbers measured in nm, ps and u in the units of `UNITS`, which their names tell then."""
     return [
-        _converted(found, *UNITS[found.quantity]) if found.quantity in UNITS else found for found in numbers
+        scaled(found, named(found.quantity), UNITS[found.quantity][1]) if found.quantity in UNITS else found
+        for found in numbers
     ]
 
 
-def _converted(found: TheoryCheck, unit: str, factor: float) -> TheoryCheck:
-    measured = found.measured
-    return replace(
-        found,
-        quantity=f"{found.quantity} [{unit}]",
-        measured=replace(
-            measured, value=measured.value * factor, standard_error=measured.standard_error * factor
-        ),
-        expected=found.expected * factor,
-        uncertainty=found.uncertainty * factor,
-    )
+def named(quantity: str) -> str:
+    """Return the name of a measured number of a real gas: with its unit, where it has one."""
+    return f"{quantity} [{UNITS[quantity][0]}]" if quantity in UNITS else quantity
 
 
 def mean_free_path(gas: RealGas) -> float:
@@ -153,6 +157,8 @@ def remarks_of(gas: RealGas) -> list[str]:
             continue
         if size != gas.size:
             told += f"; {_diameter_of(other)}, would give {mean_free_path(other):.4g} nm"
+    thermal, mean = 1e3 * math.sqrt(gas.kT / gas.mass), 1e3 * theory.mean_speed(3, gas.mass, gas.kT)
+    told += f"; sqrt(kT/m) is {thermal:.4g} m/s, the mean speed in equilibrium {mean:.4g} m/s"
     return [told, "in the files lengths are in nm, times in ps, masses in u, where no name says more"]
 
 
@@ -188,7 +194,7 @@ class RealFluid(Fluid):
 
     def named(self, quantity: str) -> str:
         """Return the name of a measured number in an answer: with its unit, where it has one."""
-        return f"{quantity} [{UNITS[quantity][0]}]" if quantity in UNITS else quantity
+        return named(quantity)
 
     def in_units(self, numbers: Iterable[TheoryCheck]) -> list[TheoryCheck]:
         """Return numbers converted to the units of `UNITS`."""

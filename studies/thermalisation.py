@@ -33,7 +33,7 @@ from studies.options import (
     velocities_are,
     word,
 )
-from studies.real_fluid import in_units, real_gas_of, remarks_of, require_gas, words_of
+from studies.real_fluid import in_units, real_gas_of, remarks_of, scaled, words_of
 from studies.recording import Film, Recorder, Trajectory
 from studies.running.resuming import until
 from studies.study import Replica, Study
@@ -248,7 +248,7 @@ class Thermalisation(Study):
     )
     collisions_per_particle: float = option(10.0, "How long to run, s = 2 collisions / n.")
     replicas: int = runs(100)
-    source: str | None = option(None, "Start from a structure in any file that ASE reads.", flag="--from")
+    source: str | None = option(None, "Start from a file of any format of ASE, or .gsd.", flag="--from")
     radius: float | dict[str, float] | None = option(None, **of_labels("--radius"))
     mass: float | dict[str, float] | None = option(None, **of_labels("--mass"))
     units: str | None = units("--from")
@@ -290,8 +290,7 @@ class Thermalisation(Study):
             self.temperature_ratio is None or self.velocities == "two-temperatures",
             "--temperature-ratio goes with --velocities two-temperatures",
         )
-        require_gas(self, "pressure", "diameter")
-        real_gas_of(self)
+        self._real()
         if self.source is None:
             for name in ("radius", "mass", "units", "velocities_are", "box"):
                 said = f"--{name.replace('_', '-')} goes with --from"
@@ -306,6 +305,9 @@ class Thermalisation(Study):
             said = f"--{name.replace('_', '-')} has no effect with --from"
             _require(getattr(self, name) is None, f"{said}, which gives the whole structure")
 
+    def _real(self) -> RealGas | None:
+        return real_gas_of(self, own=("pressure", "diameter"))  # --temperature has a meaning without --gas
+
     def gases(self) -> list[RelaxingGas]:
         """Return the gas."""
         scene = self.prepared(lambda remark: None).structure
@@ -319,7 +321,7 @@ class Thermalisation(Study):
             given["base"] = scene
             if self.velocities is None and np.any(scene.velocities):
                 given["velocities"] = None
-        if (real := real_gas_of(self)) is not None:
+        if (real := self._real()) is not None:
             given |= {"packing_fraction": real.packing_fraction, "temperature": real.kT, "real": real}
         return [RelaxingGas(**given)]
 
@@ -529,14 +531,8 @@ def _rate_in_time(rate: TheoryCheck, curve: RelaxationCurve, gas: RealGas) -> Th
     begin, end = np.interp(RATE_WINDOW, curve.s, curve.time)
     collisions = (RATE_WINDOW[1] - RATE_WINDOW[0]) / float(end - begin)
     expected = float(theory.collision_rate(gas.packing_fraction, 3, gas.diameter, gas.mass, gas.kT))
-    its = rate.measured
-    return replace(
-        rate,
-        quantity=f"{rate.quantity} in time",
-        measured=replace(its, value=its.value * collisions, standard_error=its.standard_error * collisions),
-        expected=rate.expected * expected,
-        uncertainty=math.hypot(rate.uncertainty, 0.01 * rate.expected) * expected,
-    )
+    found = scaled(rate, f"{rate.quantity} in time", collisions, expected)
+    return replace(found, uncertainty=math.hypot(found.uncertainty, 0.01 * found.expected))
 
 
 def _theory_name(gas: RelaxingGas, curve: RelaxationCurve, reference: Comparison | None) -> str:

@@ -30,9 +30,7 @@ SCHEMA = "hoomd"
 SCHEMA_VERSION = (1, 4)  # that of single precision, which every reader knows
 OURS, PARTICLES = "log/hardspheres/", "log/particles/"
 LABEL = PARTICLES + "label"
-ROUNDED = ("position", "velocity", "diameter", "mass")
 EXACT = tuple(f"{PARTICLES}exact_{name}" for name in ("position", "velocity", "radius", "mass"))
-OWN = (*EXACT, LABEL)
 UNUSED = ("charge", "body", "moment_inertia", "orientation", "angmom")
 TOPOLOGY = ("bonds", "angles", "dihedrals", "impropers", "constraints", "pairs")
 
@@ -46,9 +44,7 @@ def package(path: Path) -> Any:
         import gsd.fl
         import gsd.hoomd
     except ImportError:
-        raise TrajectoryError(
-            f"{path} needs the package gsd, which is not installed: pip install 'hardspheres[gsd]'"
-        ) from None
+        raise TrajectoryError(f"{path} needs the package gsd: pip install 'hardspheres[gsd]'") from None
     return gsd
 
 
@@ -129,7 +125,8 @@ def as_chunks(state: "Scene | FrameLike", units: str | None = None) -> Chunks:
         chunks[OURS + "units"] = np.frombuffer(units.encode(), np.uint8)
     if getattr(state, "unwound", None) is not None:
         crossed = np.rint((state.unwrapped_positions - state.positions) / scene.box)  # type: ignore[union-attr]
-        chunks["particles/image"] += _three(crossed).astype(np.int32)
+        if np.abs(crossed).max() < np.iinfo(np.int32).max:
+            chunks["particles/image"] += _three(crossed).astype(np.int32)
     return chunks
 
 
@@ -178,16 +175,17 @@ def _three(vectors: NDArray[Any]) -> NDArray[Any]:
 
 
 def keep_frames(path: Path, copy: Path, count: int) -> int:
-    """Copy the first frames of a file, and return how many whole ones it has."""
+    """Copy the first frames of a file if it has so many, and return how many whole ones it has."""
     with Reader(path) as old:
         there = len(old)
-        if there >= count:
-            new = opened(copy, "w")
-            for frame in range(count):
-                for name, chunk in chunks_of(old.file, frame).items():
-                    new.write_chunk(name, chunk)
-                new.end_frame()
-            new.close()
+        if there < count:
+            return there
+        new = opened(copy, "w")
+        for frame in range(count):
+            for name, chunk in old.chunks(frame).items():
+                new.write_chunk(name, chunk)
+            new.end_frame()
+        new.close()
     return there
 
 
@@ -204,26 +202,31 @@ class Reader:
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self.file = opened(path, "r")
+        self._path, module = path, package(path)
         with _told(path):
-            self._trajectory = package(path).hoomd.HOOMDTrajectory(self.file)
+            self._file = opened(path, "r")
+            self._trajectory = module.hoomd.HOOMDTrajectory(self._file)
 
     def __len__(self) -> int:
-        return int(self.file.nframes)
+        return int(self._file.nframes)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.file.close()
+        self._file.close()
+
+    def chunks(self, index: int) -> Chunks:
+        """Return the chunks that stand in a frame."""
+        with _told(self._path):
+            return chunks_of(self._file, index)
 
     def structure(self, index: int) -> tuple[Any, list[str]]:
         """Return a frame as an Atoms object, and sentences about what was changed or is not used."""
-        with _told(self.path):
+        with _told(self._path):
             frame = self._trajectory[index]
             if not frame.particles.N:
-                raise TrajectoryError(f"{self.path} holds no particles in frame {index}")
+                raise TrajectoryError(f"{self._path} holds no particles in frame {index}")
             return _structure(frame, self._given(index))
 
     def __iter__(self) -> Iterator[tuple[Any, list[str]]]:
@@ -231,8 +234,8 @@ class Reader:
 
     def _given(self, index: int) -> set[str]:
         """Return the names of the chunks that this frame or the first one has."""
-        names = self.file.find_matching_chunk_names("")
-        return {name for name in names if any(self.file.chunk_exists(k, name) for k in {0, index})}
+        names = self._file.find_matching_chunk_names("")
+        return {name for name in names if any(self._file.chunk_exists(k, name) for k in {0, index})}
 
 
 @contextmanager
@@ -243,22 +246,16 @@ def _told(path: Path) -> Iterator[None]:
     except TrajectoryError:
         raise
     except Exception as error:  # it fails in its own ways
+        why = said(error).split(" in: ")[0].replace(str(path), path.name)
         raise TrajectoryError(
-            f"{path} cannot be read as a GSD file of HOOMD's schema ({said(error)}); it is damaged, cut "
-            "short or of another format"
+            f"{path} cannot be read as a trajectory of HOOMD ({why}); it is damaged, cut short or of another "
+            "format"
         ) from error
 
 
 def opened(path: Path, mode: str) -> Any:
-    """Open a file of the schema by the package's own layer; OSError where the system refuses."""
-    gsd, version = package(path), list(SCHEMA_VERSION)
-    try:
-        return gsd.fl.open(str(path), mode, f"hardspheres {__version__}", SCHEMA, version)
-    except OSError as error:
-        raise OSError(error.errno, error.strerror or str(error)) from error
-    except Exception:
-        with _told(path):
-            raise
+    """Open a file of the schema by the package's own lower layer, chunk by chunk."""
+    return package(path).fl.open(str(path), mode, f"hardspheres {__version__}", SCHEMA, list(SCHEMA_VERSION))
 
 
 def chunks_of(file: Any, frame: int) -> Chunks:
@@ -273,54 +270,55 @@ def _structure(frame: Any, given: set[str]) -> tuple[Any, list[str]]:
     from ase.data import atomic_numbers
 
     parts, log, dim = frame.particles, frame.log, int(frame.configuration.dimensions)
-    columns, notes = _columns(frame, given)
-    exact = _exact(frame)
-    changed = [name for name in columns if exact and name not in exact]
-    if changed:
-        notes.append(
-            f"changed since they were written exactly, so read in single precision: {', '.join(changed)}"
-        )
+    (columns, notes), exact, ours = _columns(frame, given), _exact(frame), not given.isdisjoint(EXACT)
     numbers = columns | exact
-    names = np.array(parts.types)
     elements = all(name in atomic_numbers for name in parts.types)
     kinds = np.array([atomic_numbers[name if elements else SINGLE] for name in parts.types])
     atoms: Any = Atoms(
-        kinds[parts.typeid], numbers["positions"], cell=numbers["box"], pbc=True, masses=numbers["masses"]
+        kinds[parts.typeid], numbers["positions"], cell=numbers["box"], masses=numbers["masses"]
     )
+    atoms.set_array("radius", numbers["radii"], float, ())
+    atoms.set_pbc(True)
     if not elements:
-        atoms.set_array("labels", names[parts.typeid])
-    if exact:
-        atoms.set_pbc(_three(log["hardspheres/periodic"][None])[0] == 1)
+        atoms.set_array("labels", np.array(parts.types)[parts.typeid])
+    if ours or "particles/velocity" in given:
+        atoms.set_momenta(numbers["masses"][:, None] * numbers["velocities"])
+        atoms.set_array(VELOCITY, numbers["velocities"], float, (3,))
+    if ours:
+        atoms.set_pbc([*(log["hardspheres/periodic"] == 1), *[False] * (3 - dim)])
         atoms.info |= {"time": float(log["hardspheres/time"][0]), "collisions": int(frame.configuration.step)}
         if "hardspheres/units" in log:
             atoms.info["units"] = log["hardspheres/units"].tobytes().decode()
-    if exact or dim == 2:
+        changed = [name for name in columns if name not in exact]
+        if changed:
+            notes.append(f"changed since this package wrote them, so less exact: {', '.join(changed)}")
+    if ours or dim == 2:
         atoms.info["dimension"] = dim
-    if len(exact) < len(columns) and parts.position.dtype == np.float32:
+    if parts.position.dtype == np.float32 and not {"positions", "radii", "box"} <= exact.keys():
         atoms.info["precision"] = "single"
-    if exact or "particles/velocity" in given:
-        atoms.set_momenta(numbers["masses"][:, None] * numbers["velocities"])
-        atoms.set_array(VELOCITY, numbers["velocities"], float, (3,))
-    atoms.set_array("radius", numbers["radii"], float, ())
-    if "particles/label" in log and log.get("hardspheres/labelled", [1])[0]:
-        atoms.set_array("label", log["particles/label"])
+    labels = log.get("particles/label")
+    if np.shape(labels) == (len(atoms),) and log.get("hardspheres/labelled", [1])[0]:
+        atoms.set_array("label", labels)
     return atoms, notes
 
 
 def _columns(frame: Any, given: set[str]) -> tuple[dict[str, Floats], list[str]]:
     """Return the columns of the schema, with positions from the corner of the box, and what is not used."""
-    parts = frame.particles
+    parts, notes = frame.particles, []
     lx, ly, lz, xy, xz, yz = np.asarray(frame.configuration.box, dtype=np.float64)
     cell = np.array([[lx, 0, 0], [xy * ly, ly, 0], [xz * lz, yz * lz, lz]])
-    diameters, notes = np.asarray(parts.diameter, dtype=np.float64), []
+    diameters = np.asarray(parts.diameter, dtype=np.float64)
     if "particles/diameter" not in given:
         shapes = [shape.get("diameter") for shape in parts.type_shapes]
         if len(shapes) == len(parts.types) and None not in shapes:  # as HOOMD's hard spheres are written
             diameters = np.array(shapes, dtype=np.float64)[parts.typeid]
-        elif not any(name.startswith(PARTICLES + "exact") for name in given):
-            notes.append(
-                "there are no diameters, so the default of the format is taken, 1 (--radius gives others)"
-            )
+        elif given.isdisjoint(EXACT):
+            notes.append("there are no diameters, so that of the format is taken, 1 (--radius gives others)")
+    unused = [name for name in UNUSED if f"particles/{name}" in given]
+    unused += [name for name in TOPOLOGY if getattr(frame, name).N]
+    unused += sorted(name for name in given if name.startswith(PARTICLES) and name not in (*EXACT, LABEL))
+    if unused:
+        notes.append("not used: " + ", ".join(unused))
     columns = {
         "positions": parts.position + 0.5 * cell.sum(axis=0),
         "velocities": np.asarray(parts.velocity, dtype=np.float64),
@@ -328,37 +326,30 @@ def _columns(frame: Any, given: set[str]) -> tuple[dict[str, Floats], list[str]]
         "masses": np.asarray(parts.mass, dtype=np.float64),
         "box": cell,
     }
-    unused = [name for name in UNUSED if f"particles/{name}" in given]
-    unused += [name for name in TOPOLOGY if getattr(frame, name).N]
-    unused += [name for name in sorted(given) if name.startswith(PARTICLES) and name not in OWN]
-    return columns, [*notes, *(["not used: " + ", ".join(unused)] if unused else [])]
+    return columns, notes
 
 
 def _exact(frame: Any) -> dict[str, Floats]:
     """Return the exact numbers, of a file of ours, that still are its columns once they are rounded."""
-    parts, log, n = frame.particles, frame.log, int(frame.particles.N)
-    dim = int(frame.configuration.dimensions)
-    names = ("hardspheres/box", "hardspheres/periodic", "hardspheres/time")
-    shapes: dict[str, tuple[int, ...]] = {f"particles/exact_{name}": (n,) for name in ("radius", "mass")}
-    shapes |= {f"particles/exact_{name}": (n, dim) for name in ("position", "velocity")}
-    shapes |= dict(zip(names, [(dim,), (dim,), (1,)], strict=True))
-    if any(np.shape(log.get(name)) != shape for name, shape in shapes.items()):
+    parts, log, found = frame.particles, frame.log, {}
+    n, dim = int(parts.N), int(frame.configuration.dimensions)
+    own = [log.get(name.removeprefix("log/")) for name in (*EXACT, OURS + "box", OURS + "periodic")]
+    if [np.shape(array) for array in own] != [(n, dim), (n, dim), (n,), (n,), (dim,), (dim,)]:
         return {}
-    x, v, radii, masses = (
-        log[f"particles/exact_{name}"] for name in ("position", "velocity", "radius", "mass")
-    )
-    box, periodic, _ = (log[name] for name in names)
-    again = rounded(x, v, radii, masses, box, periodic == 1)
-    edges, (columns, ours) = frame.configuration.box, (vars(parts), {})
-    same = {name: np.array_equal(np.float32(columns[name]), again[f"particles/{name}"]) for name in ROUNDED}
-    if np.array_equal(np.float32(edges), again["configuration/box"]):
-        ours["box"] = np.diag(_three(box[None])[0])
-        if same["position"]:
-            ours["positions"] = _three(x)
-    if same["velocity"]:
-        ours["velocities"] = _three(v)
-    if same["diameter"]:
-        ours["radii"] = radii
-    if same["mass"]:
-        ours["masses"] = masses
-    return ours
+    positions, velocities, radii, masses, box, periodic = own
+    again = rounded(positions, velocities, radii, masses, box, periodic == 1)
+
+    def holds(name: str, column: Any) -> bool:
+        return np.array_equal(np.asarray(column, dtype=np.float32), again[name])
+
+    if holds("configuration/box", frame.configuration.box):
+        found["box"] = np.diag([*box, *[0.0] * (3 - dim)])
+        if holds("particles/position", parts.position):
+            found["positions"] = _three(positions)
+    if holds("particles/velocity", parts.velocity):
+        found["velocities"] = _three(velocities)
+    if holds("particles/diameter", parts.diameter):
+        found["radii"] = radii
+    if holds("particles/mass", parts.mass):
+        found["masses"] = masses
+    return found

@@ -165,6 +165,8 @@ def structures(path: str | os.PathLike[str], reading: Reading) -> Iterator[tuple
         return
     if form == "gsd":
         with hoomd.Reader(file) as structures:
+            if not len(structures):
+                raise TrajectoryError(f"{file} holds no frame")
             yield from structures
         return
     options = foreign.reader_options(form, reading)

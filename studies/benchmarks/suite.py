@@ -254,8 +254,8 @@ def _legend(states: Sequence[Mapping[str, Any]]) -> list[str]:
     """Return what the columns are."""
     told = [
         (
-            "collisions per second of processor time, medians of 20 windows, event loop alone, in equilibrium, "
-            "one core"
+            "collisions per second of processor time, medians of 20 windows, event loop alone, in "
+            "equilibrium, one core"
         )
     ]
     peer = next((state["against"] for state in states if state["against"]), None)

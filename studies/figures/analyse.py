@@ -121,6 +121,7 @@ def _pairs(axes: Axes, answer: Answer) -> None:
     if sized:
         axes.plot([], [], "D", ms=7, mfc="none", color=COLOURS["words"], label="theory at contact")
     axes.axhline(1.0, color=COLOURS["band"], lw=1.0, zorder=1)
+    axes.set_ylim(bottom=max(axes.get_ylim()[0], -0.2))
     axes.set_xlabel("distance / diameter" if sized else "distance")
     if len(r) > 1:
         axes.set_xlabel("distance / distance at contact")

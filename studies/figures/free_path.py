@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from analysis.theory import FreeFlights
 from studies.figures.style import COLOURS, MARKS, SPECIES, figure_style
-from studies.real_fluid import RealFluid
 
 if TYPE_CHECKING:
     from studies.answer import Answer
@@ -94,8 +93,9 @@ def _draw_means(axes: Axes, answers: Sequence[Answer]) -> None:
     axes.set_yscale("log")
     if len(eta) == 1:
         axes.set_xlim(eta[0] / 2, 2 * eta[0])
-    unit = "nm" if isinstance(answers[0].gas, RealFluid) else "diameter" + " of the first" * (len(labels) > 1)
-    axes.set_ylabel(f"mean free path / {unit}")
+    name = answers[0].gas.named("mean free path")  # with its unit, where it has one
+    unit = "" if "[" in name else " / diameter" + " of the first" * (len(labels) > 1)
+    axes.set_ylabel(name + unit)
     axes.set_title("Mean free path")
     axes.legend(fontsize=8)
 

@@ -25,6 +25,7 @@ VARYING = {"date", "machine", "time"}
 """What differs when the same run is repeated; marked with `data-varies` in the page."""
 
 LONG = 32  # characters of a cell that may be broken
+_ERROR_BAR = re.compile(r"\d\(\d+\)")
 _NUMBER = re.compile(r"[-+]?(\d|inf|nan).*")
 
 
@@ -142,6 +143,7 @@ def write_page(out: OutputFolder, report: Report) -> None:
     page = engine.get_template(REPORT).render(
         report=report,
         failures=checks.get("failures", ()),
+        error_bars=any(_ERROR_BAR.search(sentence) for sentence in report.answer),
         passed=checks.get("passed", False),
         figures=list(_drawn(report, out.figure_format)),
         made=_made(report.summary),

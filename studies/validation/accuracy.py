@@ -565,16 +565,16 @@ def _legend(study: Accuracy, summary: dict[str, Any]) -> list[str]:
     drift = max(row["energy_drift"] for row in rows if not math.isnan(row["energy_drift"]))
     return [
         (
-            f"{FEW} hard {kind} beside the trajectory at 50 digits, {study.n} against exact pressure and mean "
-            "free path; processor time in us per true collision"
+            f"{FEW} hard {kind} beside the trajectory at 50 digits, {study.n} against exact pressure and "
+            "mean free path; processor time in us per true collision"
         ),
         (
             f"trajectory: rms distance from the true one after {COLLISIONS_PER_PARTICLE:g} collision per "
             "particle, in diameters, median and worst of the scenes"
         ),
         (
-            "missed: pairs that pass through each other within a step or are not detected, per true collision; "
-            "overlap: the deepest, in diameters; Z - 1, mean free path: relative error"
+            "missed: pairs that pass through each other within a step or are not detected, per true "
+            "collision; overlap: the deepest, in diameters; Z - 1, mean free path: relative error"
         ),
         f"energy: no method lost more than {drift:.0e} of it, so energy is no measure of the other errors",
     ]

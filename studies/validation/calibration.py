@@ -274,12 +274,12 @@ def _legend(rows: Sequence[Row]) -> list[str]:
     chance = 1.0 - (1.0 - 0.0037) ** len(rows)
     return [
         (
-            "error: mean standard error of one run over the truth; mean, spread: of (value - truth) / standard "
-            "error over the runs"
+            "error: mean standard error of one run over the truth; mean, spread: of (value - truth) / "
+            "standard error over the runs"
         ),
         (
-            "Student's t: its standard deviation with the quoted degrees of freedom, in brackets the standard "
-            "error of the difference; z: difference in these"
+            "Student's t: its standard deviation with the quoted degrees of freedom, in brackets the "
+            "standard error of the difference; z: difference in these"
         ),
         "mean of runs: no theory is good enough, so that only spread and shape are tested",
         (

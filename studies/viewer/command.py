@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 import hardspheres as hs
-from studies.options import OptionError, option, positive, word
+from studies.fluid import Boundary
+from studies.options import OptionError, boundary, edges, of_labels, option, word
 from studies.program import Program
 from studies.report import OutputError, OutputFolder, Screen
 from studies.viewer.replay import view
@@ -18,6 +19,7 @@ from studies.viewer.replay import view
 __all__ = ["View"]
 
 NONE = "is at rest: no frame has velocities; give a file that has them"
+OF_THE_FILE = {"help": "Of all particles, or of each label, as in A=0.5,B=0.3."}
 
 
 class _Page(OutputFolder):
@@ -52,12 +54,21 @@ class View(Program):
 
     file: str = option("", "Structure, trajectory or checkpoint.", argument=True, metavar="FILE")
     collisions_per_particle: float = option(10.0, "How long to run, s = 2 collisions / n.")
-    radius: float | None = option(
-        None, "Of all particles, where the file has none.", **positive("--radius", "the radius of a particle")
-    )
+    radius: float | dict[str, float] | None = option(None, **of_labels("--radius") | OF_THE_FILE)
+    mass: float | dict[str, float] | None = option(None, **of_labels("--mass") | OF_THE_FILE)
     units: str | None = option(
         None, "What numbers of a format with units are.", **word("--units", "reduced", "ase")
     )
+    velocities_are: str | None = option(
+        None,
+        "A column of velocities in FILE is in units of its lengths.",
+        **word("--velocities-are", "reduced"),
+    )
+    box: tuple[float, ...] | None = option(
+        None, "Edges of the box for a file without one, as in 10,10,10.", **edges("--box")
+    )
+    boundary: Boundary | None = option(None, **boundary, shown="periodic, or that of the file")
+    dim: int | None = option(None, "2: the file is of discs.", at_least=2, at_most=3)
 
     def folder(
         self, out: Path | None, checkpoint_every: float = 60.0, resume: bool = False, force: bool = False
@@ -69,10 +80,16 @@ class View(Program):
         return _Page(path, force)
 
     def _start(self) -> hs.Scene | hs.Simulation:
+        names = ("radius", "mass", "box", "boundary", "dim", "units", "velocities_are")
+        reading = {name: value for name in names if (value := getattr(self, name)) is not None}
         if Path(self.file).suffix == ".npz":
+            if reading:
+                given = ", ".join(f"--{name.replace('_', '-')}" for name in reading)
+                raise OptionError(f"{self.file} is a checkpoint, which has everything; leave out {given}")
             return hs.Simulation.load(self.file)
-        reading = {"units": self.units} if self.units else {}
-        for scene in hs.read_trajectory(self.file, self.radius, **reading):
+        if units := reading.pop("velocities_are", None):
+            reading.setdefault("units", units)
+        for scene in hs.read_trajectory(self.file, **reading):
             if np.any(scene.velocities):
                 return scene
         raise hs.TrajectoryError(f"{self.file} {NONE}")

@@ -12,6 +12,7 @@ import html
 import json
 import math
 import os
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -197,7 +198,11 @@ def view(start: hs.Scene | hs.Simulation, collisions_per_particle: float = 10.0)
 
     simulation = hs.Simulation(start, log=keep) if isinstance(start, hs.Scene) else start.with_log(keep)
     scene, began = simulation.to_scene(), simulation.time
-    simulation.run(collisions=collisions)
+    try:
+        simulation.run(collisions=collisions)
+    except hs.SimulationError as error:  # none to come: what it says of `run` is of no use here
+        told = re.sub(r"(; |, or |: )use run\(time=\.\.\.\)$", "", str(error))
+        raise hs.SimulationError(told) from error
     events = np.concatenate(chunks)
     events["time"] -= began
     return Replay(scene, events, float(events["time"][-1]))
@@ -207,7 +212,7 @@ def replay_by_steps(scene: hs.Scene, collisions_per_particle: float = 10.0) -> R
     """Return what `view` does of a small gas, without a log.
 
     A log needs kernels of its own, and compiling them takes longer than stopping at every collision of a few
-    hundred particles to see whose velocities have changed. What hit a wall in between follows from the flights.
+    hundred particles to see whose velocities have changed. Hits of walls in between follow from the flights.
 
     Parameters
     ----------
@@ -233,8 +238,8 @@ def replay_by_steps(scene: hs.Scene, collisions_per_particle: float = 10.0) -> R
         changed = np.flatnonzero(np.any(after != before, axis=1))
         if len(changed) != 2:  # a velocity so little changed that it rounds to what it was: only a log tells
             return view(scene, collisions_per_particle)
-        i, j = changed
-        found.append((now, int(i), int(j), scene.masses[i] * (after[i] - before[i])))
+        one, other = (int(i) for i in changed)
+        found.append((now, one, other, scene.masses[one] * (after[one] - before[one])))
         time, v = now, after
     events = np.zeros(len(found), event_dtype(scene.dim))
     events["time"], events["i"], events["j"] = (np.array([row[k] for row in found]) for k in range(3))

@@ -21,6 +21,8 @@ from analysis.distributions import ComponentDistribution, EnergyDistribution, Sp
 from analysis.estimator import Estimator, NoDataError
 from analysis.expansion import Spreading
 from analysis.free_path import FreePath
+from analysis.maxwell_test import MaxwellTest
+from analysis.moments import VelocityMoments
 from analysis.order import BondOrder
 from analysis.pressure import Pressure
 from analysis.relaxation import RelaxationCurve
@@ -38,6 +40,8 @@ STREAMING = [
     FourthCumulant,
     KolmogorovSmirnov,
     HFunction,
+    VelocityMoments,
+    MaxwellTest,
     BondOrder,
     PairDistribution,
     Diffusion,

@@ -125,7 +125,7 @@ def test_a_checkpoint_with_bad_labels_is_refused(labels, message, tmp_path):
 # Files.
 
 
-@pytest.mark.parametrize("suffix", ["xyz", "traj"])
+@pytest.mark.parametrize("suffix", ["xyz", "traj", "gsd"])
 @pytest.mark.parametrize("kind", ["3d", "2d_mixture_walls"])
 @pytest.mark.parametrize("labels", [LABELS, LARGE], ids=["small", "large"])
 def test_files_keep_them(suffix, kind, labels, tmp_path):

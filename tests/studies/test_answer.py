@@ -1,10 +1,14 @@
 """What is printed of curves, and what is written."""
 
+import sys
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from studies.answer import Answer, Column, Curves, curve_files
+from studies.free_path import FreePaths
+from studies.report import Screen
 
 S = np.array([0.0, 1.0])
 ERROR, NO_THEORY = np.array([0.01, 0.01]), np.full(2, np.nan)
@@ -46,3 +50,23 @@ def test_a_measurement_better_than_its_theory_is_marked():
         assert Answer(None, [], {"x": curves}).better_than_theory is better
         unprinted = Curves({"s": S}, {"a": found})
         assert not Answer(None, [], {"x": unprinted}).better_than_theory
+
+
+def test_a_run_that_breaks_is_among_the_failures(monkeypatch):
+    """Sibling: one that does not."""
+    study = FreePaths(n=100, packing_fractions=(0.05,), collisions_per_particle=20.0, workers=1, seed=5)
+    assert not any(answer.failures for answer in study.answers(Screen(json_output=True)))
+    monkeypatch.setattr("studies.study.broken", lambda simulation: "energy drifted")
+    (answer,) = study.answers(Screen(json_output=True))
+    assert list(answer.failures)[:2] == ["replica 0: energy drifted", "replica 1: energy drifted"]
+
+
+def test_without_pandas_a_sentence_says_how_to_get_it(monkeypatch):
+    """Nothing else needs it."""
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    curves = Curves({"s": S}, {"a": column()})
+    answer = Answer(SimpleNamespace(packing_fraction=0.1), [], {"x": curves})
+    for asked in (answer.to_dataframe, curves.to_dataframe):
+        with pytest.raises(ImportError, match="not installed here: pip install pandas$"):
+            asked()
+    assert repr(answer) and answer._repr_html_()

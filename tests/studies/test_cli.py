@@ -180,6 +180,7 @@ COMMANDS = [
     "diffusion",
     "mixture",
     "view",
+    "analyse",
     "accuracy",
     "calibration",
     "hard-cases",

@@ -57,7 +57,7 @@ def test_a_wrong_theory_fails_the_check(finished, tmp_path, monkeypatch, capsys)
     monkeypatch.setattr(
         theory,
         "enskog_diffusion",
-        lambda *args: Prediction(3 * right(*args).value, right(*args).uncertainty),
+        lambda *args, **units: Prediction(3 * right(*args, **units).value, right(*args, **units).uncertainty),
     )
     _, sound = conduct(SelfDiffusion(**SMALL, replicas=6), OutputFolder(tmp_path / "out"), Screen())
     assert not sound

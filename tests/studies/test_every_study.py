@@ -8,6 +8,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from studies.answer import to_dataframe
 from studies.cli import main
 from studies.options import OptionError, options_of
 from studies.registry import QUESTIONS, study_named
@@ -128,6 +129,30 @@ def test_its_files_agree(name, finished):
     for state in stored["states"]:
         main_ones = state["main"]
         assert isinstance(main_ones, str) or set(main_ones) <= {q["quantity"] for q in state["measured"]}
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_answers_in_python_are_the_tables_of_the_files(name, finished, monkeypatch):
+    """To the last digit, numbers and curves, with no folder to write into. Sibling: a digit more."""
+    out, *_ = finished(name)
+    monkeypatch.setattr(OutputFolder, "create", None)
+    answers = small(name).answers(Screen(json_output=True))
+
+    def text(frame):
+        return frame.to_csv(index=False, lineterminator="\n", na_rep="nan")
+
+    numbers = to_dataframe(answers)
+    written = (out.path / f"{study_named(name).table}.csv").read_text()
+    assert text(numbers) == written
+    if len(answers) == 1:
+        assert text(answers[0].to_dataframe()) == written
+    numbers["value"] *= 1.0 + 1e-15
+    assert text(numbers) != written
+    for curves in dict.fromkeys(curves for answer in answers for curves in answer.curves):
+        whole = to_dataframe(answers, curves)
+        assert text(whole) == (out.path / f"{curves}.csv").read_text()
+        if len(answers) == 1:
+            assert text(answers[0].curves[curves].to_dataframe()) == text(whole)
 
 
 @pytest.mark.parametrize("name", STUDIES)

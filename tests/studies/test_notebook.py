@@ -101,7 +101,7 @@ def test_a_bar_is_replaced_four_times_a_second_however_many_steps(kernel, monkey
                 advance()
         (bar,) = kernel
         assert len(bar.states) == pytest.approx(states, abs=1)
-        assert bar.states[-2]["text/plain"] == "runs 1000/1000, about 0 s left"
+        assert bar.states[-2]["text/plain"] == "runs 1000/1000, about 0:00:00 left"
         assert '<progress value="1000" max="1000"></progress>' in bar.states[-2]["text/html"]
 
 
