@@ -11,10 +11,12 @@ import hardspheres as hs
 from analysis import theory
 from analysis.calibration import calibrate
 from studies.cli import main
-from studies.expansion import Expansion, HalfFull, WayBack
+from studies.expansion import Expansion
 from studies.fluid import Fluid
+from studies.half_full import HalfFull
 from studies.report import OutputFolder, Screen
 from studies.study import conduct, run_study
+from studies.way_back import WayBack
 
 from .test_every_study import small
 
