@@ -114,6 +114,8 @@ class Expansion(Study):
         """Return the one gas."""
         start = Fluid(self.n, self.dim, self.packing_fraction, ("wall", *[self.boundary] * (self.dim - 1)))
         start.check_within("the theory of its pressure")
+        if not self.packing_fraction > 0.0:
+            raise hs.SceneError(f"--packing-fraction {self.packing_fraction:g} must be positive")
         if self.n < FEWEST:
             raise hs.SceneError(f"--n {self.n} is too few for densities; ask for at least {FEWEST}")
         if self.cells % 2:

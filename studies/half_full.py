@@ -88,7 +88,8 @@ class HalfFull:
         if self.mix:
             s = theory.tracer_displacement([self.half, 2.0 * self.half], self.spread, dim).value
             return float(0.5 * q * q * (s[1] ** 2 - s[0] ** 2))
-        damping = float(theory.sound_damping(self.spread, dim).value)
+        with np.errstate(all="ignore"):  # of a density so low that the engine refuses the box
+            damping = float(theory.sound_damping(self.spread, dim).value)
         return min(damping * q * q, float(theory.sound_speed(self.spread, dim).value) * q) * self.half
 
     @property

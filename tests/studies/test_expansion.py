@@ -190,6 +190,10 @@ def test_a_study_says_where_it_knows_nothing():
 
 BAD = [
     (["--packing-fraction", "0.6"], "packing fraction 0.6 is above 0.494, where hard spheres freeze"),
+    (["--packing-fraction", "0"], "--packing-fraction 0 must be positive"),
+    (["--packing-fraction", "nan"], "--packing-fraction nan must be positive"),
+    (["--packing-fraction", "1e-300"], "the box edge along x is 8.05996e+100, where rounding moves"),
+    (["--packing-fraction", "1e-300", "--mix"], "the box edge along x is 8.05996e+100, where rounding moves"),
     (["--n", "10"], "--n 10 is too few for densities; ask for at least 16"),
     (["--cells", "7"], "--cells 7 is odd; the middle of the box must be an edge of cells"),
     (["--replicas", "3"], "--replicas 3 gives no error bar"),
