@@ -132,8 +132,9 @@ def tracer_displacement(
         u from that of D.
     """
     t = np.asarray(time, dtype=np.float64)
-    d = enskog_diffusion(eta, dim, diameter, mass, temperature)
-    upper = d.value + np.nan_to_num(d.uncertainty)  # both are infinite without collisions
+    with np.errstate(invalid="ignore"):  # D is infinite without collisions; so is its uncertainty, or not a number
+        d = enskog_diffusion(eta, dim, diameter, mass, temperature)
+    upper = d.value + np.nan_to_num(d.uncertainty)
     value, other = (_displacement(t, float(D), temperature / mass) for D in (d.value, upper))
     return Prediction(value, other - value)
 
