@@ -78,6 +78,15 @@ def _of_a_page(name: str) -> dict[str, tuple[Any, Any]]:
     return {"out": (Annotated[Path | None, out], None), "force": (Annotated[bool, force], False)}
 
 
+def _if_asked() -> dict[str, tuple[Any, Any]]:
+    """Return --out and --force of what writes nothing by itself."""
+    out = typer.Option(
+        help="Folder for summary.json.", show_default="nothing is written", parser=_out, metavar="PATH"
+    )
+    force = typer.Option("--force", help="Replace the summary in the folder.")
+    return {"out": (Annotated[Path | None, out], None), "force": (Annotated[bool, force], False)}
+
+
 def function_of(kind: type[Program]) -> Callable[..., None]:
     """Return the function that the command of a study runs: its parameters are the study's options."""
 
@@ -128,6 +137,8 @@ def function_of(kind: type[Program]) -> Callable[..., None]:
     parameters |= OF_EVERY_RUN
     if kind.page:
         parameters |= _of_a_page(kind.page)
+    if kind.only_if_asked:
+        parameters |= _if_asked()
     if kind.resumable:
         parameters |= OF_LONG_RUNS
     if kind.to_an_error:

@@ -36,6 +36,8 @@ class Golden:
         Returns its start, by public functions alone.
     start, end : str
         What `start_digest` and `end_digest` give.
+    searches : tuple of str
+        With which it is run: windows need a box of several diameters.
     quick : bool
         Whether it is one of the few that `hardspheres verify --quick` runs.
     """
@@ -44,6 +46,7 @@ class Golden:
     make: Callable[[], hs.Scene]
     start: str
     end: str
+    searches: tuple[str, ...] = ("lists", "windows")
     quick: bool = False
 
 
@@ -155,6 +158,7 @@ GOLDEN = (
         ),
         "3aa638ffe864011a",
         "297156db96848077",
+        searches=("lists",),
         quick=True,
     ),
     Golden(
