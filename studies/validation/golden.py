@@ -1,9 +1,9 @@
 """Golden digests: twenty gases after 20 000 collisions, to the last bit.
 
 The same scene follows the same trajectory on every machine, with every search and every version of Python,
-NumPy, Numba and LLVM, as long as CHANGELOG names no "Changed bits". Here stand the digests that prove it. Most
-starts are drawn by NumPy's random generators, whose streams may change with NumPy: so the digest of the start
-stands beside that of the end, and two starts are made without random numbers.
+NumPy, Numba and LLVM, as long as CHANGELOG names no "Changed bits". Here stand the digests that prove it.
+Most starts are drawn by NumPy's random generators, whose streams may change with NumPy: so the digest of the
+start stands beside that of the end, and three starts are made without random numbers.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ from llvmlite import binding
 
 __all__ = ["compiled_for", "vectors_of"]
 
-# Integers of 512 bits packed by a mask, and of 256 bits added: LLVM writes one instruction where there is one.
+# 512 bits of integers packed by a mask, and 256 bits added: LLVM writes one instruction where there is one.
 _PROBE = """
 target triple = "{triple}"
 declare <16 x i32> @llvm.experimental.vector.compress.v16i32(<16 x i32>, <16 x i1>, <16 x i32>)
