@@ -132,7 +132,7 @@ def tracer_displacement(
         u from that of D.
     """
     t = np.asarray(time, dtype=np.float64)
-    with np.errstate(invalid="ignore"):  # D is infinite without collisions; so is its uncertainty, or not a number
+    with np.errstate(invalid="ignore"):  # without collisions D is infinite, its uncertainty NaN
         d = enskog_diffusion(eta, dim, diameter, mass, temperature)
     upper = d.value + np.nan_to_num(d.uncertainty)
     value, other = (_displacement(t, float(D), temperature / mass) for D in (d.value, upper))
