@@ -86,6 +86,15 @@ def _of_a_page(name: str) -> dict[str, tuple[Any, Any]]:
     return kinds | {"json": (Annotated[bool, json], False)}
 
 
+def _if_asked() -> dict[str, tuple[Any, Any]]:
+    """Return --out and --force of what writes nothing by itself."""
+    out = typer.Option(
+        help="Folder for summary.json.", show_default="nothing is written", parser=_out, metavar="PATH"
+    )
+    force = typer.Option("--force", help="Replace the summary in the folder.")
+    return {"out": (Annotated[Path | None, out], None), "force": (Annotated[bool, force], False)}
+
+
 def function_of(kind: type[Program]) -> Callable[..., None]:
     """Return the function that the command of a study runs: its parameters are the study's options."""
 
@@ -138,6 +147,8 @@ def function_of(kind: type[Program]) -> Callable[..., None]:
     parameters |= OF_EVERY_RUN
     if kind.page:
         parameters |= _of_a_page(kind.page)
+    if kind.only_if_asked:
+        parameters |= _if_asked()
     if any(name.endswith(".png") for name in kind.files):
         parameters |= OF_FIGURES
     if kind.resumable:

@@ -4,45 +4,33 @@ from __future__ import annotations
 
 import itertools
 import math
-import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import hardspheres as hs
 from analysis import theory
-from analysis.brief import brief
-from analysis.expansion import Spreading, cell_counts
-from analysis.statistics import (
-    Estimate,
-    TheoryCheck,
-    deviates,
-    estimate_from_jackknife,
-    estimate_from_replicas,
-    replica_mean,
-)
-from analysis.theory import Prediction, TheoryRangeWarning
+from analysis.expansion import Spreading
+from analysis.statistics import Estimate, TheoryCheck, deviates, estimate_from_jackknife
+from analysis.theory import Prediction
 from studies.answer import Answer, Column, Curves, alarms, number
 from studies.fluid import Fluid, check_spread
+from studies.half_full import AXIS, HalfFull
 from studies.options import OptionError, dimension, one_number, option, particles, positive, runs, word
 from studies.report import alarming
 from studies.running.resuming import until
 from studies.study import Replica, Study
+from studies.way_back import WayBack, came_back, retraced, returns, way_back
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from studies.viewer.replay import Replay
 
-__all__ = ["Expansion", "HalfFull", "WayBack"]
+__all__ = ["Expansion"]
 
-FloatArray = NDArray[np.float64]
-
-AXIS = 0  # along which it expands
 FEWEST = 16  # particles
 MOMENTS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0)  # transit times
 SHORTEST, LONGEST = 6.0, 30.0  # transit times that are run by default
@@ -51,12 +39,10 @@ DIED_OUT, ENOUGH = 4.0, 3.0  # e-folds of the last wave, or slowest mode of mixi
 STOPS = 48  # on the way there, at which the way back is compared with it
 HORIZONS = (0.5, 1.0, 1.5, 2.0, 3.0)  # of retracing, after which velocities are reversed by default
 WATCHED = 120  # particles in gas.html
-RETURNED = 1e-3  # diameters that count as back at the start
 COOLED = 1e-12  # relative change of kT that no rounding makes
 LAYERED = 0.01  # entropy that layers at walls take
 VAGUE = 0.05  # uncertainty of theory from which on it has no z
 PARTS = ("value", "standard_error")  # of an estimate
-SETTLING = 4.0  # transit times in which a dilute gas, placed at random, has mixed
 
 
 def _reversals(text: str) -> tuple[float, ...]:
@@ -70,200 +56,6 @@ def _reversals(text: str) -> tuple[float, ...]:
             f"--reverse-after {text}: each must be positive, a number of collisions per particle"
         )
     return found
-
-
-@dataclass(frozen=True)
-class HalfFull:
-    """A gas in half of a box between walls along x, or in a whole box whose two halves are told apart.
-
-    Attributes
-    ----------
-    start : Fluid
-        The gas in equilibrium before.
-    mix : bool
-        Whether it fills the whole box, and its halves mix.
-    """
-
-    start: Fluid
-    mix: bool = False
-
-    @property
-    def n(self) -> int:
-        """Number of particles."""
-        return self.start.n
-
-    @property
-    def dim(self) -> int:
-        """Dimension."""
-        return self.start.dim
-
-    @property
-    def packing_fraction(self) -> float:
-        """Packing fraction at the start, in what the gas fills then."""
-        return self.start.packing_fraction
-
-    @property
-    def kind(self) -> str:
-        """What the engine is compiled for, in words."""
-        return self.start.kind
-
-    @property
-    def spread(self) -> float:
-        """Packing fraction in the whole box."""
-        return self.packing_fraction * (1.0 if self.mix else 0.5)
-
-    @cached_property
-    def edge(self) -> float:
-        """Edge of the box that the start fills, in diameters."""
-        volume = self.n * math.pi / (2 * self.dim) / self.packing_fraction
-        return float(volume ** (1.0 / self.dim))
-
-    @property
-    def half(self) -> float:
-        """Half of the whole box along x: also the transit time, as kT and m are 1."""
-        return self.edge * (0.5 if self.mix else 1.0)
-
-    @property
-    def knudsen(self) -> float:
-        """Mean free path at the start over half of the box."""
-        return float(theory.mean_free_path(self.packing_fraction, self.dim)) / self.half
-
-    @property
-    def rate(self) -> float:
-        """Collisions per particle and time in the whole box."""
-        return float(theory.collision_rate(self.spread, self.dim))
-
-    @property
-    def decay(self) -> float:
-        """Decay of the slowest mode per transit time: a wave between the walls, or cos(pi x/L) of mixing."""
-        q, dim = math.pi / (2.0 * self.half), self.dim
-        if self.mix:
-            s = theory.tracer_displacement([self.half, 2.0 * self.half], self.spread, dim).value
-            return float(0.5 * q * q * (s[1] ** 2 - s[0] ** 2))
-        damping = float(theory.sound_damping(self.spread, dim).value)
-        return min(damping * q * q, float(theory.sound_speed(self.spread, dim).value) * q) * self.half
-
-    @property
-    def rounding(self) -> float:
-        """One unit in the last place of the box."""
-        return 2.0 * self.half * float(np.finfo(np.float64).eps)
-
-    @cached_property
-    def horizon(self) -> Prediction:
-        """Collisions per particle that are retraced on the way back; NaN where that is not known."""
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", TheoryRangeWarning)
-            return theory.reversal_horizon(self.spread, self.dim, 2.0 * self.half)
-
-    @property
-    def settled(self) -> int:
-        """Pair collisions after which a run from `scene` is in equilibrium."""
-        if self.start.dense:
-            return self.start.settled
-        rate = float(theory.collision_rate(self.packing_fraction, self.dim))
-        return min(self.start.settled, math.ceil(SETTLING * self.half * rate * self.n / 2))
-
-    def scene(self, seed: np.random.SeedSequence) -> hs.Scene:
-        """Return the gas before, not yet in equilibrium."""
-        return self.start.scene(seed)
-
-    def opened(self, scene: hs.Scene) -> hs.Scene:
-        """Return the same particles in the whole box; of halves that mix, 0 labels the lower, 1 the upper."""
-        box = scene.box.copy()
-        box[AXIS] *= 1.0 if self.mix else 2.0
-        labels = np.where(scene.positions[:, AXIS] < 0.5 * box[AXIS], 0, 1) if self.mix else None
-        same = (scene.positions, scene.velocities, scene.radii, scene.masses)
-        return hs.Scene.as_left(*same, box, scene.boundary, labels)
-
-    def __str__(self) -> str:
-        """Return the gas in words."""
-        kind = "spheres" if self.dim == 3 else "discs"
-        what = "two halves of a box that mix" if self.mix else "let out of half of a box"
-        return f"{self.n} hard {kind}, {what}"
-
-
-@dataclass
-class WayBack:
-    """One gas on its way there, and back again after all its velocities were reversed, several times.
-
-    Attributes
-    ----------
-    ahead, running : Simulation or None
-        The gas on its way there, and on the way back that it is on now.
-    there : list of (N, d) array
-        Positions on the way there, at each of the stops, as long as they are needed.
-    times, reached : lists of float
-        Of the stops: time and collisions per particle since the opening.
-    turned : list of int
-        The stops at which velocities were reversed.
-    s, crossed, distance : lists of list of float
-        Of each way back, at each stop again from the last on: collisions per particle since the reversal,
-        share of the followed particles in the upper half, root mean square distance from where they were.
-    counts : list of array
-        Followed particles in each cell at the end of each way back, when all should be where they started.
-    """
-
-    ahead: hs.Simulation | None = None
-    running: hs.Simulation | None = None
-    there: list[FloatArray] = field(default_factory=list)
-    times: list[float] = field(default_factory=list)
-    reached: list[float] = field(default_factory=list)
-    turned: list[int] = field(default_factory=list)
-    s: list[list[float]] = field(default_factory=list)
-    crossed: list[list[float]] = field(default_factory=list)
-    distance: list[list[float]] = field(default_factory=list)
-    counts: list[FloatArray] = field(default_factory=list)
-
-    __repr__ = brief
-
-    def go(self, stops: Mapping[int, bool], cells: int) -> Iterator[None]:
-        """Go on, from stop to stop and back; pause wherever this may be saved.
-
-        Parameters
-        ----------
-        stops : mapping of int to bool
-            Pair collisions of each stop, 0 first, and whether velocities are reversed there.
-        cells : int
-            Along x, for `counts`.
-        """
-        for goal, reverse in [*stops.items()][len(self.times) - (self.running is not None) :]:
-            if self.running is None:
-                assert self.ahead is not None
-                yield from until(self.ahead, goal)
-                self.there.append(self.ahead.positions)
-                self.times.append(self.ahead.time)
-                self.reached.append(self.ahead.collisions_per_particle)
-                if reverse:
-                    self.turn(self.ahead.to_scene())
-            while self.running is not None:
-                self.look(cells)
-                yield
-            yield
-        self.ahead, self.there = None, []
-
-    def turn(self, scene: hs.Scene) -> None:
-        """Reverse all velocities of a gas, in a gas of its own."""
-        self.running = hs.Simulation(scene.with_state(scene.positions, -scene.velocities))
-        self.turned.append(len(self.times) - 1)
-        for each in (self.s, self.crossed, self.distance):
-            each.append([])
-
-    def look(self, cells: int) -> None:
-        """Go back to the next stop, and take in where everybody is."""
-        assert self.running is not None
-        stop = len(self.times) - 1 - len(self.s[-1])
-        (frame,) = self.running.frames(times=[self.times[-1] - self.times[stop]])
-        labels = frame.scene.labels
-        followed = frame.positions if labels is None else frame.positions[labels == 0]
-        counts = cell_counts(followed, frame.scene, AXIS, cells)
-        off = frame.positions - self.there[stop]
-        off -= np.where(frame.scene.periodic, frame.scene.box * np.rint(off / frame.scene.box), 0.0)
-        self.s[-1].append(frame.collisions_per_particle)
-        self.crossed[-1].append(float(counts[cells // 2 :].sum() / counts.sum()))
-        self.distance[-1].append(math.sqrt(float(np.mean(np.sum(off * off, axis=1)))))
-        if stop == 0:
-            self.counts.append(counts)
-            self.running = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -323,6 +115,8 @@ class Expansion(Study):
         """Return the one gas."""
         start = Fluid(self.n, self.dim, self.packing_fraction, ("wall", *[self.boundary] * (self.dim - 1)))
         start.check_within("the theory of its pressure")
+        if not self.packing_fraction > 0.0:
+            raise hs.SceneError(f"--packing-fraction {self.packing_fraction:g} must be positive")
         if self.n < FEWEST:
             raise hs.SceneError(f"--n {self.n} is too few for densities; ask for at least {FEWEST}")
         if self.cells % 2:
@@ -403,22 +197,22 @@ class Expansion(Study):
             there.merge(replica.estimators["there"])
         back = [replica.estimators["back"] for replica in replicas]
         spreading, failures = _spreading(gas, there)
-        returns, lost = _returns(gas, back)
+        came, lost = returns(gas, back)
         cooled = max((replica.seen["cooled"] for replica in replicas), key=abs)
         died_out = gas.decay * self.length(gas)
         numbers = [
             _half_time(gas, there),
             _last_entropy(there, died_out),
             _fluctuations(gas, there, died_out),
-            *_retraced(gas, back),
+            *retraced(gas, back),
             number("change of kT, relative", cooled),
         ]
         if abs(cooled) > COOLED:
             failures.append(
                 f"kT has changed by {cooled:.1e} of itself: free expansion does not cool this gas"
             )
-        notes = [_came_back(returns)]
-        if not _retraced(gas, back):
+        notes = [came_back(came)]
+        if not retraced(gas, back):
             notes.append(
                 "every way back was retraced, or nearly: ask for a later --reverse-after to see the end"
             )
@@ -436,9 +230,9 @@ class Expansion(Study):
             numbers,
             {
                 "spreading": spreading,
-                "returns": returns,
+                "returns": came,
                 "profiles": _profiles(gas, there),
-                "way_back": _way_back(gas, back),
+                "way_back": way_back(gas, back),
             },
             notes=notes,
             failures=[*failures, *lost, *alarms(numbers)],
@@ -454,7 +248,7 @@ class Expansion(Study):
     def legend(self, answers: Sequence[Answer]) -> list[str]:
         """Return what the columns are."""
         gas: HalfFull = answers[0].gas
-        who = "of those that started in the left half" if self.mix else "of the particles"
+        who = "of those from the left" if self.mix else "of the particles"
         if self.mix:
             how = "Gaussian displacements with Enskog's D, velocities forgotten exponentially"
         else:
@@ -463,16 +257,16 @@ class Expansion(Study):
                 "change, 0.008 for each one per particle"
             )
         columns = (
-            f"t: time in transit times, half of the box over sqrt(kT/m); s: collisions per particle; right: share "
-            f"{who} in the right half; S: "
-            f"entropy of the density in {self.cells} cells along x, per particle, 0 for one half and ln 2 = "
-            "0.6931 for all of the box, of all replicas together, so that few particles in a cell do not "
-            "lower it"
+            "t: time in transit times, half of the box over sqrt(kT/m); s: collisions per particle; right: "
+            f"share {who} in the right half; S: entropy of the density in {self.cells} cells along x, per "
+            "particle, 0 for one half and ln 2 = 0.6931 for all of the box, of all replicas together, so "
+            "that few particles in a cell do not lower it"
         )
         back = (
             "reversed: collisions per particle after which all velocities were reversed; left: share in the "
             "left half then; on return: after as long again; off: root mean square distance from the start "
-            "on return, in diameters, beside one rounding of the box, grown by the Lyapunov exponent"
+            "on return, in diameters, beside one rounding of the box, grown by the Lyapunov exponent; "
+            "retraced: until it is a tenth of a diameter"
         )
         return [
             f"mean free path at the start over half of the box (Knudsen number): {gas.knudsen:.3g}",
@@ -581,99 +375,3 @@ def _fluctuations(gas: HalfFull, there: Spreading, died_out: float) -> TheoryChe
     less = (1.0 - 1.0 / (z + gas.spread * slope)) * (0.5 if gas.mix else 1.0)
     expected = Prediction(1.0 - less, less * min(2.0 / gas.half, 1.0)) if died_out >= ENOUGH else None
     return number("variance in the right half, over free ones'", found, "compressibility", expected)
-
-
-def _retraced(gas: HalfFull, back: Sequence[WayBack]) -> list[TheoryCheck]:
-    """Return for how many collisions per particle the last way back is that there, where it is not for all.
-
-    Until the root mean square distance from it is a diameter, between two steps on the logarithm.
-    """
-    quantity, found = "collisions per particle retraced", []
-    for one in back:
-        s, distance = np.array(one.s[-1]), np.array(one.distance[-1])
-        beyond = int(np.argmax(distance > 1.0))
-        if beyond > 0:
-            low, high = _log_off(gas, distance[beyond - 1 : beyond + 1])
-            found.append(s[beyond - 1] - low / (high - low) * (s[beyond] - s[beyond - 1]))
-    if len(found) < len(back):  # some came all the way back
-        return []
-    expected = gas.horizon if math.isfinite(float(gas.horizon.value)) else None
-    return [number(quantity, estimate_from_replicas(found), "Lyapunov exponent", expected)]
-
-
-def _returns(gas: HalfFull, back: Sequence[WayBack]) -> tuple[Curves, list[str]]:
-    """Return how much came back from each reversal, and a sentence where it should have and did not."""
-    time, s = _turned(back)
-    count = len(s)
-    left_then = replica_mean([[1.0 - one.crossed[k][0] for k in range(count)] for one in back])
-    left = replica_mean([[1.0 - one.crossed[k][-1] for k in range(count)] for one in back])
-    log_off, log_error = replica_mean(
-        [[_log_off(gas, one.distance[k][-1]) for k in range(count)] for one in back]
-    )
-    off = np.exp(log_off)
-    exponent = float(gas.horizon.value)
-    folds = -math.log(gas.rounding)
-    log_expected = folds * (s / exponent - 1.0)
-    small = log_expected < math.log(0.1)
-    doubt = np.hypot(2.0, np.hypot(0.1, 0.0 if gas.mix else 0.2) * folds * s / exponent)
-    z = deviates(np.where(small, log_off - log_expected, np.nan), log_error, doubt, len(back) - 1.0)
-    sure = exponent - 3.0 * float(gas.horizon.uncertainty)
-    failures = [
-        f"reversed at s = {s[k]:.3g}, the gas is {off[k]:.1e} diameters from its start on return"
-        for k in range(count)
-        if s[k] < sure and off[k] > RETURNED
-    ]
-    entropies = [
-        estimate_from_jackknife(np.array([one.counts[k] for one in back]), _entropy) for k in range(count)
-    ]
-    entropy, entropy_error = (np.array([getattr(each, name) for each in entropies]) for name in PARTS)
-    columns = {
-        "left": Column(*left_then, title="left"),
-        "left_on_return": Column(*left, title="on return"),
-        "entropy_on_return": Column(entropy, entropy_error, title="S"),
-        "off": Column(off, off * log_error, np.where(small, np.exp(log_expected), np.nan), z=z, title="off"),
-    }
-    return Curves({"reversed": s, "t": time / gas.half}, columns, printed=True), failures
-
-
-def _came_back(returns: Curves) -> str:
-    """Return in a sentence how much of the gas was in the left half again."""
-    left = returns.columns["left_on_return"].value
-    told = [
-        f"{100 * share:.3g} % at s = {s:.3g}" for s, share in zip(returns.axes["reversed"], left, strict=True)
-    ]
-    return f"in the left half again, by collisions per particle at the reversal: {', '.join(told)}"
-
-
-def _log_off(gas: HalfFull, distance: Any) -> Any:
-    """Return logarithms of distances; less than a rounding of the box, or nothing, counts as one."""
-    return np.log(np.maximum(distance, gas.rounding))
-
-
-def _turned(back: Sequence[WayBack]) -> tuple[FloatArray, FloatArray]:
-    """Return mean time of each reversal, and collisions per particle by then: those of all ways back."""
-    stops = back[0].turned
-    return np.mean([one.times for one in back], axis=0)[stops], np.array(back[0].reached)[stops]
-
-
-def _entropy(counts: FloatArray) -> float:
-    return float(theory.spread_entropy(counts))
-
-
-def _way_back(gas: HalfFull, back: Sequence[WayBack]) -> Curves:
-    """Return each way back, stop by stop: the time since the opening that is retraced, and how well."""
-    times = np.mean([one.times for one in back], axis=0) / gas.half
-    parts = []
-    for k, (stop, s) in enumerate(zip(back[0].turned, _turned(back)[1], strict=True)):
-        since, crossed, distance = (
-            np.array([getattr(one, name)[k] for one in back]) for name in ("s", "crossed", "distance")
-        )
-        log_off, log_error = replica_mean(_log_off(gas, distance))
-        off = np.exp(log_off)
-        rows = (np.full(stop + 1, s), times[stop::-1], since.mean(axis=0))
-        parts.append([*rows, *replica_mean(crossed), off, off * log_error])
-    reversed_at, retraced, since, share, error, off, off_error = (
-        np.concatenate(rows) for rows in zip(*parts, strict=True)
-    )
-    axes = {"reversed": reversed_at, "t_retraced": retraced, "s_since": since}
-    return Curves(axes, {"right": Column(share, error), "off": Column(off, off_error)})

@@ -38,6 +38,8 @@ class Program(ABC):
         Whether it keeps checkpoints.
     to_an_error : bool
         Whether --until-error may decide the number of its replicas.
+    only_if_asked : bool
+        Whether it writes nothing, but for summary.json where --out names a folder.
     page : str
         Where --out names a single page instead of a folder: its name by default.
     """
@@ -49,6 +51,7 @@ class Program(ABC):
     reports: ClassVar[bool] = False
     resumable: ClassVar[bool] = True
     to_an_error: ClassVar[bool] = False
+    only_if_asked: ClassVar[bool] = False
     page: ClassVar[str] = ""
 
     def __init_subclass__(cls, **more: Any) -> None:

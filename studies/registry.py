@@ -53,6 +53,10 @@ QUESTIONS = {
         "studies.validation.hard_cases:HardCases",
         "Test the engine on hard cases with exact answers.",
     ),
+    "verify": (
+        "studies.validation.verify:Verify",
+        "Compare this machine with the results kept in the package, to the last bit.",
+    ),
     "soak": (
         "studies.validation.soak:Soak",
         "Run two gases for very long and test what must not change.",

@@ -132,15 +132,16 @@ def tracer_displacement(
         u from that of D.
     """
     t = np.asarray(time, dtype=np.float64)
-    d = enskog_diffusion(eta, dim, diameter, mass, temperature)
-    value, other = (
-        _displacement(t, float(D), temperature / mass) for D in (d.value, d.value + d.uncertainty)
-    )
+    with np.errstate(invalid="ignore"):  # D is infinite without collisions; so is its uncertainty, or not a number
+        d = enskog_diffusion(eta, dim, diameter, mass, temperature)
+    upper = d.value + np.nan_to_num(d.uncertainty)
+    value, other = (_displacement(t, float(D), temperature / mass) for D in (d.value, upper))
     return Prediction(value, other - value)
 
 
 def _displacement(t: FloatArray, diffusion: float, square: float) -> FloatArray:
     """Return s for a diffusion coefficient and the mean square of a component of the velocity."""
     x = square / diffusion * t
-    exact = 2.0 * (x + np.expm1(-x))
-    return np.asarray(diffusion / math.sqrt(square) * np.sqrt(np.where(x > 1e-4, exact, x * x * (1 - x / 3))))
+    far = np.maximum(x, 1e-4)
+    share = np.where(x > 1e-4, 2.0 * (far + np.expm1(-far)) / far**2, 1.0 - x / 3.0)
+    return np.asarray(math.sqrt(square) * t * np.sqrt(share))

@@ -23,6 +23,8 @@ _EXPONENT = {
         (18.1, 14.5, 9.46, 5.90, 2.92, 1.75, 1.20, 0.668, 0.426),
     ),
 }
+LOST = 0.1
+"""Diameters off the way there from which on it counts as lost."""
 _UNCERTAINTY = 0.1
 _FOLDS = 2.0  # e-folds by which the first roundings differ from one unit in the last place of the box
 
@@ -57,8 +59,8 @@ def lyapunov_exponent(eta: ArrayLike, dim: int) -> Prediction:
 def reversal_horizon(eta: ArrayLike, dim: int, size: float) -> Prediction:
     """Return for how many collisions per particle a gas retraces its way after all velocities are reversed.
 
-    ln(1/(eps size))/lambda: the rounding of coordinates, eps = 2.2e-16 of the box, grows as exp(lambda s)
-    until particles are off by a diameter and meet others than on the way there.
+    ln(0.1/(eps size))/lambda: the rounding of coordinates, eps = 2.2e-16 of the box, grows as exp(lambda s)
+    until particles are off by a tenth of a diameter, and begin to meet others than on the way there.
 
     Parameters
     ----------
@@ -73,6 +75,6 @@ def reversal_horizon(eta: ArrayLike, dim: int, size: float) -> Prediction:
         u from that of the exponent, and two e-folds for the size of the first roundings.
     """
     exponent = lyapunov_exponent(eta, dim)
-    folds = -math.log(np.finfo(np.float64).eps * size)
+    folds = math.log(LOST / (np.finfo(np.float64).eps * size))
     value = folds / exponent.value
     return Prediction(value, np.hypot(_UNCERTAINTY * value, _FOLDS / exponent.value))

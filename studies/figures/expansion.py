@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from analysis import theory
 from analysis.expansion import Spreading
+from analysis.theory.lyapunov import LOST
 from studies.figures.style import COLOURS, figure_style
 
 if TYPE_CHECKING:
@@ -179,7 +180,7 @@ def _draw_distance(axes: Axes, answer: Answer) -> None:
     if np.isfinite(horizon):
         axes.plot(
             [0.0, horizon],
-            [answer.gas.rounding, 1.0],
+            [answer.gas.rounding, LOST],
             color=COLOURS["theory"],
             lw=1.2,
             label="Lyapunov exponent",

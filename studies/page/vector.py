@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 __all__ = ["inline_svg", "titles"]
 
+MANY = 12  # panels
 _DROPPED = re.compile(r"<!--.*?-->|<metadata>.*?</metadata>|<defs>\s*<style.*?</defs>", re.DOTALL)
 _REFERENCE = re.compile(r'(?<=xlink:href="#)[^"]+|(?<=url\(#)[^)]+')
 _ID = re.compile(r' id="([^"]*)"')
@@ -21,9 +22,10 @@ _SIZE = re.compile(r' (?:width|height)="[^"]*pt"')
 
 
 def titles(figure: Figure) -> str:
-    """Return the titles of all panels, one after another, without marks of mathematics."""
-    found = [axes.get_title(loc) for axes in figure.axes for loc in ("left", "center", "right")]
-    return "; ".join(dict.fromkeys(filter(None, found))).replace("$", "")
+    """Return the titles of all panels, without marks of mathematics; of very many, their number."""
+    every = [axes.get_title(loc) for axes in figure.axes for loc in ("left", "center", "right")]
+    found = list(dict.fromkeys(filter(None, every)))
+    return "; ".join(found).replace("$", "") if len(found) <= MANY else f"{len(found)} panels"
 
 
 def inline_svg(figure: Figure, label: str, prefix: str) -> str:

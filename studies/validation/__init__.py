@@ -8,5 +8,6 @@ In reading order:
   (`accuracy_long`), conclusions from both (`accuracy_answer`), the figure (`accuracy_figure`);
 - `calibration`: the error bars of every estimator, over many short runs (`calibration_runs`,
   `calibration_figure`);
+- `verify`: this machine beside the package, in under a minute (`golden`: the digests; `processor`);
 - `soak`: 1e9 collisions, and the quantities that must not change.
 """

@@ -11,7 +11,7 @@ import numpy as np
 
 import hardspheres as hs
 from studies.fluid import Boundary
-from studies.options import OptionError, boundary, edges, of_labels, option, word
+from studies.options import OptionError, boundary, of_labels, option, own_box, units, velocities_are
 from studies.program import Program
 from studies.report import OutputError, OutputFolder, Screen
 from studies.viewer.replay import view
@@ -19,7 +19,6 @@ from studies.viewer.replay import view
 __all__ = ["View"]
 
 NONE = "is at rest: no frame has velocities; give a file that has them"
-OF_THE_FILE = {"help": "Of all particles, or of each label, as in A=0.5,B=0.3."}
 
 
 class _Page(OutputFolder):
@@ -54,21 +53,15 @@ class View(Program):
 
     file: str = option("", "Structure, trajectory or checkpoint.", argument=True, metavar="FILE")
     collisions_per_particle: float = option(10.0, "How long to run, s = 2 collisions / n.")
-    radius: float | dict[str, float] | None = option(None, **of_labels("--radius") | OF_THE_FILE)
-    mass: float | dict[str, float] | None = option(None, **of_labels("--mass") | OF_THE_FILE)
-    units: str | None = option(
-        None, "What numbers of a format with units are.", **word("--units", "reduced", "ase")
+    radius: float | dict[str, float] | None = option(None, **of_labels("--radius", "FILE"))
+    mass: float | dict[str, float] | None = option(None, **of_labels("--mass", "FILE"))
+    units: str | None = units("FILE")
+    velocities_are: str | None = velocities_are("FILE")
+    box: tuple[float, ...] | None = own_box("FILE")
+    boundary: Boundary | None = option(None, **boundary, shown="periodic, with --box")
+    dim: int | None = option(
+        None, "2: FILE is of discs, whose z differ by at most 1e-6 diameters.", at_least=2, at_most=3
     )
-    velocities_are: str | None = option(
-        None,
-        "A column of velocities in FILE is in units of its lengths.",
-        **word("--velocities-are", "reduced"),
-    )
-    box: tuple[float, ...] | None = option(
-        None, "Edges of the box for a file without one, as in 10,10,10.", **edges("--box")
-    )
-    boundary: Boundary | None = option(None, **boundary, shown="periodic, or that of the file")
-    dim: int | None = option(None, "2: the file is of discs.", at_least=2, at_most=3)
 
     def folder(
         self, out: Path | None, checkpoint_every: float = 60.0, resume: bool = False, force: bool = False

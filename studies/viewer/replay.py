@@ -80,8 +80,9 @@ class Replay:
     @property
     def _labels(self) -> Any:
         """Labels that differ, and which of them each particle has; None where they tell nothing apart."""
-        labels = getattr(self.scene, "labels", None)
-        names, which = np.unique([] if labels is None else labels, return_inverse=True)
+        if self.scene.labels is None:
+            return None
+        names, which = np.unique(self.scene.labels, return_inverse=True)
         return (names, which) if len(names) > 1 else None
 
     def _data(self) -> bytes:

@@ -134,7 +134,8 @@ export class Gas {
     };
     const bodies = [split(this.first[e], n + 2 * e)];
     if (this.second[e] < n) bodies.push(split(this.second[e], n + 2 * e + 1));
-    return {time: this.time[e], normal, bodies};
+    const most = Math.max(...bodies.flatMap(b => [b.before, b.after].map(p => Math.hypot(...p.v)))) || 1;
+    return {time: this.time[e], normal, bodies, most};
   }
 
   temperatures() { // of each species: m (v - u)^2 over its degrees of freedom, less its share of those of the drift
@@ -146,8 +147,10 @@ export class Gas {
       kind.count++; kind.sum += this.masses[i] * sum;
     }
     const total = kinds.reduce((sum, k) => sum + k.count * k.mass, 0);
-    return kinds.map(k =>
-      ({count: k.count, mass: k.mass, kT: k.sum / (k.count * dim - this.fixed() * k.count * k.mass / total)}));
+    return kinds.map(({count, mass, sum}) => {
+      const freedom = count * dim - this.fixed() * count * mass / total; // 0 of one obstacle of nearly all the mass
+      return {count, mass, kT: freedom > 1e-9 ? sum / freedom : 0};
+    });
   }
 
   fixed() { return this.n < 2 ? 0 : this.periodic.filter(Boolean).length; } // degrees of freedom of the drift
@@ -246,12 +249,12 @@ function start() {
     };
   }
 
-  function discs(g, see) {
+  function discs(g, see, rule) { // at a collision the two that collide stand out
     const [left, top, , scale] = see([0, box[1]]), right = left + box[0] * scale, bottom = top + box[1] * scale;
     const groups = colours.map(() => []);
     for (let i = 0; i < n; i++) groups[colour(i)].push(i);
     g.save(); g.beginPath(); g.rect(left, top, right - left, bottom - top); g.clip();
-    groups.forEach((members, level) => {
+    const paint = (members, level) => {
       if (!members.length) return;
       g.fillStyle = colours[level]; g.beginPath();
       for (const i of members) {
@@ -264,7 +267,11 @@ function start() {
       }
       g.fill();
       if (n <= 2000) { g.strokeStyle = paper; g.lineWidth = .7; g.stroke(); }
-    });
+    };
+    g.globalAlpha = rule ? .35 : 1;
+    groups.forEach(paint);
+    g.globalAlpha = 1;
+    if (rule) for (const {i} of rule.bodies) paint([i], colour(i));
     g.restore();
     for (const [axis, lines] of [[0, [[left, top, left, bottom], [right, top, right, bottom]]],
       [1, [[left, top, right, top], [left, bottom, right, bottom]]]]) {
@@ -324,7 +331,7 @@ function start() {
   }
 
   function mark(g, see, rule) { // those that collide, the line of centres, velocities before and after
-    const scale = velocity => velocity * .12 * Math.min(...box) / fastest;
+    const scale = velocity => velocity * .12 * Math.min(...box) / rule.most;
     for (const body of rule.bodies) {
       const x = Array.from({length: dim}, (_, k) => gas.coordinate(body.i, k)), [px, py, , s] = see(x);
       const end = v => { const q = see(x.map((c, k) => c + scale(v[k]))); return [q[0] - px, q[1] - py]; };
@@ -346,7 +353,6 @@ function start() {
     const size = Math.hypot(...side);
     side = side.map(x => size > 0 ? x / size : 0);
     const up = v => v.reduce((sum, x, k) => sum + x * side[k], 0);
-    const most = Math.max(...rule.bodies.flatMap(b => [b.before, b.after].map(p => Math.hypot(...p.v)))) || 1;
     const radius = Math.max(...rule.bodies.map(b => b.radius)), unit = Math.min(w / 13, (h - 20) / 6);
     ["before", "after"].forEach((when, column) => {
       const x0 = w * (column ? .75 : .25), y0 = (h - 4) / 2;
@@ -358,7 +364,7 @@ function start() {
         const r = unit * body.radius / radius, x = two ? x0 + (k ? -1 : 1) * r : x0, part = body[when];
         g.globalAlpha = .35; g.fillStyle = colours[colour(body.i)]; g.beginPath(); g.arc(x, y0, r, 0, 7); g.fill();
         g.globalAlpha = 1; g.strokeStyle = ink; g.lineWidth = 1; g.stroke();
-        const f = 2.6 * unit / most, a = part.along * f, c = -up(part.across) * f;
+        const f = 2.6 * unit / rule.most, a = part.along * f, c = -up(part.across) * f;
         arrow(g, x, y0, a, c, faint, 1.5, [3, 2]);
         arrow(g, x, y0, a, 0, accent, 3); arrow(g, x, y0, 0, c, ink, 2);
       });
@@ -369,7 +375,7 @@ function start() {
       arrow(g, x, h - 8, 22, 0, style, 2, dash); g.fillStyle = ink; g.textAlign = "left"; g.fillText(text, x + 26, h - 4);
       x += 38 + g.measureText(text).width;
     }
-    const f = x => x.toPrecision(3);
+    const f = x => x.toPrecision(3).replace("-", "−");
     $("words").textContent = two
       ? `Particles ${one.i} and ${two.i}, t = ${rule.time.toPrecision(6)}. Along the line of centres: ` +
         `${f(one.before.along)} → ${f(one.after.along)} and ${f(two.before.along)} → ${f(two.after.along)}. Across it: unchanged.`
@@ -410,8 +416,10 @@ function start() {
       g.setLineDash([]); g.textAlign = "right"; g.fillStyle = ink;
       const name = groups.length > 1 ? `species ${s + 1}: ` : "";
       if (!many) {
-        g.fillText(`${name}kT = ${kind.kT.toPrecision(4)}`, R, T + 10 + 16 * s);
-        if (groups.length > 1) { g.fillStyle = palette[s]; g.fillRect(R - 150, T + 2 + 16 * s, 9, 9); }
+        const text = `${name}kT = ${kind.kT.toPrecision(4)}`;
+        g.fillText(text, R, T + 10 + 16 * s);
+        g.fillStyle = palette[s];
+        if (groups.length > 1) g.fillRect(R - g.measureText(text).width - 15, T + 2 + 16 * s, 9, 9);
       } else g.fillText(`no curve for ${now.length} species at once`, R, T + 10);
     });
     axes(g, L, R, T, B, reach, "speed");
@@ -527,8 +535,8 @@ function start() {
   const dress = () => { theme(); legend(); draw(); };
   dark.addEventListener("change", dress); // also before it is printed, where no frame comes
   dress();
-  // It starts to move by itself where it is the page, and nobody asked for less motion.
-  play(window.top === window && !matchMedia("(prefers-reduced-motion: reduce)").matches);
+  // It starts to move where it is the page, or in a frame of this name, and nobody asked for less motion.
+  play((window.top === window || window.name === "play") && !matchMedia("(prefers-reduced-motion: reduce)").matches);
   requestAnimationFrame(frame);
   globalThis.replay = {gas, get playing() { return playing; }, get direction() { return direction; },
     get rate() { return rate; }, get shown() { return shown; }, get turned() { return turned; },

@@ -91,6 +91,8 @@ def test_a_tracer_flies_at_first_and_diffuses_at_last():
     for t, expected in ((1e-6, 1e-6), (1e4, math.sqrt(2.0 * D.value * (1e4 - D.value)))):
         found = theory.tracer_displacement(t, 0.1, 3)
         assert found.value == pytest.approx(expected, rel=1e-5)
+    ideal = theory.tracer_displacement(7.0, 0.0, 3, temperature=4.0)
+    assert (ideal.value, ideal.uncertainty) == (14.0, 0.0)
     late = theory.tracer_displacement(1e6, 0.1, 3)
     assert late.uncertainty / late.value == pytest.approx(D.uncertainty / D.value / 2, rel=0.05)
     # the first terms of the series take over where the exponential cancels
@@ -116,7 +118,7 @@ def test_lyapunov_exponents():
     with pytest.warns(TheoryRangeWarning):
         assert math.isnan(theory.lyapunov_exponent(1e-5, 3).value)
     horizon = theory.reversal_horizon(0.2, 3, 10.0)
-    assert horizon.value == pytest.approx(math.log(1.0 / (10.0 * 2.22e-16)) / 1.02, rel=1e-3)
+    assert horizon.value == pytest.approx(math.log(0.1 / (10.0 * 2.22e-16)) / 1.02, rel=1e-3)
     assert 2.0 / 1.02 < horizon.uncertainty < 5.0
 
 

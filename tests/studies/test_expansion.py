@@ -2,17 +2,21 @@
 
 import json
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import hardspheres as hs
 from analysis import theory
+from analysis.calibration import calibrate
 from studies.cli import main
-from studies.expansion import Expansion, HalfFull, WayBack
+from studies.expansion import Expansion
 from studies.fluid import Fluid
+from studies.half_full import HalfFull
 from studies.report import OutputFolder, Screen
 from studies.study import conduct, run_study
+from studies.way_back import WayBack
 
 from .test_every_study import small
 
@@ -134,6 +138,27 @@ def test_the_way_back_of_one_gas_is_its_way_there():
         assert back.crossed[k][-1] == 0.0 and back.counts[k].sum() == 100
 
 
+@pytest.mark.slow
+def test_its_error_bars_are_right():
+    """40 studies of 12 gases; 1e-3 for each number. Sibling: errors half as large."""
+    runs = {}
+    for seed in range(40):
+        dilute = {"packing_fraction": 2e-3, "n": 100, "cells": 4, "transits": 8.0, "reverse_after": (0.5,)}
+        found = answered(**dilute, seed=seed)
+        assert found.failures == []
+        for each in found.numbers[:3]:
+            runs.setdefault(each.quantity, []).append(each)
+    for quantity, several in runs.items():
+        measured = [each.measured for each in several]
+        truth = several[0].expected if "time" not in quantity else np.mean([each.value for each in measured])
+        assert calibrate(measured, truth).passed or "entropy" in quantity  # its error may be too large
+        if "entropy" not in quantity:
+            small = [replace(each, standard_error=0.5 * each.standard_error) for each in measured]
+            assert not calibrate(small, truth).passed
+        pulls = [(each.value - truth) / each.standard_error for each in measured]
+        assert abs(np.mean(pulls)) < 4.0 * np.std(pulls) / np.sqrt(40) and np.std(pulls) < 1.7
+
+
 @pytest.mark.parametrize("eta", [1e-4, 0.02])
 def test_two_halves_mix(eta):
     """Dilute: as an ideal gas; with collisions: by Enskog's diffusion. Sibling: the other theory there."""
@@ -165,6 +190,10 @@ def test_a_study_says_where_it_knows_nothing():
 
 BAD = [
     (["--packing-fraction", "0.6"], "packing fraction 0.6 is above 0.494, where hard spheres freeze"),
+    (["--packing-fraction", "0"], "--packing-fraction 0 must be positive"),
+    (["--packing-fraction", "nan"], "--packing-fraction nan must be positive"),
+    (["--packing-fraction", "1e-300"], "the box edge along x is 8.05996e+100, where rounding moves"),
+    (["--packing-fraction", "1e-300", "--mix"], "the box edge along x is 8.05996e+100, where rounding moves"),
     (["--n", "10"], "--n 10 is too few for densities; ask for at least 16"),
     (["--cells", "7"], "--cells 7 is odd; the middle of the box must be an edge of cells"),
     (["--replicas", "3"], "--replicas 3 gives no error bar"),

@@ -25,7 +25,7 @@ from studies.fluid import Fluid
 from studies.page import write_report
 from studies.page.citation import BIBTEX, HOW
 from studies.page.sentences import answer_in_words
-from studies.page.vector import inline_svg
+from studies.page.vector import inline_svg, titles
 from studies.registry import QUESTIONS, study_named
 from studies.report import OutputError, OutputFolder
 from studies.study import digest_of
@@ -171,6 +171,16 @@ def test_figures_beside_each_other_share_no_id(tmp_path):
         assert used and used == set(Page(svg).ids) and all(name.startswith(prefix) for name in used)
     save(drawn(), tmp_path / "raw.svg", "svg")
     assert "figure_1" in Page((tmp_path / "raw.svg").read_text().partition("<svg")[2].join(["<svg", ""])).ids
+
+
+def test_a_caption_names_the_panels():
+    figure = Figure()
+    for k, axes in enumerate(figure.subplots(3, 4).flat):
+        axes.set_title("$a_2$" if k == 0 else f"panel {k}", loc="left")
+    assert titles(figure) == "; ".join(["a_2", *(f"panel {k}" for k in range(1, 12))])
+    for k, axes in enumerate(figure.axes):
+        axes.set_title(f"more {k}", loc="right")
+    assert titles(figure) == "24 panels"
 
 
 def test_what_varies_is_marked(tmp_path):
@@ -404,6 +414,11 @@ def test_the_report_in_a_browser(tmp_path):
                 assert worst >= 4.5, (scheme, where)
         paper = window.run("return getComputedStyle(document.querySelector('.sheet')).backgroundColor")
         assert paper == "rgb(255, 255, 255)"  # figures are dark on light, here too
+        window.media("print", scheme)
+        shown = "return [document.body, document.querySelector('.watch')].map(e => getComputedStyle(e)"
+        assert window.run(f"{shown}.backgroundColor)")[0] == "rgb(255, 255, 255)"
+        assert window.run(f"{shown}.display)")[1] == "none"
+        window.media(scheme=scheme)
         assert window.run("return document.getElementById('gas').hidden")
         window.run("document.getElementById('watch').click()")
         frame = window.call("POST", "/element", {"using": "css selector", "value": "iframe"})

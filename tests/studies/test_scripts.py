@@ -10,7 +10,8 @@ import pytest
 import studies
 
 TEXT = (Path(studies.__file__).parent / "README.md").read_text(encoding="utf-8")
-SCRIPTS = re.findall(r"^```python\n(.*?)^```$", TEXT, re.MULTILINE | re.DOTALL)
+SECTION = TEXT.split("\n## In Python, in a notebook\n")[1].split("\n## ")[0]
+SCRIPTS = re.findall(r"^```python\n(.*?)^```$", SECTION, re.MULTILINE | re.DOTALL)
 
 
 def promised(script):

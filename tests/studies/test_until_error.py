@@ -118,6 +118,9 @@ def test_a_real_study(tmp_path, capsys):
     assert "asked for 0.05: " in told.out and "the pilot took" in told.out
     assert "pilot: 4 replicas give D of this box" in told.err
     assert sorted(path.name for path in out.path.iterdir()) == sorted(summary["files"])
+    assert json.loads((out.path / "summary.json").read_text())["until_error"]["asked"] == 0.05
+    report = (out.path / "report.html").read_text(encoding="utf-8")
+    assert "asked for 0.05: " in report and summary["command"].count(f"--replicas {found['replicas']}") == 1
 
 
 def test_what_cannot_be_reached_is_said(tmp_path, monkeypatch, capsys):

@@ -327,27 +327,18 @@ def test_the_title_says_which_gas(shown):
     assert f"<title>{told}</title>" in page and f"<h1>{told}</h1>" in page
 
 
-class Labelled:
-    """A scene with labels of its particles."""
-
-    def __init__(self, scene, labels):
-        self._scene, self.labels = scene, labels
-
-    def __getattr__(self, name):
-        return getattr(self._scene, name)
-
-
 def test_labels_go_along(shown):
     """Sibling: where all are the same, or there are none, there is nothing to tell apart."""
     replay = shown("3d")[0]
     labels = np.arange(40) % 3 * 5 - 5
-    page = replace(replay, scene=Labelled(replay.scene, labels)).html
+    page = replace(replay, scene=replay.scene.replace(labels=labels)).html
     head, data = json.loads(script(page, "head")), base64.b64decode(script(page, "data"))
     plain = base64.b64decode(script(replay.html, "data"))
     assert head["labels"] == [-5, 0, 5] and data[: len(plain)] == plain
     assert np.array_equal(np.frombuffer(data[len(plain) :], "<i4"), np.arange(40) % 3)
+    assert view(replay.scene.replace(labels=labels), 1)._head()["labels"] == [-5, 0, 5]  # through a run
     for same in (None, np.zeros(40, dtype=int)):
-        assert replace(replay, scene=Labelled(replay.scene, same)).html == replay.html
+        assert replace(replay, scene=replay.scene.replace(labels=same)).html == replay.html
 
 
 @pytest.mark.parametrize("kind", QUICK)
@@ -361,13 +352,22 @@ def test_steps_see_the_events_of_a_log(kind):
     assert (np.sum(steps["j"] < 40) < len(steps)) == ("walls" in kind)
 
 
+def obstacle():
+    """Return a heavy moving one, and a light particle that meets it."""
+    positions, velocities = [[1, 1, 1], [2.4, 1.1, 1]], [[0, 1, 0], [-1, 1, 0]]
+    return hs.Scene(positions, velocities, masses=[1e18, 1], radii=[0.5, 0.3], box=[3, 3, 3])
+
+
 def test_steps_that_change_nothing_are_left_to_a_log():
     """A velocity of 1 does not change where 1e-18 is added."""
-    still = hs.Scene(
-        [[1, 1, 1], [2.4, 1.1, 1]], [[0, 1, 0], [-1, 1, 0]], masses=[1e18, 1], radii=[0.5, 0.3], box=[3, 3, 3]
-    )
-    replay = replay_by_steps(still, 3)
+    replay = replay_by_steps(obstacle(), 3)
     assert replay.collisions == 3 and not np.any(np.isnan(replay.events["normal"]))
+
+
+def test_an_obstacle_has_no_temperature(tmp_path):
+    """It has all of the mass, and so no degree of freedom beside the drift."""
+    kinds = asked_of_node(tmp_path, view(obstacle(), 3), [0.1])["kT"]
+    assert {kind["mass"]: kind["kT"] for kind in kinds} == {1e18: 0, 1: pytest.approx(1 / 3)}
 
 
 def test_a_thousand_spheres_with_twenty_collisions_are_under_a_megabyte():
@@ -655,9 +655,12 @@ def test_it_moves_by_itself_unless_that_is_unwanted(shown, tmp_path, still):
 
 @pytest.mark.slow
 @in_a_browser
-@pytest.mark.parametrize("box", ["", " sandbox='allow-scripts'"])
+@pytest.mark.parametrize("box", ["", " sandbox='allow-scripts'", " name='play'"])
 def test_in_a_notebook_it_waits_until_it_is_clicked(box, shown, tmp_path, still):
-    """It does not play by itself, and takes no keys of the page around it before a click."""
+    """It does not play by itself, and takes no keys of the page around it before a click.
+
+    Sibling: in a frame called "play", which was asked for, it plays.
+    """
     frame = shown("3d")[0]._repr_html_().replace("<iframe", f"<iframe{box} onload='this.ready = true'")
     told = """<script>addEventListener("message", e => { told.push(e.data); }); const told = [];</script>"""
     spy = "<script>setInterval(() => parent.postMessage([replay.playing, replay.gas.done], '*'), 20)</script>"
@@ -670,6 +673,9 @@ def test_in_a_notebook_it_waits_until_it_is_clicked(box, shown, tmp_path, still)
     def state():
         return still.call("POST", "/execute/async", {"script": wait, "args": []})
 
+    if "play" in box:
+        assert state()[0] is True
+        return
     still.press(RIGHT)
     assert state() == [False, 0]
     still.click(300, 200)
