@@ -219,3 +219,21 @@ def test_misuse_is_named():
     pairs = PairDistribution().add(hs.Simulation(random_gas("3d", 100, 0.1)).frame())
     with pytest.raises(ValueError, match="expected 100"):
         pairs.add(hs.Simulation(random_gas("3d", 90, 0.1)).frame())
+
+
+def test_the_error_bar_of_one_frame_holds():
+    """Poisson's, of pairs: the spread of z over 100 frames is 1 within 3 of its standard errors, 0.07 each.
+
+    Sibling: as an error of their mean, a tenth, it is far too large.
+    """
+    sim = hs.Simulation(random_gas("3d", 200, 0.2))
+    sim.run(collisions=2000)
+    sim.run(time=1.0)  # away from a contact
+    found = [PairDistribution().add(frame).contact[0, 0] for frame in sim.frames(every=3.0, count=100)]
+    value = np.mean([each.value for each in found])
+    z = np.array([(each.value - value) / each.standard_error for each in found])
+    assert abs(z.std(ddof=1) - 1.0) < 0.21
+    assert abs(value - (theory.finite_size_compressibility(0.2, 3, 200, "canonical").value - 1) / 0.8) < 4 * (
+        np.std([each.value for each in found]) / 10
+    )
+    assert np.std([each.value for each in found]) / 10 < 0.2 * found[0].standard_error
