@@ -18,7 +18,8 @@ import numpy as np
 
 from hardspheres.errors import CheckpointError
 from hardspheres.temporary import remove_leftovers, temporary_beside
-from studies.figures.style import FORMATS, figure_style, name_gas, save
+from studies.figures.style import figure_style, name_gas, save
+from studies.formats import FORMATS
 from studies.running.journal import (
     FOLDER,
     Journal,

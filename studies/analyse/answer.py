@@ -18,7 +18,7 @@ from studies.answer import Answer, Column, Curves, number
 __all__ = ["Analysis", "answer_of"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Analysis(Answer):
     """The answer for one file."""
 

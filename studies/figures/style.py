@@ -10,6 +10,7 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 
 from analysis.estimator import PALETTE
+from studies.formats import FORMATS
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "COLOURS",
-    "FORMATS",
     "MARKS",
     "SPECIES",
     "deviations",
@@ -46,9 +46,6 @@ SPECIES, MARKS = PALETTE, ("o", "s", "^", "D", "v")
 """Colours and marks of species, the same in all figures."""
 
 SEEN = 2.0  # standard errors below which a decaying quantity counts as lost in noise
-
-FORMATS: dict[str, Any] = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
-"""Formats of figures, with the metadata that would differ from day to day left out."""
 
 LIMIT = "upper limit (2 std. errors)"
 

@@ -8,10 +8,11 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from studies.answer import Answer, Section, Table, marks_of, notes_of, sections
+from studies.formats import in_format
 from studies.page.citation import BIBTEX, HOW
 from studies.page.sentences import answer_in_words
 from studies.page.vector import inline_svg, titles
-from studies.running.ownership import REPORT, in_format
+from studies.running.ownership import REPORT
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

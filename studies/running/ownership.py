@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from studies.figures.style import FORMATS
+from studies.formats import FORMATS, in_format
 from studies.registry import QUESTIONS, study_named
 
 __all__ = [
@@ -17,17 +17,11 @@ __all__ = [
     "every_file",
     "files_of",
     "files_of_finished_run",
-    "in_format",
     "is_ordinary",
     "load_object",
 ]
 
 SUMMARY, REPORT = "summary.json", "report.html"
-
-
-def in_format(name: str, form: str) -> str:
-    """Return the name of a file where figures have this format: of .png another ending, else the same."""
-    return f"{name.removesuffix('png')}{form}" if name.endswith(".png") else name
 
 
 def files_of(study: Any) -> tuple[str, ...]:

@@ -141,6 +141,7 @@ class Verify(Program):
     """The checks of a machine."""
 
     name = "verify"
+    question = "Are numbers from this machine those of this package, to the last bit?"
     explanation = f"""
     Runs twenty gases for {COLLISIONS} collisions with both searches and compares their digests with those
     kept in the package; follows small gases beside the all-pairs solver and beside {DIGITS} digits; tests

@@ -96,9 +96,9 @@ def test_rooms_of_the_studies():
     for name, others in all_needed("studies").items():
         room, *rooms = (f"{module}.".split(".")[1] for module in (name, *others))
         if room == "running":
-            assert {*rooms} <= {"running", "registry"}, name  # the names of programs
+            assert {*rooms} <= {"running", "registry", "formats"}, name  # the names of programs and files
         if room == "figures":
-            assert {*rooms} <= {"figures", "fluid"}, name
+            assert {*rooms} <= {"figures", "fluid", "formats"}, name
         if room not in ("validation", "cli"):
             assert "validation" not in rooms, name
 

@@ -20,6 +20,7 @@ from analysis.moments import VelocityMoments
 from hardspheres.files import Reading
 from studies.analyse import GasInFile, answer_of, findings
 from studies.cli import main
+from studies.registry import study_named
 
 
 def command(monkeypatch, *options):
@@ -383,7 +384,7 @@ def test_the_command_prints_and_writes_everything(tmp_path, monkeypatch, capsys)
     assert summary == json.loads((out / "summary.json").read_text())
     assert summary["study"] == "analyse" and summary["n"] == 500 and summary["frames"] == 5
     assert {each.name for each in out.iterdir()} == set(summary["files"])
-    assert set(summary["files"]) == {"summary.json", "report.html", *Analyse.files}
+    assert set(summary["files"]) == {"summary.json", "report.html", *study_named("analyse").files}
     assert "not Maxwell-Boltzmann (p = 0.0005)" in told.err and "KS distance of speeds" in told.err
     assert min(summary["states"][0]["ks_p_values"][0]) == pytest.approx(1 / 2001)
     with (out / "analysis.csv").open() as handle:

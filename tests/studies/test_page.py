@@ -20,8 +20,9 @@ from analysis.statistics import Estimate
 from analysis.theory import Prediction
 from studies.answer import Answer, Column, Curves, number
 from studies.commands import command_of
-from studies.figures.style import FORMATS, save
+from studies.figures.style import save
 from studies.fluid import Fluid
+from studies.formats import FORMATS
 from studies.page import write_report
 from studies.page.citation import BIBTEX, HOW
 from studies.page.sentences import answer_in_words
