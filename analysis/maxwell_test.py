@@ -78,10 +78,6 @@ class MaxwellTest(Estimator):
         place = np.minimum((probabilities * BINS).astype(np.int64), BINS - 1)
         self._counts[kind, row] += np.bincount(place, minlength=BINS)
 
-    @property
-    def _added(self) -> str:
-        return counted(self._frames, "frame")
-
     def _take_in(self, other: Self) -> None:
         self._counts = self._counts + other._counts if self._tested else other._counts
         self._frames, self._tested = self._frames + other._frames, self._tested + other._tested
