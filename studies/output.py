@@ -19,7 +19,7 @@ import numpy as np
 from hardspheres.errors import CheckpointError
 from hardspheres.temporary import remove_leftovers, temporary_beside
 from studies.figures.style import figure_style, name_gas, save
-from studies.formats import FORMATS
+from studies.formats import FORMATS, in_format
 from studies.running.journal import (
     FOLDER,
     Journal,
@@ -35,7 +35,6 @@ from studies.running.ownership import (
     every_file,
     files_of,
     files_of_finished_run,
-    in_format,
     is_ordinary,
 )
 

@@ -19,7 +19,6 @@ from analysis.maxwell_test import MaxwellTest
 from analysis.moments import VelocityMoments
 from hardspheres.files import Reading
 from studies.analyse import GasInFile, answer_of, findings
-from studies.analyse.command import Analyse
 from studies.cli import main
 from studies.registry import study_named
 
