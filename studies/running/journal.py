@@ -27,7 +27,7 @@ from typing import Any
 
 import hardspheres as hs
 from hardspheres.errors import CheckpointError, HardSpheresError
-from hardspheres.temporary import NAME, temporary_beside
+from hardspheres.temporary import NAME, replacing
 from studies.running.encoding import read, write
 from studies.running.locking import Lock
 from studies.running.ownership import is_ordinary, load_object
@@ -86,7 +86,8 @@ class Shelf:
         """Save the result of an item; its state is no longer needed."""
         # there are many, and the checksum reveals a torn one
         write(self._path("done", index), result, durable=False)
-        self._path("running", index).unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # it is not read any more, and is removed in the end
+            self._path("running", index).unlink()
 
     def state(self, index: int) -> Any:
         """Return the state of an item that was running, None where there is none, or its file is damaged."""
@@ -221,22 +222,31 @@ class Journal:
 
     def write(self, content: Mapping[str, Any]) -> None:
         """Write the manifest."""
-        temporary = temporary_beside(self._manifest)
-        with not_written():
-            try:
-                temporary.write_text(json.dumps(content, indent=2), encoding="utf-8")
-                os.replace(temporary, self._manifest)
-            finally:
-                temporary.unlink(missing_ok=True)
+        with not_written(), replacing(self._manifest) as temporary:
+            temporary.write_text(json.dumps(content, indent=2), encoding="utf-8")
 
-    def discard(self) -> None:
-        """Remove results and states, first what makes the folder resumable; the lock marks it as ours."""
+    def discard(self, finished: bool = False) -> None:
+        """Remove results and states, first what makes the folder resumable; the lock marks it as ours.
+
+        Parameters
+        ----------
+        finished : bool, default False
+            Whether the study is: then what cannot be removed is told in a warning, and the next run tries
+            again. Before a run it is an error, because the run would take old results for its own.
+        """
         with not_written():
             self._manifest.unlink(missing_ok=True)
             for path in list(self.folder.iterdir()):
                 # checked again: a removal cannot be undone
-                if REMOVED.fullmatch(path.name) and is_ordinary(path):
+                if not (REMOVED.fullmatch(path.name) and is_ordinary(path)):
+                    continue
+                try:
                     path.unlink()
+                except OSError as error:
+                    if not finished:
+                        raise
+                    what = f"the run is finished, but {path} cannot be removed: {error.strerror}"
+                    warnings.warn(f"{what}; remove it by hand", stacklevel=2)
 
     def _take(self, make: bool) -> None:
         """Take the lock of a folder that is ours."""

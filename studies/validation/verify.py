@@ -38,6 +38,7 @@ SAME = "ours"
 RUNS = 24
 FALSE_ALARM = 1e-4
 """Probability that a right program on other seeds fails the calibration, all estimators together."""
+SLACK = 1.1  # factor within which standard errors must be right: some are so only to first order
 PARTED = 1e-7  # deviation from which on another event has happened
 
 
@@ -311,11 +312,13 @@ def _calibration(quick: bool, root: int) -> Iterator[Case]:
         runs = [calibration_runs.measure((family, each)) for each in replica_seeds(root, RUNS)]
         for name, (truth, _) in calibration_runs.FAMILIES[family].truths.items():
             square = sum(run[name].z(truth) ** 2 for run in runs)
-            found[name] = 2.0 * float(min(stats.chi2.cdf(square, RUNS), stats.chi2.sf(square, RUNS)))
+            low, high = stats.chi2.cdf(square * SLACK**2, RUNS), stats.chi2.sf(square / SLACK**2, RUNS)
+            found[name] = 2.0 * float(min(low, high))
     least, worst = FALSE_ALARM / len(found), min(found, key=lambda name: found[name])
     yield Case(
         f"{len(found)} estimators, {RUNS} runs of each",
-        f"errors as Student's t: least p above {least:.0e} (false alarms: {FALSE_ALARM:g} of all seeds)",
+        f"errors as Student's t, to {SLACK - 1:.0%}: least p above {least:.0e} (false alarms: "
+        f"{FALSE_ALARM:g} of all seeds)",
         f"least p {found[worst]:.2g} ({worst})",
         least / max(found[worst], 1e-300),
         1.0,
