@@ -153,6 +153,11 @@ def about(study: Any) -> dict[str, Any]:
     return dict(json.loads(json.dumps(content)))  # as it is read
 
 
+def _seal(manifest: Mapping[str, Any]) -> str:
+    """Return the digest of what a manifest says."""
+    return hashlib.sha256(json.dumps(manifest, sort_keys=True).encode()).hexdigest()
+
+
 def require_same(out: Path, before: Mapping[str, Any], now: Mapping[str, Any]) -> None:
     """Raise CheckpointError unless two manifests say the same of the study: one found, one of now."""
     for what in ("study", "version"):
@@ -187,6 +192,8 @@ class Journal:
     def unfinished(self) -> dict[str, Any] | None:
         """Return the manifest of the run that can be resumed, None where there is none."""
         found = load_object(self._manifest) or {}
+        if found.pop("sha256", None) != _seal(found):  # damaged, or not ours
+            return None
         kinds = {"study": str, "version": str, "options": dict, "own": list}
         return found if all(isinstance(found.get(name), kind) for name, kind in kinds.items()) else None
 
@@ -223,7 +230,8 @@ class Journal:
     def write(self, content: Mapping[str, Any]) -> None:
         """Write the manifest."""
         with not_written(), replacing(self._manifest) as temporary:
-            temporary.write_text(json.dumps(content, indent=2), encoding="utf-8")
+            sealed = {**content, "sha256": _seal(content)}
+            temporary.write_text(json.dumps(sealed, indent=2), encoding="utf-8")
 
     def discard(self, finished: bool = False) -> None:
         """Remove results and states, first what makes the folder resumable; the lock marks it as ours.
