@@ -132,8 +132,8 @@ def verdict(found: Sequence[Found], failures: Sequence[str]) -> str:
             f"All {count} digests are those of {version}: numbers from this machine are ours to the last bit"
         )
     if failures:
-        which = "; ".join(failures)
-        told += f"{', but' if not other else ', and'} {len(failures)} other checks failed ({which})"
+        which, checks = "; ".join(failures), "check" if len(failures) == 1 else "checks"
+        told += f"{', but' if not other else ', and'} {len(failures)} other {checks} failed ({which})"
     return f"{told}."
 
 
