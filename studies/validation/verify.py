@@ -21,7 +21,7 @@ from scipy import stats
 
 import hardspheres as hs
 from hardspheres.reference import ReferenceSimulation
-from studies.options import option, seed
+from studies.options import option
 from studies.program import Program
 from studies.report import OutputFolder, Screen, machine
 from studies.running.ensemble import replica_seeds
@@ -153,7 +153,9 @@ class Verify(Program):
     only_if_asked = True
 
     quick: bool = option(False, "Eight gases, in fewer kinds: less to compile.")
-    seed: int = seed()
+    seed: int = option(
+        1, "Of the gases behind invariants and error bars; digests have their own.", at_least=0
+    )
 
     def folder(
         self, out: Path | None, checkpoint_every: float = 60.0, resume: bool = False, force: bool = False
