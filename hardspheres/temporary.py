@@ -13,7 +13,7 @@ import stat
 from collections.abc import Iterator
 from pathlib import Path
 
-__all__ = ["remove_leftovers", "replacing", "temporary_beside"]
+__all__ = ["remove_leftovers", "replacing", "temporarily", "temporary_beside"]
 
 OLD = 86400.0  # seconds since a file was last written, after which no process can still be writing it
 NAME = re.compile(r"\.partial-([0-9a-f]{16})-(\d{1,10})-[0-9a-f]{8}(\.\w{1,10})?")
@@ -26,15 +26,25 @@ def temporary_beside(target: Path) -> Path:
 
 
 @contextlib.contextmanager
-def replacing(target: Path) -> Iterator[Path]:
-    """Yield a temporary name; its file replaces the target when the context ends without an error."""
+def temporarily(target: Path) -> Iterator[Path]:
+    """Yield a temporary name beside the target; its file, if it is still there, is removed at the end.
+
+    What cannot be removed is left to `remove_leftovers`: whatever happened before matters more.
+    """
     temporary = temporary_beside(target)
     try:
         yield temporary
-        os.replace(temporary, target)
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink()
+
+
+@contextlib.contextmanager
+def replacing(target: Path) -> Iterator[Path]:
+    """Yield a temporary name; its file replaces the target when the context ends without an error."""
+    with temporarily(target) as temporary:
+        yield temporary
+        os.replace(temporary, target)
 
 
 def remove_leftovers(folder: Path, now: float) -> None:

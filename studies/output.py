@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hardspheres.errors import CheckpointError
-from hardspheres.temporary import remove_leftovers, temporary_beside
+from hardspheres.temporary import remove_leftovers, temporarily
 from studies.figures.style import figure_style, name_gas, save
 from studies.formats import FORMATS, in_format
 from studies.running.journal import (
@@ -174,7 +174,7 @@ class OutputFolder:
                     self._journal.discard()
                 self._record()
                 yield Shelf(self.checkpoints, self.checkpoint_every)
-                self._journal.discard()
+                self._journal.discard(finished=True)
             except BaseException as error:
                 if self._journal.unfinished():
                     error.add_note(
@@ -201,13 +201,9 @@ class OutputFolder:
         name : str
             File name within the folder; the temporary one has the same extension.
         """
-        temporary = temporary_beside(self._place / name)
-        try:
-            with not_written(self.path / name):
-                yield temporary
-                self._put(temporary, name)
-        finally:
-            temporary.unlink(missing_ok=True)
+        with temporarily(self._place / name) as temporary, not_written(self.path / name):
+            yield temporary
+            self._put(temporary, name)
 
     def adopt(self, path: Path) -> None:
         """Move a finished file from the checkpoint folder to its place, where it may be already."""

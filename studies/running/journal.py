@@ -27,7 +27,7 @@ from typing import Any
 
 import hardspheres as hs
 from hardspheres.errors import CheckpointError, HardSpheresError
-from hardspheres.temporary import NAME, temporary_beside
+from hardspheres.temporary import NAME, replacing
 from studies.running.encoding import read, write
 from studies.running.locking import Lock
 from studies.running.ownership import is_ordinary, load_object
@@ -86,7 +86,8 @@ class Shelf:
         """Save the result of an item; its state is no longer needed."""
         # there are many, and the checksum reveals a torn one
         write(self._path("done", index), result, durable=False)
-        self._path("running", index).unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # it is not read any more, and is removed in the end
+            self._path("running", index).unlink()
 
     def state(self, index: int) -> Any:
         """Return the state of an item that was running, None where there is none, or its file is damaged."""
@@ -152,6 +153,11 @@ def about(study: Any) -> dict[str, Any]:
     return dict(json.loads(json.dumps(content)))  # as it is read
 
 
+def _seal(manifest: Mapping[str, Any]) -> str:
+    """Return the digest of what a manifest says."""
+    return hashlib.sha256(json.dumps(manifest, sort_keys=True).encode()).hexdigest()
+
+
 def require_same(out: Path, before: Mapping[str, Any], now: Mapping[str, Any]) -> None:
     """Raise CheckpointError unless two manifests say the same of the study: one found, one of now."""
     for what in ("study", "version"):
@@ -186,6 +192,8 @@ class Journal:
     def unfinished(self) -> dict[str, Any] | None:
         """Return the manifest of the run that can be resumed, None where there is none."""
         found = load_object(self._manifest) or {}
+        if found.pop("sha256", None) != _seal(found):  # damaged, or not ours
+            return None
         kinds = {"study": str, "version": str, "options": dict, "own": list}
         return found if all(isinstance(found.get(name), kind) for name, kind in kinds.items()) else None
 
@@ -221,22 +229,32 @@ class Journal:
 
     def write(self, content: Mapping[str, Any]) -> None:
         """Write the manifest."""
-        temporary = temporary_beside(self._manifest)
-        with not_written():
-            try:
-                temporary.write_text(json.dumps(content, indent=2), encoding="utf-8")
-                os.replace(temporary, self._manifest)
-            finally:
-                temporary.unlink(missing_ok=True)
+        with not_written(), replacing(self._manifest) as temporary:
+            sealed = {**content, "sha256": _seal(content)}
+            temporary.write_text(json.dumps(sealed, indent=2), encoding="utf-8")
 
-    def discard(self) -> None:
-        """Remove results and states, first what makes the folder resumable; the lock marks it as ours."""
+    def discard(self, finished: bool = False) -> None:
+        """Remove results and states, first what makes the folder resumable; the lock marks it as ours.
+
+        Parameters
+        ----------
+        finished : bool, default False
+            Whether the study is: then what cannot be removed is told in a warning, and the next run tries
+            again. Before a run it is an error, because the run would take old results for its own.
+        """
         with not_written():
             self._manifest.unlink(missing_ok=True)
             for path in list(self.folder.iterdir()):
                 # checked again: a removal cannot be undone
-                if REMOVED.fullmatch(path.name) and is_ordinary(path):
+                if not (REMOVED.fullmatch(path.name) and is_ordinary(path)):
+                    continue
+                try:
                     path.unlink()
+                except OSError as error:
+                    if not finished:
+                        raise
+                    what = f"the run is finished, but {path} cannot be removed: {error.strerror}"
+                    warnings.warn(f"{what}; remove it by hand", stacklevel=2)
 
     def _take(self, make: bool) -> None:
         """Take the lock of a folder that is ours."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from hardspheres.temporary import temporary_beside
+from hardspheres.temporary import temporarily
 from studies.running.ownership import is_ordinary
 
 try:
@@ -62,8 +62,7 @@ class Lock:
 
     def _opened(self) -> int:
         if not os.path.lexists(self.path):
-            temporary = temporary_beside(self.path)
-            try:
+            with temporarily(self.path) as temporary:
                 temporary.write_bytes(self.MARK)
                 try:
                     os.link(temporary, self.path)  # whole or not at all, and in nobody's place
@@ -71,8 +70,6 @@ class Lock:
                     pass
                 except OSError:  # a file system without hard links
                     os.replace(temporary, self.path)
-            finally:
-                temporary.unlink(missing_ok=True)
         return os.open(self.path, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0))
 
     def is_held(self) -> bool:

@@ -124,6 +124,7 @@ GOLDEN = (
         _random(n=1000, packing_fraction=0.1, velocities="two-temperatures", seed=3),
         "d6943850d028ad9b",
         "48c0d58e610097e5",
+        quick=True,
     ),
     Golden(
         "spheres, 0.3, lattice with vacancies, beams",

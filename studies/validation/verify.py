@@ -21,7 +21,7 @@ from scipy import stats
 
 import hardspheres as hs
 from hardspheres.reference import ReferenceSimulation
-from studies.options import option, seed
+from studies.options import option
 from studies.program import Program
 from studies.report import OutputFolder, Screen, machine
 from studies.running.ensemble import replica_seeds
@@ -38,6 +38,7 @@ SAME = "ours"
 RUNS = 24
 FALSE_ALARM = 1e-4
 """Probability that a right program on other seeds fails the calibration, all estimators together."""
+SLACK = 1.1  # factor within which standard errors must be right: some are so only to first order
 PARTED = 1e-7  # deviation from which on another event has happened
 
 
@@ -131,8 +132,8 @@ def verdict(found: Sequence[Found], failures: Sequence[str]) -> str:
             f"All {count} digests are those of {version}: numbers from this machine are ours to the last bit"
         )
     if failures:
-        which = "; ".join(failures)
-        told += f"{', but' if not other else ', and'} {len(failures)} other checks failed ({which})"
+        which, checks = "; ".join(failures), "check" if len(failures) == 1 else "checks"
+        told += f"{', but' if not other else ', and'} {len(failures)} other {checks} failed ({which})"
     return f"{told}."
 
 
@@ -153,7 +154,9 @@ class Verify(Program):
     only_if_asked = True
 
     quick: bool = option(False, "Eight gases, in fewer kinds: less to compile.")
-    seed: int = seed()
+    seed: int = option(
+        1, "Of the gases behind invariants and error bars; digests have their own.", at_least=0
+    )
 
     def folder(
         self, out: Path | None, checkpoint_every: float = 60.0, resume: bool = False, force: bool = False
@@ -312,11 +315,13 @@ def _calibration(quick: bool, root: int) -> Iterator[Case]:
         runs = [calibration_runs.measure((family, each)) for each in replica_seeds(root, RUNS)]
         for name, (truth, _) in calibration_runs.FAMILIES[family].truths.items():
             square = sum(run[name].z(truth) ** 2 for run in runs)
-            found[name] = 2.0 * float(min(stats.chi2.cdf(square, RUNS), stats.chi2.sf(square, RUNS)))
+            low, high = stats.chi2.cdf(square * SLACK**2, RUNS), stats.chi2.sf(square / SLACK**2, RUNS)
+            found[name] = 2.0 * float(min(low, high))
     least, worst = FALSE_ALARM / len(found), min(found, key=lambda name: found[name])
     yield Case(
         f"{len(found)} estimators, {RUNS} runs of each",
-        f"errors as Student's t: least p above {least:.0e} (false alarms: {FALSE_ALARM:g} of all seeds)",
+        f"errors as Student's t, to {SLACK - 1:.0%}: least p above {least:.0e} (false alarms: "
+        f"{FALSE_ALARM:g} of all seeds)",
         f"least p {found[worst]:.2g} ({worst})",
         least / max(found[worst], 1e-300),
         1.0,

@@ -183,6 +183,20 @@ def test_any_changed_bit_and_any_missing_end_is_refused(path):
             hs.Simulation.load(path)
 
 
+@pytest.mark.slow
+def test_every_changed_byte_is_refused(path):
+    """All of its bits, and each of them in turn. The smallest gas: its file is all headers."""
+    sim = hs.Simulation(gas("3d", 4, 0.05, seed=3))
+    sim.run(collisions=20)
+    sim.save(path)
+    whole = path.read_bytes()
+    for place in range(len(whole)):
+        for change in (0xFF, *(1 << bit for bit in range(8))):
+            path.write_bytes(whole[:place] + bytes([whole[place] ^ change]) + whole[place + 1 :])
+            with pytest.raises(hs.CheckpointError, match="damaged|not a checkpoint"):
+                hs.Simulation.load(path)
+
+
 def no_room(*_, **__):
     raise OSError(errno.ENOSPC, "No space left on device")
 

@@ -15,7 +15,7 @@ from hardspheres.errors import CheckpointError
 from studies.mixture import Mixture
 from studies.output import OutputFolder
 from studies.pressure import EquationOfState
-from studies.running.journal import OutputError, options_of
+from studies.running.journal import Journal, OutputError, Shelf, about, options_of
 from studies.running.locking import Lock
 from studies.thermalisation import Thermalisation
 from studies.validation.soak import Soak
@@ -251,3 +251,43 @@ def test_a_lock_that_was_removed_is_not_the_one_that_counts(tmp_path):
 def test_a_journal_makes_nothing_when_it_checks(tmp_path):
     OutputFolder(tmp_path / "absent").check(STUDY)
     assert not list(tmp_path.iterdir())
+
+
+def damaged(content):
+    """A file with one byte changed, for every byte: all of its bits, and each of them in turn."""
+    for place in range(len(content)):
+        for change in (0xFF, 1 << place % 8):
+            yield content[:place] + bytes([content[place] ^ change]) + content[place + 1 :]
+
+
+def test_every_byte_of_a_manifest_is_guarded(tmp_path):
+    """It is refused, or says the same; sibling: without a seal, names of files that may be replaced would change."""
+    study = replace(STUDY, packing_fractions=(0.1,))
+    interrupted(tmp_path, study)
+    path = tmp_path / "checkpoint" / "manifest.json"
+    journal, right, whole = Journal(tmp_path, tmp_path), about(study) | {"own": []}, path.read_bytes()
+    assert journal.unfinished() == right
+    found = []
+    for content in damaged(whole):
+        path.write_bytes(content)
+        found.append(journal.unfinished())
+    assert [each for each in found if each not in (None, right)] == []
+    assert found.count(None) > 0.9 * len(found)
+    path.write_bytes(whole.replace(b'"own": []', b'"own": ["letter.txt"]'))
+    with pytest.raises(OutputError, match="manifest.json cannot be understood"):
+        OutputFolder(tmp_path, resume=True).running(study).__enter__()
+
+
+@pytest.mark.slow
+def test_every_byte_of_a_state_is_guarded(tmp_path):
+    """Of a study's checkpoint: no other state, but a warning, and the work is done again; in small in test_encoding."""
+    shelf = Shelf(tmp_path)
+    shelf.save(0, {"x": 1.5, "many": [1, 2]})
+    path = tmp_path / "running-0000.npz"
+    whole = path.read_bytes()
+    for content in damaged(whole):
+        path.write_bytes(content)
+        with pytest.warns(UserWarning, match="running-0000.npz .* what it held is computed again"):
+            assert shelf.state(0) is None
+    path.write_bytes(whole)
+    assert shelf.state(0) == {"x": 1.5, "many": [1, 2]}

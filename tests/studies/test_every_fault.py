@@ -1,0 +1,203 @@
+"""Every n-th write, rename, sync or removal of a study fails, once or from then on: it says so, and resumes to the same bytes.
+
+SQLite's habit (https://sqlite.org/testing.html, I/O error tests). The operations are counted in this process, below the
+output folder only: files are opened with a raw layer of ours, so that buffers fail where they really do.
+"""
+
+import builtins
+import contextlib
+import errno
+import io
+import itertools
+import json
+import os
+import sys
+import warnings
+
+import pytest
+from matplotlib.figure import Figure
+
+from studies import cli
+from studies.pressure import EquationOfState
+from studies.running.journal import Shelf
+from studies.thermalisation import Thermalisation
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="errors of POSIX systems")
+
+PRESSURE = ["pressure", "--packing-fractions", "0.1", "--n", "60", "--replicas", "2", "--workers", "1"]
+PRESSURE += ["--collisions-per-particle", "15", "--checkpoint-every", "0"]
+THERMALISE = ["thermalise", "--n", "60", "--replicas", "2", "--workers", "1", "--checkpoint-every", "0"]
+THERMALISE += ["--collisions-per-particle", "2", "--frames", "4"]
+STUDIES = {"pressure": PRESSURE, "thermalise": THERMALISE}
+KEPT = "the same command with --resume continues"
+ON_PATHS = ("replace", "rename", "link", "unlink", "mkdir", "rmdir")
+
+
+class Faults:
+    """Counts what is done to files below a folder, and lets some of it fail."""
+
+    def __init__(self, root):
+        self.root, self.fails, self.done = os.fspath(root), lambda number: False, []
+        self.os = {name: getattr(os, name) for name in (*ON_PATHS, "fsync")}
+        self.open = io.open
+
+    def next(self, what, path=""):
+        self.done.append(f"{what} {os.path.relpath(path, self.root)}" if path else what)
+        if self.fails(len(self.done)):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), os.fspath(path) or None)
+
+    def below(self, path):
+        return isinstance(path, (str, os.PathLike)) and os.path.abspath(path).startswith(self.root)
+
+    def on_path(self, name):
+        def called(path, *more, **named):
+            if self.below(path):
+                self.next(name, path)
+            return self.os[name](path, *more, **named)
+
+        return called
+
+    def fsync(self, handle):
+        self.next("fsync")
+        self.os["fsync"](handle)
+
+    def opened(self, path, mode="r", buffering=-1, encoding=None, errors=None, newline=None, *more, **named):
+        if not self.below(path) or not set(mode) & set("wxa+"):
+            return self.open(path, mode, buffering, encoding, errors, newline, *more, **named)
+        self.next("open", path)
+        faults = self
+
+        class Raw(io.FileIO):
+            def write(self, content):
+                faults.next("write", path)
+                return super().write(content)
+
+            def truncate(self, *size):
+                faults.next("truncate", path)
+                return super().truncate(*size)
+
+        raw = Raw(path, mode.replace("b", "").replace("t", ""))
+        buffer = io.BufferedRandom(raw) if "+" in mode else io.BufferedWriter(raw)
+        return buffer if "b" in mode else io.TextIOWrapper(buffer, encoding, errors, newline)
+
+    def install(self, patch):
+        for name in ON_PATHS:
+            patch.setattr(os, name, self.on_path(name))
+        patch.setattr(os, "fsync", self.fsync)
+        patch.setattr(builtins, "open", self.opened)
+        patch.setattr(io, "open", self.opened)
+
+
+def without_timings(value):
+    if isinstance(value, dict):
+        return {key: without_timings(entry) for key, entry in value.items() if "second" not in key}
+    return [without_timings(entry) for entry in value] if isinstance(value, list) else value
+
+
+def contents(folder):
+    """Every file of a folder but for timings; no folder may be left in it."""
+    files = {path.name: path.read_bytes() for path in folder.iterdir()}
+    files["summary.json"] = json.dumps(without_timings(json.loads(files["summary.json"])))
+    return files
+
+
+@pytest.fixture
+def study(monkeypatch, capsys):
+    """Run a command in this process: its exit code, and what it wrote to standard error."""
+    for kind, name in ((EquationOfState, "equation_of_state"), (Thermalisation, "relaxation")):
+        # pictures have tests of their own, and cost time
+        monkeypatch.setattr(kind, "figures", lambda *_, name=name: {name: Figure(figsize=(1, 1))})
+    save = Shelf.save
+
+    def run(*options):
+        monkeypatch.setattr(sys, "argv", ["hardspheres", *map(str, options)])
+        calls = itertools.count()
+        monkeypatch.setattr(Shelf, "save", lambda *its: None if next(calls) % 40 else save(*its))
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        return end.value.code or 0, capsys.readouterr().err
+
+    return run
+
+
+def operations(study, options, out):
+    """What an undisturbed run does to files, and the bytes that it leaves."""
+    faults = Faults(out)
+    with pytest.MonkeyPatch.context() as patch:
+        faults.install(patch)
+        assert study(*options, "--out", out) == (0, "")
+    return faults.done, contents(out)
+
+
+def try_fault(study, options, out, number, forever, right):
+    """Let one operation fail, or all from then on; then go on as the program says."""
+    faults = Faults(out)
+    faults.fails = lambda n: n == number or (forever and n > number)
+    with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        warnings.filterwarnings("default", "the run is finished")
+        warnings.showwarning = lambda message, *_: print(message, file=sys.stderr)
+        faults.install(patch)
+        code, errors = study(*options, "--out", out)
+    which = f"{number}: {faults.done[number - 1]}: {code} {errors}"
+    going_on = (out / "checkpoint" / "manifest.json").exists()
+    finished = (out / "summary.json").exists() and not going_on
+    assert code == (0 if finished else 2), which
+    if code:
+        assert errors.startswith("error: ") and errors.count("\n") == 1 and "No space left" in errors, which
+        assert (KEPT in errors) == going_on, which
+        code, errors = study(*options, "--out", out, *(["--resume"] if going_on else []))
+        assert code == 0, f"{which}, then {errors}"
+    elif "unlink checkpoint/done" in which:
+        assert "the run is finished, but " in errors and "remove it by hand" in errors, which
+    left = contents_without_leftovers(out)
+    assert left == right, f"{which}: {sorted(left)}"
+
+
+def contents_without_leftovers(out):
+    """As `contents`, but for what could not be removed: the next run does, when this process has ended."""
+    for path in [*out.glob("checkpoint/.partial-*"), *out.glob(".partial-*")]:
+        path.unlink()
+    if (out / "checkpoint").exists():
+        names = {path.name for path in (out / "checkpoint").iterdir()}
+        assert names <= {"lock"} or not names & {"manifest.json"}
+        for name in names:
+            (out / "checkpoint" / name).unlink()
+        (out / "checkpoint").rmdir()
+    return contents(out)
+
+
+def sweep(study, options, tmp_path, every, forever):
+    done, right = operations(study, options, tmp_path / "whole")
+    assert len(done) > 40 and {line.split()[0] for line in done} >= {
+        "open",
+        "write",
+        "replace",
+        "unlink",
+        "fsync",
+    }
+    for number in range(1, len(done) + 1, every):
+        try_fault(study, options, tmp_path / f"out-{number}-{forever}", number, forever, right)
+    return len(done)
+
+
+@pytest.mark.parametrize("forever", [False, True], ids=["once", "from then on"])
+def test_some_operations_fail(study, forever, tmp_path):
+    sweep(study, PRESSURE, tmp_path, 17, forever)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("forever", [False, True], ids=["once", "from then on"])
+@pytest.mark.parametrize("name", STUDIES)
+def test_every_operation_fails(study, name, forever, tmp_path):
+    sweep(study, STUDIES[name], tmp_path, 1, forever)
+
+
+def test_a_manifest_that_is_written_in_its_place_is_found_out(study, tmp_path, monkeypatch):
+    """Sibling: not beside it and then renamed, so that a write that fails leaves half of one."""
+    monkeypatch.setattr("studies.running.journal.replacing", contextlib.nullcontext)
+    done, right = operations(study, PRESSURE, tmp_path / "whole")
+    number = 1 + next(k for k, what in enumerate(done) if what == "write checkpoint/manifest.json")
+    with pytest.raises(AssertionError, match="write checkpoint/manifest.json: 2 error"):
+        try_fault(study, PRESSURE, tmp_path / "out", number, True, right)
