@@ -385,7 +385,7 @@ def conduct(
                 study.show(recorded.estimators, answers, out)
         if (replay := study.replay()) is not None:
             with screen.working("running a gas to be watched"), out.partial("gas.html") as path:
-                replay.save(path)
+                path.write_text(replay.html, encoding="utf-8")
         summary = Summary(summary_of(study, answers, replicas, out))
         summary["seconds"] = seconds_taken(began, ready, ran)
         verdict = [conclude(summary)] if conclude is not None else []

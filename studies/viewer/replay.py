@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 import hardspheres as hs
 from hardspheres.event_log import event_dtype
-from hardspheres.temporary import temporary_beside
+from hardspheres.temporary import replacing
 from studies.fluid import kind_of
 
 __all__ = ["Replay", "replay_by_steps", "view"]
@@ -129,15 +129,11 @@ class Replay:
         file = Path(path)
         if file.suffix.lower() not in (".html", ".htm"):
             raise hs.SimulationError(f"{file} must end in .html: it is a page for a browser")
-        temporary = temporary_beside(file)
         try:
-            temporary.write_text(self.html, encoding="utf-8")
-            os.replace(temporary, file)
+            with replacing(file) as temporary:
+                temporary.write_text(self.html, encoding="utf-8")
         except OSError as error:
             raise hs.SimulationError(f"{file} cannot be written: {error.strerror or error}") from error
-        finally:
-            if temporary.parent.is_dir():
-                temporary.unlink(missing_ok=True)
 
 
 def view(start: hs.Scene | hs.Simulation, collisions_per_particle: float = 10.0) -> Replay:
