@@ -146,6 +146,8 @@ def _starting(workers: int | None) -> Iterator[None]:
         raise
     except (OSError, EOFError, RuntimeError, ImportError) as error:  # a thread; semaphores, where are none
         reason = getattr(error, "strerror", None) or error
+        if isinstance(error, EOFError):
+            reason = "the process that starts them ended"
         raise SimulationError(
             f"{workers or 'the'} worker processes cannot be started: {reason}; ask for fewer with --workers, "
             "or raise the limits (ulimit -n, ulimit -u)"

@@ -10,6 +10,7 @@ processors have changed, or a file of a loaded module was edited.
 
 from __future__ import annotations
 
+import atexit
 import base64
 import contextlib
 import importlib
@@ -39,7 +40,8 @@ __all__ = ["Context", "ours", "server", "server_ended"]
 
 VARIABLE = "HARDSPHERES_FORK_SERVER"
 LONGEST = 90_000  # characters: Linux takes 131072 in a variable
-WITHOUT = {"PYTHONPATH": None, "PYTHONSAFEPATH": None}  # what else the server is told by
+WAIT = 2.0  # seconds
+OTHERS = ("PYTHONPATH", "PYTHONSAFEPATH")  # by which the server is told, too
 
 server_ended: int | None = None
 """In a worker: a file descriptor that reads end-of-file when the server has ended."""
@@ -134,6 +136,16 @@ def _forget() -> None:
 os.register_at_fork(after_in_child=_forget)
 
 
+@atexit.register
+def _wait() -> None:
+    """Let the server end with this process, which is then told how much processor time all took."""
+    if _current is not None:
+        _leaving.append(_current.leave())
+    deadline = time.monotonic() + WAIT
+    while not all(map(_has_ended, _leaving)) and time.monotonic() < deadline:
+        time.sleep(0.002)
+
+
 def _has_ended(pid: int) -> bool:
     try:
         return os.waitpid(pid, os.WNOHANG)[0] != 0
@@ -158,7 +170,7 @@ def _edited_since(began: float) -> bool:
 
 def _told(load: Callable[[], object]) -> dict[str, str]:
     """Return the variables of the environment that tell the server what to load, and from where."""
-    before = {name: os.environ.get(name) for name in WITHOUT}
+    before = {name: os.environ.get(name) for name in OTHERS}
     path = [each or os.getcwd() for each in sys.path]
     for each in (load, ours()):
         told = base64.b64encode(pickle.dumps((before, path, pickle.dumps(each)))).decode()
@@ -247,7 +259,14 @@ def _serve(told: str) -> None:
     before, sys.path[:], load = pickle.loads(base64.b64decode(told))
     _restore({VARIABLE: None, **before})
     server_ended, kept = os.pipe()
-    os.register_at_fork(after_in_child=lambda: os.close(kept))
+    sys.excepthook = lambda *_: None  # the process that asks for a worker tells it in a sentence
+
+    def in_worker() -> None:
+        os.close(kept)
+        sys.excepthook = sys.__excepthook__
+
+    os.register_at_fork(after_in_child=in_worker)
+    atexit.register(os._exit, 0)  # nothing is to be tidied up, which would take a second
     with contextlib.suppress(Exception), warnings.catch_warnings(action="ignore"):
         _load(load)
     os.chdir(os.sep)  # no folder is kept in use
