@@ -297,20 +297,25 @@ def test_a_killed_worker_is_told_and_a_killed_parent_takes_its_workers_along(vic
 @pytest.mark.usefixtures("heard")
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("number", "code", "word"),
-    [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated"), (signal.SIGHUP, 129, HUNG_UP)],
+    ("number", "code", "word", "to_all"),
+    [
+        (signal.SIGINT, 130, "interrupted", True),
+        (signal.SIGTERM, 143, "terminated", False),
+        (signal.SIGTERM, 143, "terminated", True),
+        (signal.SIGHUP, 129, HUNG_UP, True),
+    ],
 )
-def test_workers_save_what_they_have_before_they_end(number, code, word, undisturbed, tmp_path):
+def test_workers_save_what_they_have_before_they_end(number, code, word, to_all, undisturbed, tmp_path):
     """At an interval of one minute, so that only the signal makes them save."""
     out = tmp_path / "out"
     options = [*THERMALISE, "--out", str(out)]
     run = start(*options)
     wait_for((out / "checkpoint" / "trajectory.xyz").exists)
     workers = workers_of(run.pid)
-    if number == signal.SIGTERM:
-        run.send_signal(number)
-    else:  # as a terminal does, to workers too
+    if to_all:  # as a terminal does, or a batch system
         os.killpg(run.pid, number)
+    else:
+        run.send_signal(number)
     errors = run.communicate(timeout=60)[1]
     assert run.returncode == code
     assert errors == f"{word}; what was done is kept in {out / 'checkpoint'}: {KEPT}\n"
