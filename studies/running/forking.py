@@ -24,7 +24,7 @@ import threading
 import time
 import types
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from multiprocessing import reduction
 from multiprocessing.context import ForkServerContext, ForkServerProcess, set_spawning_popen
@@ -62,7 +62,7 @@ class _Server(ForkServer):
     def __init__(self, load: Callable[[], object]) -> None:
         super().__init__()
         self.set_forkserver_preload([__name__])
-        self._surroundings, self._began = _surroundings(), time.time()
+        self._surroundings, self._files = _surroundings(), _files()
         ensure_running()  # the process that cleans up: starting it unblocks signals
         # of the signals to a whole group, as batch systems send them, the server heeds none; workers heed
         # SIGTERM as soon as they can
@@ -75,8 +75,8 @@ class _Server(ForkServer):
 
     def usable(self) -> bool:
         """Return whether it runs, and its workers are as fresh processes would be."""
-        same = self._surroundings == _surroundings() and not _edited_since(self._began)
-        return same and not _has_ended(self._forkserver_pid)
+        edited = self._files != _files(self._files)
+        return self._surroundings == _surroundings() and not edited and not _has_ended(self._forkserver_pid)
 
     def leave(self) -> int:
         """Let it end with its last worker, and return its process id."""
@@ -158,14 +158,16 @@ def _surroundings() -> tuple[Any, ...]:
     return dict(os.environ), set(allowed(0))
 
 
-def _edited_since(began: float) -> bool:
-    """Return whether a file of a module that is loaded here is younger than that."""
-    modules = [module for module in list(sys.modules.values()) if isinstance(module, types.ModuleType)]
-    for path in filter(None, {vars(module).get("__file__") for module in modules}):
+def _files(paths: Iterable[str] | None = None) -> dict[str, int]:
+    """Return when files were last changed: by default those of all modules that are loaded here."""
+    if paths is None:
+        modules = [module for module in list(sys.modules.values()) if isinstance(module, types.ModuleType)]
+        paths = filter(None, {vars(module).get("__file__") for module in modules})
+    found = {}
+    for path in paths:
         with contextlib.suppress(OSError):
-            if os.stat(path).st_mtime > began:
-                return True
-    return False
+            found[path] = os.stat(path).st_mtime_ns
+    return found
 
 
 def _told(load: Callable[[], object]) -> dict[str, str]:
@@ -215,7 +217,7 @@ class _Popen(Popen):
             reduction.dump(process_obj, data)
         finally:
             set_spawning_popen(None)
-        self.sentinel, written = server().connect_to_new_process(self._fds)
+        self.sentinel, written = (_current or server()).connect_to_new_process(self._fds)
         self.finalizer = Finalize(self, _close, (os.dup(written), self.sentinel))
         with open(written, "wb") as pipe:
             pipe.write(data.getbuffer())
