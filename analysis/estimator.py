@@ -338,10 +338,15 @@ class ReplicaEstimator(Estimator):
 
     def _continued(self, place: float, attribute: str, new: Callable[[], Any]) -> Any:
         """Return the replica of a frame at this time or s, a new one where it does not advance."""
-        if self._own is None or place <= getattr(self._replicas[self._own], attribute)[-1]:
+        if self._begins(place, attribute):
             self._replicas.append(new())
             self._own = len(self._replicas) - 1
+        assert self._own is not None
         return self._replicas[self._own]
+
+    def _begins(self, place: float, attribute: str) -> bool:
+        """Return whether a frame at this time or s is the first of another replica."""
+        return self._own is None or place <= getattr(self._replicas[self._own], attribute)[-1]
 
     @property
     def _added(self) -> str:

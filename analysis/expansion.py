@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from hardspheres import Frame, Scene
 
-__all__ = ["Spreading", "cell_counts", "started_below"]
+__all__ = ["HALF_WAY", "Spreading", "cell_counts", "in_upper_half", "started_below"]
 
 FloatArray = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -49,6 +49,11 @@ def cell_counts(positions: FloatArray, scene: Scene, axis: int, cells: int) -> F
     place = (positions[:, axis] - radius) / (edge - 2.0 * radius) * cells
     which = np.clip(place.astype(np.int64), 0, cells - 1)  # a contact with a wall is rounded
     return np.bincount(which, minlength=cells).astype(np.float64)
+
+
+def in_upper_half(cells: FloatArray) -> FloatArray:
+    """Return the sum over the upper half of the cells, which are the last axis."""
+    return np.asarray(cells[..., cells.shape[-1] // 2 :].sum(axis=-1))
 
 
 class Spreading(SampledReplicas):
@@ -83,8 +88,7 @@ class Spreading(SampledReplicas):
         ValueError
             If it begins later, or this estimator is not for the gas.
         """
-        begins = self._own is None or frame.time <= self._replicas[self._own].time[-1]
-        if begins and frame.time > 0.0:
+        if self._begins(frame.time, "time") and frame.time > 0.0:
             raise ValueError(f"the first frame is at time {frame.time:g}; begin with the simulation's start")
         return super().add(frame)
 
@@ -129,7 +133,7 @@ class Spreading(SampledReplicas):
 
     @property
     def _crossed(self) -> FloatArray:
-        return np.asarray(self._shares[:, :, self.cells // 2 :].sum(axis=2))
+        return in_upper_half(self._shares)
 
     @property
     def crossed(self) -> FloatArray:
@@ -203,8 +207,7 @@ class Spreading(SampledReplicas):
         most 0.25. In an equilibrium that mixes it was off by up to 0.01 where the mean free path is a third
         of the box: u = 0.008 s, at most 0.012, and what the uncertainty of D makes.
         """
-        half = self.cells // 2
-        return self._predicted(lambda shares: shares[..., half:].sum(axis=-1))
+        return self._predicted(in_upper_half)
 
     @property
     def theory_entropy(self) -> Prediction:
@@ -243,7 +246,7 @@ class Spreading(SampledReplicas):
         axes = axes_or_new(ax)
         fine = np.linspace(0.0, float(time[-1]), 200)
         shares = self.expected(fine)
-        lines = (shares[:, self.cells // 2 :].sum(axis=1), theory.spread_entropy(shares))
+        lines = (in_upper_half(shares), theory.spread_entropy(shares))
         both = ([getattr(each, part) for each in entropies] for part in ("value", "standard_error"))
         values = ((crossed, self.crossed_error), tuple(map(np.array, both)))
         names = ("share in the upper half", "entropy per particle")

@@ -15,6 +15,7 @@ from analysis.estimator import PALETTE, Estimator, axes_or_new, counted, labelle
 from analysis.moments import FEW
 from analysis.reduced import Gas
 from analysis.statistics import Estimate, TheoryCheck
+from analysis.velocities import stephens
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -114,7 +115,7 @@ class MaxwellTest(Estimator):
         for (kind, row), distance in np.ndenumerate(self.distances):
             if not math.isnan(distance):
                 null = _null(self.gas.dim if row == 0 else 1)
-                scaled = distance * _stephens(int(self.gas.sizes[kind]) * self._tested)
+                scaled = distance * stephens(int(self.gas.sizes[kind]) * self._tested)
                 found[kind, row] = (np.count_nonzero(null >= scaled) + 1) / (len(null) + 1)
         return found
 
@@ -127,7 +128,7 @@ class MaxwellTest(Estimator):
             if math.isnan(distance):
                 continue
             n = int(self.gas.sizes[kind]) * self._tested
-            null = _null(self.gas.dim if row == 0 else 1) / _stephens(n)
+            null = _null(self.gas.dim if row == 0 else 1) / stephens(n)
             what = "speeds" if row == 0 else f"velocities along {'xyz'[row - 1]}"
             name = f"KS distance of {what}{f', species {kind + 1}' if several else ''}"
             measured = Estimate(float(distance), math.nan, float(n))
@@ -149,11 +150,6 @@ class MaxwellTest(Estimator):
         return labelled(axes, "probability of a smaller speed", "measured less expected")
 
 
-def _stephens(n: int) -> float:
-    """Factor that makes distances of n values comparable."""
-    return math.sqrt(n) + 0.12 + 0.11 / math.sqrt(n)
-
-
 @lru_cache(maxsize=4)
 def _null(dim: int) -> FloatArray:
     """Return 2000 scaled distances of 1000 speeds in `dim` dimensions (1: components), always the same."""
@@ -170,4 +166,4 @@ def _null(dim: int) -> FloatArray:
             u = 0.5 + np.sign(values[..., 0]) * u / 2
         u.sort(axis=1)
         found.append(np.maximum(ranks[1:] - u, u - ranks[:-1]).max(axis=1))
-    return np.concatenate(found) * _stephens(n)
+    return np.concatenate(found) * stephens(n)

@@ -128,6 +128,11 @@ class Gas:
         fourth = float(self.sizes @ (1.0 - self.momentum_shares) ** 2) / self.n
         return fourth * whole**2 / (free * (free + 2.0)) - 1.0
 
+    @property
+    def species_degrees_of_freedom(self) -> FloatArray:
+        """Degrees of freedom of each species, (k,)."""
+        return np.asarray(self.dim * self.sizes * (1.0 - self.momentum_shares))
+
     def difference(self, other: Gas) -> str:
         """Return in what another gas differs, in words; an empty string where it does not."""
         for name, words in _COMPARED.items():

@@ -163,7 +163,7 @@ class TemperatureEquilibration(SampledReplicas):
         peculiar = frame.velocities - drift(frame.velocities, scene.masses, scene.periodic)
         twice = scene.masses * np.einsum("ik,ik->i", peculiar, peculiar)
         total = np.bincount(scene.species, weights=twice)
-        return np.asarray(total / (scene.dim * species.sizes * (1.0 - species.momentum_shares)))
+        return np.asarray(total / species.species_degrees_of_freedom)
 
     @property
     def temperatures(self) -> FloatArray:

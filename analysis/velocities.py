@@ -118,7 +118,7 @@ def ks_p_value(distance: float, n: int, dim: int, momentum_conserved: bool = Tru
     """
     sample = min(n, 1000)
     null = _ks_null(sample, dim, momentum_conserved)
-    scaled = distance * (math.sqrt(n) + 0.12 + 0.11 / math.sqrt(n))
+    scaled = distance * stephens(n)
     return float((np.count_nonzero(null >= scaled) + 1) / (len(null) + 1))
 
 
@@ -134,7 +134,12 @@ def _ks_null(n: int, dim: int, momentum_conserved: bool) -> FloatArray:
         speed = np.sqrt(np.einsum("ik,ik->i", velocity, velocity))
         freedom = dim * (n - 1) if momentum_conserved else dim * n
         distances[index] = ks_distance(speed * math.sqrt(freedom / (speed @ speed)), dim)
-    return distances * (math.sqrt(n) + 0.12 + 0.11 / math.sqrt(n))
+    return distances * stephens(n)
+
+
+def stephens(n: int) -> float:
+    """Return the factor that makes KS distances of n values comparable, see `ks_p_value`."""
+    return math.sqrt(n) + 0.12 + 0.11 / math.sqrt(n)
 
 
 def h_excess(histogram: NDArray[np.generic], probabilities: FloatArray) -> FloatArray:

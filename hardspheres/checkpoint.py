@@ -55,9 +55,10 @@ def to_arrays(engine: Engine) -> Arrays:
 def restored(scene: Scene, arrays: Arrays, logs: bool, search: str) -> Engine:
     """Return an engine of this scene in the state that `to_arrays` gave, unchecked: for copies."""
     about = json.loads(arrays["about"].tobytes())
+    engine = _fresh(scene, arrays, about, logs, search)
     if logs and "flight" not in arrays:
-        arrays = _with_flights(scene, arrays, about, search)
-    return _in_state(_fresh(scene, arrays, about, logs, search), arrays, about)
+        arrays = _with_flights(engine, arrays)
+    return _in_state(engine, arrays, about)
 
 
 def from_arrays(arrays: Arrays, logs: bool = False, search: str = "auto") -> Engine:
@@ -75,9 +76,9 @@ def from_arrays(arrays: Arrays, logs: bool = False, search: str = "auto") -> Eng
     return _in_state(engine, arrays, about)
 
 
-def _with_flights(scene: Scene, arrays: Arrays, about: dict[str, Any], search: str) -> Arrays:
+def _with_flights(engine: Engine, arrays: Arrays) -> Arrays:
     """Return the arrays with tallies of flights that begin now: a log needs them."""
-    complete = dict(_fresh(scene, arrays | {"flight": arrays["row"]}, about, True, search).state())
+    complete = {name: array.copy() for name, array in engine.state().items()}
     for name, array in complete.items():
         if name in arrays:  # sums of flights come last
             array.reshape(-1)[: arrays[name].size] = arrays[name].reshape(-1)
@@ -86,7 +87,7 @@ def _with_flights(scene: Scene, arrays: Arrays, about: dict[str, Any], search: s
 
 def _fresh(scene: Scene, arrays: Arrays, about: dict[str, Any], logs: bool, search: str) -> Engine:
     """Return an engine of this scene with the epochs of the checkpoint."""
-    engine = Engine(scene, flights="flight" in arrays, logs=logs, search=search)
+    engine = Engine(scene, flights=logs or "flight" in arrays, logs=logs, search=search)
     length = about["epoch_length"]
     return engine if length == engine.length else engine.with_epochs(length)
 

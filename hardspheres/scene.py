@@ -342,9 +342,9 @@ class Scene:
         Scene
             The scene. Where spheres overlap each other or a wall by no more than 8 printed decimals explain
             (3e-8 between two spheres, in the unit of length of the file, and a ten-thousandth of the smallest
-            diameter), all radii are reduced by half of the worst overlap; positions and velocities are as
-            given. Without such an overlap every bit is as given. That, and every column of numbers that is
-            not used, is logged as a warning.
+            diameter; in a .gsd in single precision 2.4e-7 of the longest edge), all radii are reduced by half
+            of the worst overlap; positions and velocities are as given. Without such an overlap every bit is
+            as given. That, and every column of numbers that is not used, is logged as a warning.
 
         Raises
         ------
@@ -377,6 +377,11 @@ class Scene:
 def sphere_volume(radii: Floats, dim: int) -> Floats:
     """Volumes of spheres (areas of discs): 4/3 pi r^3 in 3D, pi r^2 in 2D."""
     return (4 / 3) * math.pi * radii * radii * radii if dim == 3 else math.pi * radii * radii
+
+
+def to_nearest_image(separations: Floats, scene: Scene) -> Floats:
+    """Separations of positions, (..., d), to the nearest image along periodic axes."""
+    return separations - np.where(scene.periodic, scene.box * np.rint(separations / scene.box), 0.0)
 
 
 def total_momentum(velocities: Floats, masses: Floats) -> Floats:

@@ -487,17 +487,18 @@ class Simulation(Exclusive):
         log : callable or path
             As of `Simulation`.
 
+        Returns
+        -------
+        Simulation
+            The copy; this one goes on as if there were none.
+
         Raises
         ------
         SimulationError
             If the log cannot be used.
         """
         sink = sink_of(log, self.scene.dim)
-
-        def parts() -> Arrays:
-            return {name: array.copy() for name, array in self._arrays().items()}
-
-        return type(self)._restored(self.scene, self._alone(parts), sink, self._search)
+        return type(self)._restored(self.scene, self._alone(self._copied_arrays), sink, self._search)
 
     def __copy__(self) -> "Simulation":
         return self._duplicate(lambda part: part)
@@ -512,10 +513,12 @@ class Simulation(Exclusive):
 
     def __reduce__(self, copied: Callable[[Any], Any] = lambda part: part) -> tuple[Any, ...]:
         def parts() -> tuple[Any, ...]:
-            arrays = {name: array.copy() for name, array in self._arrays().items()}
-            return copied(self.scene), arrays, copied(self._log()), self._search
+            return copied(self.scene), self._copied_arrays(), copied(self._log()), self._search
 
         return type(self)._restored, self._alone(parts)
+
+    def _copied_arrays(self) -> Arrays:
+        return {name: array.copy() for name, array in self._arrays().items()}
 
     def _log(self) -> Sink | None:
         """Return the function that a copy would log to."""

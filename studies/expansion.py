@@ -12,13 +12,14 @@ import numpy as np
 
 import hardspheres as hs
 from analysis import theory
-from analysis.expansion import Spreading
+from analysis.expansion import HALF_WAY, Spreading, in_upper_half
 from analysis.statistics import Estimate, TheoryCheck, deviates, estimate_from_jackknife
 from analysis.theory import Prediction
 from studies.answer import Answer, Column, Curves, alarms, number
 from studies.fluid import Fluid, check_spread
 from studies.half_full import AXIS, HalfFull
 from studies.options import OptionError, dimension, one_number, option, particles, positive, runs, word
+from studies.real_fluid import scaled
 from studies.report import alarming
 from studies.running.resuming import until
 from studies.study import Replica, Study
@@ -200,11 +201,12 @@ class Expansion(Study):
         came, lost = returns(gas, back)
         cooled = max((replica.seen["cooled"] for replica in replicas), key=abs)
         died_out = gas.decay * self.length(gas)
+        horizon = retraced(gas, back)
         numbers = [
             _half_time(gas, there),
             _last_entropy(there, died_out),
             _fluctuations(gas, there, died_out),
-            *retraced(gas, back),
+            *horizon,
             number("change of kT, relative", cooled),
         ]
         if abs(cooled) > COOLED:
@@ -212,7 +214,7 @@ class Expansion(Study):
                 f"kT has changed by {cooled:.1e} of itself: free expansion does not cool this gas"
             )
         notes = [came_back(came)]
-        if not retraced(gas, back):
+        if not horizon:
             notes.append(
                 "every way back was retraced, or nearly: ask for a later --reverse-after to see the end"
             )
@@ -339,14 +341,10 @@ def _profiles(gas: HalfFull, there: Spreading) -> Curves:
 def _half_time(gas: HalfFull, there: Spreading) -> TheoryCheck:
     """Return when half of what the right half holds at last has come, in transit times."""
     quantity = "half-time, in transit times"
-    if not there.crossed.max() > 0.25:
+    if not there.crossed.max() > HALF_WAY:
         return number(quantity, math.nan)
     (check,) = there.checks
-    found, unit = check.measured, gas.half
-    scaled = Estimate(
-        found.value / unit, found.standard_error / unit, found.n_effective, found.degrees_of_freedom
-    )
-    return number(quantity, scaled, check.theory, Prediction(check.expected / unit, check.uncertainty / unit))
+    return scaled(check, quantity, 1.0 / gas.half)
 
 
 def _last_entropy(there: Spreading, died_out: float) -> TheoryCheck:
@@ -367,7 +365,7 @@ def _fluctuations(gas: HalfFull, there: Spreading, died_out: float) -> TheoryChe
     late = there.time >= 0.5 * there.time[-1]
     counts = there.samples[:, late]
     followed = counts.sum(axis=2)
-    off = (2.0 * counts[:, :, there.cells // 2 :].sum(axis=2) - followed) / np.sqrt(followed)
+    off = (2.0 * in_upper_half(counts) - followed) / np.sqrt(followed)
     moments = np.stack([off, off * off], axis=2)  # waves that all replicas share are no fluctuation
     found = estimate_from_jackknife(moments, lambda mean: float(np.mean(mean[:, 1] - mean[:, 0] ** 2)))
     z = float(theory.compressibility_factor(gas.spread, gas.dim).value)

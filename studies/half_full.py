@@ -11,6 +11,7 @@ import numpy as np
 
 import hardspheres as hs
 from analysis import theory
+from analysis.expansion import started_below
 from analysis.theory import Prediction, TheoryRangeWarning
 from studies.fluid import Fluid
 
@@ -120,7 +121,7 @@ class HalfFull:
         """Return the same particles in the whole box; of halves that mix, 0 labels the lower, 1 the upper."""
         box = scene.box.copy()
         box[AXIS] *= 1.0 if self.mix else 2.0
-        labels = np.where(scene.positions[:, AXIS] < 0.5 * box[AXIS], 0, 1) if self.mix else None
+        labels = np.where(started_below(scene, AXIS), 0, 1) if self.mix else None
         same = (scene.positions, scene.velocities, scene.radii, scene.masses)
         return hs.Scene.as_left(*same, box, scene.boundary, labels)
 

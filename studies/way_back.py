@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import hardspheres as hs
 from analysis import theory
 from analysis.brief import brief
-from analysis.expansion import cell_counts
+from analysis.expansion import cell_counts, in_upper_half
 from analysis.statistics import (
     TheoryCheck,
     deviates,
@@ -21,7 +21,8 @@ from analysis.statistics import (
     estimate_from_replicas,
     replica_mean,
 )
-from analysis.theory.lyapunov import LOST
+from analysis.theory.lyapunov import FOLDS, LOST, UNCERTAINTY
+from hardspheres.scene import to_nearest_image
 from studies.answer import Column, Curves, number
 from studies.half_full import AXIS, HalfFull
 from studies.running.resuming import until
@@ -107,10 +108,9 @@ class WayBack:
         labels = frame.scene.labels
         followed = frame.positions if labels is None else frame.positions[labels == 0]
         counts = cell_counts(followed, frame.scene, AXIS, cells)
-        off = frame.positions - self.there[stop]
-        off -= np.where(frame.scene.periodic, frame.scene.box * np.rint(off / frame.scene.box), 0.0)
+        off = to_nearest_image(frame.positions - self.there[stop], frame.scene)
         self.s[-1].append(frame.collisions_per_particle)
-        self.crossed[-1].append(float(counts[cells // 2 :].sum() / counts.sum()))
+        self.crossed[-1].append(float(in_upper_half(counts) / counts.sum()))
         self.distance[-1].append(math.sqrt(float(np.mean(np.sum(off * off, axis=1)))))
         if stop == 0:
             self.counts.append(counts)
@@ -150,7 +150,7 @@ def returns(gas: HalfFull, back: Sequence[WayBack]) -> tuple[Curves, list[str]]:
     growth = s / horizon * math.log(LOST / gas.rounding)
     small = s < horizon
     # two e-folds of the first roundings, 10 % of the exponent, 20 % where it is that of a denser gas at first
-    doubt = np.hypot(2.0, (0.1 if gas.mix else 0.2) * growth)
+    doubt = np.hypot(FOLDS, UNCERTAINTY * (1.0 if gas.mix else 2.0) * growth)
     log_expected = math.log(gas.rounding) + growth
     z = deviates(np.where(small, log_off - log_expected, np.nan), log_error, doubt, len(back) - 1.0)
     sure = horizon - 3.0 * float(gas.horizon.uncertainty)

@@ -25,8 +25,8 @@ _EXPONENT = {
 }
 LOST = 0.1
 """Diameters off the way there from which on it counts as lost."""
-_UNCERTAINTY = 0.1
-_FOLDS = 2.0  # e-folds by which the first roundings differ from one unit in the last place of the box
+UNCERTAINTY = 0.1
+FOLDS = 2.0  # e-folds by which the first roundings differ from one unit in the last place of the box
 
 
 def lyapunov_exponent(eta: ArrayLike, dim: int) -> Prediction:
@@ -53,7 +53,7 @@ def lyapunov_exponent(eta: ArrayLike, dim: int) -> Prediction:
     e = np.asarray(eta, dtype=np.float64)
     e = only_inside(e, inside_range("the Lyapunov exponent", e, density[0], density[-1]))
     value = np.exp(np.interp(np.log(e), np.log(density), np.log(exponent)))
-    return Prediction(value, _UNCERTAINTY * value)
+    return Prediction(value, UNCERTAINTY * value)
 
 
 def reversal_horizon(eta: ArrayLike, dim: int, size: float) -> Prediction:
@@ -77,4 +77,4 @@ def reversal_horizon(eta: ArrayLike, dim: int, size: float) -> Prediction:
     exponent = lyapunov_exponent(eta, dim)
     folds = math.log(LOST / (np.finfo(np.float64).eps * size))
     value = folds / exponent.value
-    return Prediction(value, np.hypot(_UNCERTAINTY * value, _FOLDS / exponent.value))
+    return Prediction(value, np.hypot(UNCERTAINTY * value, FOLDS / exponent.value))

@@ -180,12 +180,11 @@ def keep_frames(path: Path, copy: Path, count: int) -> int:
         there = len(old)
         if there < count:
             return there
-        new = opened(copy, "w")
-        for frame in range(count):
-            for name, chunk in old.chunks(frame).items():
-                new.write_chunk(name, chunk)
-            new.end_frame()
-        new.close()
+        with opened(copy, "w") as new:
+            for frame in range(count):
+                for name, chunk in old.chunks(frame).items():
+                    new.write_chunk(name, chunk)
+                new.end_frame()
     return there
 
 

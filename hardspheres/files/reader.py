@@ -164,10 +164,10 @@ def structures(path: str | os.PathLike[str], reading: Reading) -> Iterator[tuple
             yield xyz.to_structure(file, frame)
         return
     if form == "gsd":
-        with hoomd.Reader(file) as structures:
-            if not len(structures):
+        with hoomd.Reader(file) as frames_of_file:
+            if not len(frames_of_file):
                 raise TrajectoryError(f"{file} holds no frame")
-            yield from structures
+            yield from frames_of_file
         return
     options = foreign.reader_options(form, reading)
     frames = iread(file, index=":", format=form, do_not_split_by_at_sign=True, **options)

@@ -21,11 +21,11 @@ class TrajectoryWriter:
 
     Extended xyz (``.xyz``, ``.extxyz``) has every number with the fewest digits that read back to the same
     float64: the scene that is read is the one that was written, bit for bit. Columns are species, pos,
-    momenta, masses, radius, and Velo and mass, which OVITO reads; the header has `time`, `collisions` and
-    `dimension`. ``.traj`` is ASE's own; it holds momenta and masses, whose ratio may be a rounding off the
-    velocity where a mass is no power of two. ``.gsd`` is for OVITO, HOOMD, freud and MDAnalysis, which read
-    single precision; what that loses stands beside it, so that the scene comes back bit for bit. It needs the
-    package gsd: ``pip install 'hardspheres[gsd]'``.
+    momenta, masses, radius, Velo and mass, which OVITO reads, and label where there are labels; the header
+    has `time`, `collisions` and `dimension`. ``.traj`` is ASE's own; it holds momenta and masses, whose ratio
+    may be a rounding off the velocity where a mass is no power of two. ``.gsd`` is for OVITO, HOOMD, freud
+    and MDAnalysis, which read single precision; what that loses stands beside it, so that the scene comes
+    back bit for bit. It needs the package gsd: ``pip install 'hardspheres[gsd]'``.
 
     Parameters
     ----------
@@ -80,8 +80,10 @@ class TrajectoryWriter:
 
     def __repr__(self) -> str:
         """Return which file it is, and whether it is open."""
-        is_open = self._text is not None or self._binary is not None
-        return f"<TrajectoryWriter of {self.path}, {'open' if is_open else 'closed'}>"
+        return f"<TrajectoryWriter of {self.path}, {'open' if self._handles() else 'closed'}>"
+
+    def _handles(self) -> list[Any]:
+        return [each for each in (self._text, self._binary, self._gsd) if each is not None]
 
     def write(self, frame: Scene | FrameLike) -> None:
         """Append a frame or a scene.
@@ -110,7 +112,7 @@ class TrajectoryWriter:
 
     def close(self) -> None:
         """Close the file; a second time does nothing."""
-        handles: list[Any] = [each for each in (self._text, self._binary, self._gsd) if each is not None]
+        handles = self._handles()
         self._text = self._binary = self._gsd = None
         try:
             for handle in handles:

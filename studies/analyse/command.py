@@ -2,31 +2,28 @@
 
 from __future__ import annotations
 
-import datetime
 import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import hardspheres as hs
-from hardspheres.files import Reading
 from studies.analyse.answer import answer_of
 from studies.analyse.findings import findings
 from studies.analyse.gas_in_file import GasInFile
 from studies.analyse.sentences import legend
 from studies.answer import curve_files, heading, marks_of, sections, tidy, write_tables
-from studies.fluid import Boundary
-from studies.options import boundary, of_labels, option, options_of, own_box, units, velocities_are
+from studies.file_options import AboutAFile
+from studies.options import option, options_of
 from studies.page.write import Report, write_page
-from studies.program import Program
-from studies.report import OutputFolder, Screen, figure_style, machine, seconds_taken
+from studies.report import OutputFolder, Screen, figure_style, machine, seconds_taken, today
 from studies.running.ownership import REPORT, SUMMARY
 
 __all__ = ["Analyse"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Analyse(Program):
+class Analyse(AboutAFile):
     """A table of what the velocities and positions in a file say."""
 
     name = "analyse"
@@ -34,8 +31,8 @@ class Analyse(Program):
     explanation = """
     Measures the temperature of each species and along each axis, speeds and velocity components beside
     Maxwell and Boltzmann's law, momentum, drift, and g(r) with its contact value where radii are known.
-    FILE is a structure or a trajectory of any program that ASE reads. Frames may be close together: the error
-    bars allow for it. A gas that deviates from equilibrium is a result, with exit code 0.
+    FILE is a structure or a trajectory: .gsd, or of any program that ASE reads. Frames may be close together:
+    the error bars allow for it. A gas that deviates from equilibrium is a result, with exit code 0.
     """
     files = (
         "analysis.csv",
@@ -49,29 +46,11 @@ class Analyse(Program):
     resumable = False
 
     file: str = option("", "Structure or trajectory.", argument=True, metavar="FILE")
-    radius: float | dict[str, float] | None = option(None, **of_labels("--radius", "FILE"))
-    mass: float | dict[str, float] | None = option(None, **of_labels("--mass", "FILE"))
-    units: str | None = units("FILE")
-    velocities_are: str | None = velocities_are("FILE")
-    box: tuple[float, ...] | None = own_box("FILE")
-    boundary: Boundary | None = option(None, **boundary, shown="periodic, with --box")
-    dim: int | None = option(
-        None,
-        "2: FILE is of discs, whose z differ by at most 1e-6 diameters.",
-        at_least=2,
-        at_most=3,
-        shown="3",
-    )
 
     @property
     def which(self) -> str:
         """The name of the file."""
         return Path(self.file).stem
-
-    def reading(self) -> Reading:
-        """Return how the file is interpreted."""
-        given = self.units or self.velocities_are
-        return Reading(self.radius, self.mass, given, self.box, self.boundary, self.dim)
 
     def conduct(self, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:
         """Read the file, print what was found and write it."""
@@ -100,7 +79,7 @@ class Analyse(Program):
             "study": self.name,
             "version": hs.__version__,
             "command": self.command,
-            "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+            "date": today(),
             "machine": machine(),
             "options": {each.name: getattr(self, each.name) for each, _ in options_of(self)},
             "frames": found.gas.n_frames,

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from analysis import theory
-from analysis.expansion import Spreading
+from analysis.expansion import Spreading, in_upper_half
 from analysis.theory.lyapunov import LOST
 from studies.figures.style import COLOURS, figure_style
 
@@ -86,7 +86,7 @@ def _draw_shares(axes: Axes, answer: Answer) -> None:
     t, right = (_part(answer, "spreading", name) for name in ("t", "right"))
     error = _part(answer, "spreading", "right_error")
     fine, shares = _theory(answer)
-    crossed = shares[:, shares.shape[1] // 2 :].sum(axis=1)
+    crossed = in_upper_half(shares)
     for name, value, line, mark, colour in (
         ("left", 1.0 - right, 1.0 - crossed, "s", COLOURS["warm"]),
         ("right", right, crossed, "o", COLOURS["simulation"]),
@@ -134,7 +134,7 @@ def _draw_way_back(axes: Axes, answer: Answer) -> None:
     fine, shares = _theory(answer)
     last = 2.0 * max(turned.values())
     shown = fine <= last
-    crossed = shares[:, shares.shape[1] // 2 :].sum(axis=1)
+    crossed = in_upper_half(shares)
     axes.plot(
         fine[shown],
         1.0 - crossed[shown],

@@ -100,6 +100,7 @@ def _without_random_numbers(side: int, dim: int, spacing: float, **more: Any) ->
     return hs.Scene(spacing * (places + 0.5), velocities, box=(side * spacing,) * dim, **more)
 
 
+# _random(n=..., seed=...) is that call of `hardspheres.random_gas`, to be made later
 _random, _lattice, _grown = (
     functools.partial(functools.partial, make) for make in (hs.random_gas, hs.lattice_gas, hs.compressed_gas)
 )

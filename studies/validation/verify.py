@@ -6,6 +6,7 @@ the all-pairs solver and beside fifty digits, what every trajectory keeps, and e
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,10 +22,12 @@ from scipy import stats
 
 import hardspheres as hs
 from hardspheres.reference import ReferenceSimulation
+from hardspheres.scene import to_nearest_image
 from studies.options import option
 from studies.program import Program
-from studies.report import OutputFolder, Screen, machine
+from studies.report import OutputFolder, Screen, machine, today
 from studies.running.ensemble import replica_seeds
+from studies.running.ownership import SUMMARY
 from studies.validation import calibration_runs
 from studies.validation.golden import COLLISIONS, GOLDEN, Golden, end_digest, start_digest
 from studies.validation.hard_cases import reversal
@@ -34,12 +37,12 @@ from studies.validation.processor import compiled_for, vectors_of
 
 __all__ = ["Found", "Verify", "digests_of", "verdict"]
 
-SAME = "ours"
+SAME, STARTS = "ours", "THE START DIFFERS"
 RUNS = 24
 FALSE_ALARM = 1e-4
 """Probability that a right program on other seeds fails the calibration, all estimators together."""
 SLACK = 1.1  # factor within which standard errors must be right: some are so only to first order
-PARTED = 1e-7  # deviation from which on another event has happened
+PARTED = 1e-7  # a larger deviation means that another event has happened
 
 
 def _two_species(n: int) -> dict[str, Any]:
@@ -48,7 +51,7 @@ def _two_species(n: int) -> dict[str, Any]:
 
 
 N = 20
-# Packing fraction and collisions per particle: a third of those after which chaos makes 1 % of a rounding.
+# Packing fraction and collisions per particle: a third of those after which a rounding has grown to 1 %.
 ORACLES: dict[str, tuple[float, float, dict[str, Any]]] = {
     "spheres": (0.1, 5.0, {}),
     "discs": (0.1, 3.0, {"dim": 2}),
@@ -70,7 +73,7 @@ class Found:
     start : str
         Digest of its start.
     ends : dict
-        Digest of its end by the search that was used; in place of one, what broke.
+        Digest of its end by the search that was used; "none" where it did not get there.
     verdict : str
         "ours", or what differs.
     """
@@ -100,7 +103,7 @@ def digests_of(golden: Golden) -> Found:
     elif len({*ends.values()}) > 1:
         verdict = "THE SEARCHES DIFFER: lists and windows give other bits"
     elif start != golden.start:
-        verdict = "THE START DIFFERS"
+        verdict = STARTS
     else:
         verdict = SAME if {*ends.values()} == {golden.end} else "THE DYNAMICS DIFFERS"
     return Found(golden.name, start, ends, verdict)
@@ -114,7 +117,7 @@ def verdict(found: Sequence[Found], failures: Sequence[str]) -> str:
     """Return in one sentence what digests and failed checks say of this machine."""
     version, count = f"hardspheres {hs.__version__}", len(found)
     other = [each for each in found if each.verdict != SAME]
-    started = [each for each in other if each.verdict == "THE START DIFFERS"]
+    started = [each for each in other if each.verdict == STARTS]
     moved = [each for each in other if each not in started]
     if moved:
         told = (
@@ -194,6 +197,8 @@ class Verify(Program):
         differing = [f"{each.name}: {each.verdict}" for each in found if each.verdict != SAME]
         summary: dict[str, Any] = {
             "study": "verify",
+            "command": self.command,
+            "date": today(),
             "version": hs.__version__,
             "seed": self.seed,
             "machine": machine() | about,
@@ -202,12 +207,12 @@ class Verify(Program):
             "verdict": told,
             "checks": {"passed": not (differing or failures), "failures": differing + failures},
             "seconds": {"compilation": ready - began, "checks": ended - ready},
-            "files": ["summary.json"] if written else [],
+            "files": [SUMMARY] if written else [],
         }
         if written:
             out.create()
-            out.write_json("summary.json", summary)
-            screen.say(f"written to {out.path}: summary.json")
+            out.write_json(SUMMARY, summary)
+            screen.say(f"written to {out.path}: {SUMMARY}")
         return summary, not (differing or failures)
 
 
@@ -229,11 +234,10 @@ def _machine() -> dict[str, str]:
 def _load(golden: Sequence[Golden], quick: bool) -> None:
     """Compile all kernels; what fails is told later, when it fails again."""
     for each in golden:
-        for search in each.searches:
-            try:
-                hs.Simulation(each.make(), search=search).run(collisions=1)
-            except hs.HardSpheresError:
-                continue
+        with contextlib.suppress(hs.HardSpheresError):
+            scene = each.make()
+            for search in each.searches:
+                hs.Simulation(scene, search=search).run(collisions=1)
     if not quick:
         calibration_runs.FAMILIES["spheres"].load()
 
@@ -290,8 +294,7 @@ def _deviation(
     simulation: hs.Simulation, positions: NDArray[np.float64], velocities: NDArray[np.float64]
 ) -> float:
     """Return the largest difference of positions, to the nearest image, and velocities."""
-    scene, dx = simulation.scene, simulation.positions - positions
-    dx -= np.where(scene.periodic, scene.box * np.rint(dx / scene.box), 0.0)
+    dx = to_nearest_image(simulation.positions - positions, simulation.scene)
     return float(max(np.abs(dx).max(), np.abs(simulation.velocities - velocities).max()))
 
 

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import hardspheres as hs
-from studies.fluid import Boundary
-from studies.options import OptionError, boundary, of_labels, option, own_box, units, velocities_are
-from studies.program import Program
+from studies.file_options import AboutAFile
+from studies.options import OptionError, option
 from studies.report import OutputError, OutputFolder, Screen
 from studies.viewer.replay import view
 
@@ -38,13 +37,13 @@ class _Page(OutputFolder):
 
 
 @dataclass(frozen=True, kw_only=True)
-class View(Program):
+class View(AboutAFile):
     """A page from a file."""
 
     name = "view"
     explanation = """
-    FILE is a checkpoint (.npz, of Simulation.save), or a structure or trajectory that ASE reads, of which
-    the first frame with velocities is taken. --out names the page, gas.html by default. Open it in any
+    FILE is a checkpoint (.npz, of Simulation.save), or a structure or trajectory, .gsd or what ASE reads, of
+    which the first frame with velocities is taken. --out names the page, gas.html by default. Open it in any
     browser: it needs no network, and holds every collision.
     """
     files = ()
@@ -53,15 +52,6 @@ class View(Program):
 
     file: str = option("", "Structure, trajectory or checkpoint.", argument=True, metavar="FILE")
     collisions_per_particle: float = option(10.0, "How long to run, s = 2 collisions / n.")
-    radius: float | dict[str, float] | None = option(None, **of_labels("--radius", "FILE"))
-    mass: float | dict[str, float] | None = option(None, **of_labels("--mass", "FILE"))
-    units: str | None = units("FILE")
-    velocities_are: str | None = velocities_are("FILE")
-    box: tuple[float, ...] | None = own_box("FILE")
-    boundary: Boundary | None = option(None, **boundary, shown="periodic, with --box")
-    dim: int | None = option(
-        None, "2: FILE is of discs, whose z differ by at most 1e-6 diameters.", at_least=2, at_most=3
-    )
 
     def folder(
         self, out: Path | None, checkpoint_every: float = 60.0, resume: bool = False, force: bool = False
@@ -73,16 +63,13 @@ class View(Program):
         return _Page(path, force)
 
     def _start(self) -> hs.Scene | hs.Simulation:
-        names = ("radius", "mass", "box", "boundary", "dim", "units", "velocities_are")
-        reading = {name: value for name in names if (value := getattr(self, name)) is not None}
         if Path(self.file).suffix == ".npz":
-            if reading:
-                given = ", ".join(f"--{name.replace('_', '-')}" for name in reading)
+            names = [each.name for each in fields(AboutAFile) if getattr(self, each.name) is not None]
+            if names:
+                given = ", ".join(f"--{name.replace('_', '-')}" for name in names)
                 raise OptionError(f"{self.file} is a checkpoint, which has everything; leave out {given}")
             return hs.Simulation.load(self.file)
-        if units := reading.pop("velocities_are", None):
-            reading.setdefault("units", units)
-        for scene in hs.read_trajectory(self.file, **reading):
+        for scene in hs.read_trajectory(self.file, **vars(self.reading())):
             if np.any(scene.velocities):
                 return scene
         raise hs.TrajectoryError(f"{self.file} {NONE}")

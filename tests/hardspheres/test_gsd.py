@@ -442,8 +442,10 @@ def test_each_frame_is_in_the_file_when_write_returns(tmp_path):
     for k, state in enumerate(frames("2d"), 1):
         trajectory.write(state)
         assert len(everything(path)) == k
+    assert repr(trajectory) == f"<TrajectoryWriter of {path}, open>"
     trajectory.close()
     trajectory.close()
+    assert repr(trajectory) == f"<TrajectoryWriter of {path}, closed>"
     with pytest.raises(hs.TrajectoryError, match="is closed"):
         trajectory.write(state)
     write(path, frames("2d", 1))  # replaced, as any trajectory

@@ -413,3 +413,16 @@ def test_it_reads_one_frame_at_a_time(tmp_path):
         tracemalloc.stop()
     assert peaks[1] < 1.3 * peaks[0]
     assert 27 * 500 * 6 * 8 > 0.3 * peaks[0]
+
+
+@pytest.mark.parametrize(("species", "tests"), [(2, 1), (3, 3)])
+def test_the_bound_for_unequal_species_counts_tests(species, tests):
+    """Of two species both deviations are one; of three, three tests by Bonferroni (with two, 1.4 times too many alarms)."""
+    masses = 1.0 + np.arange(120) % species
+    scene = hs.lattice_gas(n=120, packing_fraction=0.05, masses=masses, boundary="wall", seed=1)
+    moments = VelocityMoments().add(hs.Simulation(scene).frame())
+    p_values = [check.p_value for check in moments.checks if check.quantity.startswith("kT of")]
+    assert len(p_values) == species and max(p_values) < 1.0
+    assert moments.equal_species == min(1.0, tests * min(p_values))
+    if species == 2:
+        assert p_values[0] == pytest.approx(p_values[1], rel=1e-6)

@@ -150,12 +150,7 @@ def _written(
         subject=f"Hard cases, {size}",
         question=study.asked,
         answer=[f"{len(rows) - len(failures)} of {len(rows)} cases passed."],
-        sections=[
-            Section(
-                GROUPS[name].TITLE, [Table(COLUMNS, [_cells(case) for group, case in rows if group == name])]
-            )
-            for name in dict.fromkeys(group for group, _ in rows)
-        ],
+        sections=[_section(name, rows) for name in dict.fromkeys(group for group, _ in rows)],
         summary=summary,
     )
     write_page(out, page)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 import hardspheres as hs
 from hardspheres.reference import ReferenceSimulation
+from hardspheres.scene import to_nearest_image
 from studies.validation.hard_cases.case import EPS, Case, Size, kept, pick
 
 TITLE = "Wide ratios of mass, diameter and speed"
@@ -153,9 +154,9 @@ def _next_pair(oracle: ReferenceSimulation) -> set[int]:
 
 def _distance(simulation: hs.Simulation, oracle: ReferenceSimulation, size: float, fastest: float) -> float:
     """Return the largest deviations of positions (smallest diameters) and velocities (largest speeds)."""
-    box, periodic = simulation.scene.box, simulation.scene.periodic
-    dx = simulation.positions - np.array(oracle.positions, dtype=np.float64)
-    dx -= np.where(periodic, box * np.rint(dx / box), 0.0)
+    dx = to_nearest_image(
+        simulation.positions - np.array(oracle.positions, dtype=np.float64), simulation.scene
+    )
     dv = simulation.velocities - np.array(oracle.velocities, dtype=np.float64)
     return max(float(np.abs(dx).max()) / size, float(np.abs(dv).max()) / fastest)
 

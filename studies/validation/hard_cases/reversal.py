@@ -14,6 +14,7 @@ from collections.abc import Iterator
 import numpy as np
 
 import hardspheres as hs
+from hardspheres.scene import to_nearest_image
 from studies.validation.hard_cases.case import Case, Size, kept, pick
 from studies.validation.hard_cases.tangent import largest_exponent
 
@@ -35,8 +36,7 @@ def return_error(scene: hs.Scene, s: float) -> float:
     there.run(collisions=round(s * scene.n / 2))
     back = hs.Simulation(there.to_scene().replace(velocities=-there.velocities))
     back.run(time=there.time)
-    dx = back.positions - scene.positions
-    dx -= scene.box * np.rint(dx / scene.box)
+    dx = to_nearest_image(back.positions - scene.positions, scene)
     return float(np.sqrt(np.sum(dx * dx)))
 
 
