@@ -34,6 +34,7 @@ __all__ = [
     "names_of",
     "notes_of",
     "number",
+    "say_sections",
     "sections",
     "tidy",
     "to_dataframe",
@@ -441,7 +442,12 @@ def sections(answers: Sequence[Answer], replicas: int | None) -> list[Section]:
 
 def write_tables(screen: Screen, answers: Sequence[Answer], replicas: int | None) -> None:
     """Print all numbers of all gases, and the curves that are short."""
-    for section in sections(answers, replicas):
+    say_sections(screen, sections(answers, replicas))
+
+
+def say_sections(screen: Screen, shown: Sequence[Section]) -> None:
+    """Print tables under their titles."""
+    for section in shown:
         screen.say(section.title)
         screen.say()
         for table in section.tables:

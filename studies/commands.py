@@ -11,6 +11,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from studies.exits import run_program
+from studies.formats import FORMATS
 from studies.options import App, OptionError, options_of, rewrapped, word
 from studies.registry import QUESTIONS, study_named
 
@@ -60,9 +61,7 @@ UntilError = Annotated[
         show_default="as many as --replicas",
     ),
 ]
-Format = Annotated[
-    str, typer.Option("--format", help="Format of figures.", **word("--format", "png", "svg", "pdf"))
-]
+Format = Annotated[str, typer.Option("--format", help="Format of figures.", **word("--format", *FORMATS))]
 OF_EVERY_RUN: dict[str, tuple[Any, Any]] = {
     "out": (Out, None),
     "force": (Force, False),

@@ -16,7 +16,7 @@ from analysis.expansion import HALF_WAY, Spreading, in_upper_half
 from analysis.statistics import Estimate, TheoryCheck, deviates, estimate_from_jackknife
 from analysis.theory import Prediction
 from studies.answer import Answer, Column, Curves, alarms, number
-from studies.fluid import Fluid, check_spread
+from studies.fluid import Fluid, check_spread, collisions_at
 from studies.half_full import AXIS, HalfFull
 from studies.options import OptionError, dimension, one_number, option, particles, positive, runs, word
 from studies.real_fluid import scaled
@@ -68,7 +68,7 @@ class Expansion(Study):
     explanation = """
     A gas in equilibrium in half of a box is let into the other half: densities and coarse-grained entropy
     against time, beside an ideal gas. Then all velocities are reversed, and the gas goes back for as long as
-    the arithmetic remembers, beside the Lyapunov exponent. With --mix the gas fills the box, and the
+    no rounding has grown too large, beside the Lyapunov exponent. With --mix the gas fills the box, and the
     particles of its two halves mix, beside Enskog's diffusion. Writes a summary, five tables, a picture and a
     page with a small gas to be watched.
     """
@@ -161,7 +161,7 @@ class Expansion(Study):
         for begin, end in itertools.pairwise([0.0, *reversals]):
             count = max(4, round(STOPS * (end - begin) / reversals[-1]))
             for s in np.linspace(begin, end, count + 1)[1:]:
-                found.setdefault(max(1, math.ceil(s * gas.n / 2 - 1e-9)), False)
+                found.setdefault(max(1, collisions_at(s, gas.n)), False)
             found[max(found)] = True
         return found
 

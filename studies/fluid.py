@@ -34,6 +34,7 @@ __all__ = [
     "broken",
     "check_length",
     "check_spread",
+    "collisions_at",
     "is_dense",
     "kind_of",
     "maker",
@@ -296,6 +297,11 @@ def check_spread(replicas: int) -> None:
         raise hs.SceneError(
             f"--replicas {replicas} gives no error bar, which comes from their spread; ask for at least 4"
         )
+
+
+def collisions_at(s: float, n: int) -> int:
+    """Return after how many pair collisions s collisions per particle are reached."""
+    return math.ceil(s * n / 2 - 1e-9)
 
 
 def number_fraction(fraction: float | None, diameter_ratio: float, mass_ratio: float) -> float:

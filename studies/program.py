@@ -10,9 +10,10 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
+import hardspheres as hs
 from studies.options import OptionError, check_options, options_of, rewrapped
 from studies.registry import QUESTIONS
-from studies.report import OutputFolder, Screen
+from studies.report import OutputFolder, Screen, machine, today
 
 __all__ = ["Program"]
 
@@ -83,12 +84,22 @@ class Program(ABC):
     def command(self) -> str:
         """The command that does the same, whole, but for where its files go and what changes no number."""
         listed = QUESTIONS.get(self.name, ("",))[0] == f"{type(self).__module__}:{type(self).__qualname__}"
-        words = ["hardspheres", self.name] if listed else ["python", _program_of(type(self))]
+        words = ["hardspheres", self.name] if listed else ["python", *_program_of(type(self))]
         for each, its in options_of(self):
             value = getattr(self, each.name)
             if each.name != "workers" and (value != each.default or each.name == "seed"):
                 words += its.typed(each.name, value)
         return shlex.join(words)
+
+    def made(self) -> dict[str, Any]:
+        """Return what made its results, for its summary: command, version, date and machine."""
+        return {
+            "study": self.name,
+            "command": self.command,
+            "version": hs.__version__,
+            "date": today(),
+            "machine": machine(),
+        }
 
     @property
     def which(self) -> str:
@@ -129,7 +140,7 @@ class Program(ABC):
         """
 
 
-def _program_of(kind: type[Program]) -> str:
-    """Return the name of the file that a class is in; where there is none, of its module."""
-    module = sys.modules.get(kind.__module__)
-    return Path(getattr(module, "__file__", None) or f"-m {kind.__module__}").name
+def _program_of(kind: type[Program]) -> list[str]:
+    """Return the words by which Python runs the file that a class is in; where there is none, its module."""
+    file = getattr(sys.modules.get(kind.__module__), "__file__", None)
+    return [Path(file).name] if file else ["-m", kind.__module__]

@@ -34,10 +34,8 @@ from studies.report import (
     engine_of,
     engine_rate,
     figure_style,
-    machine,
     say_checks,
     seconds_taken,
-    today,
 )
 from studies.running.ensemble import available_cores, run_replicas
 from studies.running.ownership import REPORT, SUMMARY
@@ -422,12 +420,8 @@ def summary_of(
     statuses = [run.status for run in runs]
     collisions = sum(status["collisions"] for status in statuses)
     return {
-        "study": study.name,
-        "command": study.command,
-        "version": hs.__version__,
+        **study.made(),
         "seed": study.seed,
-        "date": today(),
-        "machine": machine(),
         "options": {
             each.name: getattr(study, each.name) for each, _ in options_of(study) if each.name != "workers"
         },

@@ -18,7 +18,16 @@ from hardspheres.files import Reading, read_scene
 from hardspheres.gases import RealGas
 from studies import real_fluid
 from studies.answer import Answer, Column, Curves, heading, number
-from studies.fluid import LONGEST, Boundary, Fluid, box_of, is_dense, kind_of, two_species
+from studies.fluid import (
+    LONGEST,
+    Boundary,
+    Fluid,
+    box_of,
+    collisions_at,
+    is_dense,
+    kind_of,
+    two_species,
+)
 from studies.options import (
     MANY,
     OVER,
@@ -150,11 +159,6 @@ class RelaxingGas:
         return f"{what}, start: {start}"
 
 
-def _collisions_at(s: float, n: int) -> int:
-    """Return after how many pair collisions s collisions per particle are reached."""
-    return math.ceil(s * n / 2 - 1e-9)
-
-
 def sampling_points(end: float, n: int) -> tuple[float, ...]:
     """Return where to measure up to `end` collisions per particle, dense early, no collision twice.
 
@@ -177,7 +181,7 @@ def sampling_points(end: float, n: int) -> tuple[float, ...]:
         while points[-1] < end:
             points.append(float(f"{points[-1] * 7 / 6:.2g}"))
     wanted = [float(s) for s in points if s < end - 1e-9] + [float(end)]
-    by_collision = {_collisions_at(s, n): s for s in reversed(wanted)}
+    by_collision = {collisions_at(s, n): s for s in reversed(wanted)}
     return tuple(sorted(by_collision.values()))
 
 
@@ -344,7 +348,7 @@ class Thermalisation(Study):
         }
         looks = {name: set(moments[name]) for name in replica.estimators}
         for s in sorted(set().union(*looks.values()))[replica.done :]:
-            yield from until(simulation, _collisions_at(s, gas.n))
+            yield from until(simulation, collisions_at(s, gas.n))
             frame = simulation.frame()
             for name, own in looks.items():
                 if s in own:

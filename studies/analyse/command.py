@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import hardspheres as hs
 from studies.analyse.answer import answer_of
 from studies.analyse.findings import findings
 from studies.analyse.gas_in_file import GasInFile
@@ -16,7 +15,7 @@ from studies.answer import curve_files, heading, marks_of, sections, tidy, write
 from studies.file_options import AboutAFile
 from studies.options import option, options_of
 from studies.page.write import Report, write_page
-from studies.report import OutputFolder, Screen, figure_style, machine, seconds_taken, today
+from studies.report import OutputFolder, Screen, figure_style, seconds_taken
 from studies.running.ownership import REPORT, SUMMARY
 
 __all__ = ["Analyse"]
@@ -76,11 +75,7 @@ class Analyse(AboutAFile):
             out.write_csv("pair_distribution.csv", curves["pair_distribution"])
         out.save_figure("analysis.png", drawn, subject)
         summary: dict[str, Any] = {
-            "study": self.name,
-            "version": hs.__version__,
-            "command": self.command,
-            "date": today(),
-            "machine": machine(),
+            **self.made(),
             "options": {each.name: getattr(self, each.name) for each, _ in options_of(self)},
             "frames": found.gas.n_frames,
             "n": found.gas.n,

@@ -10,12 +10,12 @@ from scipy.special import ndtr
 from analysis.statistics import TheoryCheck
 from studies.answer import Answer, expected_cell, measured_cell, names_of
 
-__all__ = ["answer_in_words", "main_numbers"]
+__all__ = ["answer_in_words"]
 
 FEW = 3  # gases whose numbers are told one by one
 
 
-def main_numbers(answer: Answer) -> list[TheoryCheck]:
+def _told(answer: Answer) -> list[TheoryCheck]:
     """Return the main numbers of a gas; where none of them has a theory, also the first that has one."""
     if not answer.numbers:
         return []
@@ -34,7 +34,7 @@ def answer_in_words(answers: Sequence[Answer]) -> list[str]:
     answers : sequence of Answer
         Of one or more gases.
     """
-    told = [main_numbers(answer) for answer in answers]
+    told = [_told(answer) for answer in answers]
     if len(answers) <= FEW:
         words = [
             _sentence(f"{where}: " if where else "", numbers)
@@ -62,9 +62,14 @@ def _one(found: TheoryCheck) -> str:
     text = f"{found.quantity} = {measured_cell(found) or 'not known'}"
     if not math.isfinite(found.z):
         return f"{text}, beside {_expected(found)}" if expected_cell(found) else text
-    way = "above" if found.z > 0.0 else "below"
-    text += f", {abs(found.z):.1f} standard errors {way} {_expected(found)}"
+    text += f", {_deviation(found)}"
     return text + ", whose own uncertainty is the larger one" * found.better_than_theory
+
+
+def _deviation(found: TheoryCheck) -> str:
+    """Return how far a number is from its theory."""
+    way = "above" if found.z > 0.0 else "below"
+    return f"{abs(found.z):.1f} standard errors {way} {_expected(found)}"
 
 
 def _expected(found: TheoryCheck) -> str:
@@ -85,11 +90,7 @@ def _over_many(quantity: str, answers: Sequence[Answer], told: Sequence[Sequence
     compared = [(where, each) for where, each in found if math.isfinite(each.z)]
     if compared:
         where, worst = max(compared, key=lambda pair: abs(pair[1].z))
-        way = "above" if worst.z > 0.0 else "below"
-        text += (
-            f". The largest deviation is at {where}: {measured_cell(worst)}, {abs(worst.z):.1f} standard "
-            f"errors {way} {_expected(worst)}"
-        )
+        text += f". The largest deviation is at {where}: {measured_cell(worst)}, {_deviation(worst)}"
     return _capital(text) + "."
 
 

@@ -24,7 +24,7 @@ from studies.fluid import THEORY_UP_TO, Fluid, representatives
 from studies.options import densities, dimension, option, seed
 from studies.page import Report, write_page
 from studies.program import Program
-from studies.report import ALARM, OutputFolder, Screen, alarming, estimate_json, machine, today
+from studies.report import ALARM, OutputFolder, Screen, alarming, estimate_json
 from studies.running.ensemble import replica_seeds, run_replicas
 from studies.running.journal import Shelf
 from studies.running.ownership import REPORT, SUMMARY
@@ -342,10 +342,7 @@ def _compare_all(study: Accuracy, out: OutputFolder, screen: Screen) -> tuple[di
             for sentence in each.failures
         ]
         summary: dict[str, Any] = {
-            "study": "accuracy",
-            "command": study.command,
-            "date": today(),
-            "version": hs.__version__,
+            **study.made(),
             "seed": study.seed,
             "n": study.n,
             "dim": study.dim,
@@ -354,7 +351,6 @@ def _compare_all(study: Accuracy, out: OutputFolder, screen: Screen) -> tuple[di
             "states": [_state_summary(each) for each in compared],
             "answers": [sentence for each in compared for sentence in answers(each)],
             "checks": {"passed": not failures, "failures": failures, "alarm_in_standard_errors": ALARM},
-            "machine": machine(),
             "files": sorted({*out.files, REPORT, SUMMARY}),
             "seconds": {
                 "setup_and_compilation": ready - began,

@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 import hardspheres as hs
 from analysis.calibration import Calibration, calibrate
 from analysis.statistics import Estimate
-from studies.answer import Section, Table
+from studies.answer import Section, Table, say_sections
 from studies.options import MANY, option, seed, workers
 from studies.page import Report, write_page
 from studies.program import Program
-from studies.report import OutputFolder, Screen, machine, seconds_taken, today
+from studies.report import OutputFolder, Screen, seconds_taken
 from studies.running.ensemble import available_cores, replica_seeds, run_replicas
 from studies.running.ownership import REPORT, SUMMARY
 from studies.validation import calibration_runs
@@ -166,11 +166,7 @@ def _calibrate(study: Calibrations, out: OutputFolder, screen: Screen) -> tuple[
             out.save_figure("calibration.png", drawn, _in_words(study))
         failures = [f"{row.family}, {row.name}: {row.result}" for row in rows if not row.result.passed]
         summary: dict[str, Any] = {
-            "study": "calibration",
-            "command": study.command,
-            "date": today(),
-            "machine": machine(),
-            "version": hs.__version__,
+            **study.made(),
             "seed": study.seed,
             "options": {"runs": study.runs, "families": study.families},
             "workers": available_cores() if study.workers is None else study.workers,
@@ -193,12 +189,7 @@ def _calibrate(study: Calibrations, out: OutputFolder, screen: Screen) -> tuple[
         )
         write_page(out, page)
         out.write_json(SUMMARY, summary)
-    for section in tables:
-        screen.say(section.title)
-        screen.say()
-        for table in section.tables:
-            screen.table("", table.header, table.rows)
-        screen.say()
+    say_sections(screen, tables)
     for sentence in legend:
         screen.say(sentence)
     for failure in failures:

@@ -25,7 +25,7 @@ from hardspheres.reference import ReferenceSimulation
 from hardspheres.scene import to_nearest_image
 from studies.options import option
 from studies.program import Program
-from studies.report import OutputFolder, Screen, machine, today
+from studies.report import OutputFolder, Screen, machine
 from studies.running.ensemble import replica_seeds
 from studies.running.ownership import SUMMARY
 from studies.validation import calibration_runs
@@ -196,10 +196,7 @@ class Verify(Program):
         screen.say(told)
         differing = [f"{each.name}: {each.verdict}" for each in found if each.verdict != SAME]
         summary: dict[str, Any] = {
-            "study": "verify",
-            "command": self.command,
-            "date": today(),
-            "version": hs.__version__,
+            **self.made(),
             "seed": self.seed,
             "machine": machine() | about,
             "digests": [vars(each) for each in found],

@@ -1,8 +1,8 @@
 """A gas and all its events, as one page that needs nothing else.
 
 The page gets positions and velocities at the start and, for every event, its time, the one or two particles
-and the momentum passed: 32 bytes in 2D and 40 in 3D, from which velocities after it follow to a rounding.
-Between events particles fly straight.
+and the momentum transferred: 32 bytes in 2D and 40 in 3D, from which velocities after it follow to a
+rounding. Between events particles fly straight.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 import hardspheres as hs
 from hardspheres.event_log import event_dtype
 from hardspheres.temporary import replacing
-from studies.fluid import kind_of
+from studies.fluid import collisions_at, kind_of
 
 __all__ = ["Replay", "replay_by_steps", "view"]
 
@@ -183,7 +183,7 @@ def view(start: hs.Scene | hs.Simulation, collisions_per_particle: float = 10.0)
         raise hs.SimulationError(
             f"the viewer shows up to {MOST_PARTICLES} particles, and this gas has {n}; show a smaller one"
         )
-    collisions = max(1, math.ceil(s * n / 2 - 1e-9))
+    collisions = max(1, collisions_at(s, n))
     if collisions > MOST_EVENTS:
         raise _too_many(n)
     chunks: list[NDArray[np.void]] = []
@@ -209,7 +209,8 @@ def replay_by_steps(scene: hs.Scene, collisions_per_particle: float = 10.0) -> R
     """Return what `view` does of a small gas, without a log.
 
     A log needs kernels of its own, and compiling them takes longer than stopping at every collision of a few
-    hundred particles to see whose velocities have changed. Hits of walls in between follow from the flights.
+    hundred particles to see whose velocities have changed. Wall collisions in between follow from
+    the flights.
 
     Parameters
     ----------
@@ -220,8 +221,8 @@ def replay_by_steps(scene: hs.Scene, collisions_per_particle: float = 10.0) -> R
     """
     simulation, n, walled = hs.Simulation(scene), scene.n, not scene.periodic.all()
     time, x, v = 0.0, simulation.positions, simulation.velocities
-    found: list[tuple[float, int, int, NDArray[np.float64]]] = []  # time, i, j, momentum passed
-    for _ in range(math.ceil(collisions_per_particle * n / 2 - 1e-9)):
+    found: list[tuple[float, int, int, NDArray[np.float64]]] = []  # time, i, j, momentum transferred
+    for _ in range(collisions_at(collisions_per_particle, n)):
         simulation.run(collisions=1)
         now, after = simulation.time, simulation.velocities
         before = v.copy()
@@ -250,7 +251,7 @@ def replay_by_steps(scene: hs.Scene, collisions_per_particle: float = 10.0) -> R
 def _wall_hits(
     scene: hs.Scene, x: NDArray[np.float64], v: NDArray[np.float64], duration: float
 ) -> Iterator[tuple[float, int, int, int]]:
-    """Yield time, particle, axis and side of each hit of a wall in free flight for so long."""
+    """Yield time, particle, axis and side of each wall collision of particles that fly freely for so long."""
     for axis in np.flatnonzero(~scene.periodic):
         room = scene.box[axis] - 2.0 * scene.radii  # of a centre; it bounces to and fro in it
         inside, speed = x[:, axis] - scene.radii, np.abs(v[:, axis])

@@ -30,7 +30,7 @@ export class Gas {
       if (this.second[e] < n) this.turn(e, this.second[e], n + 2 * e + 1, -1);
     }
     this.follow();
-    this.back(events);
+    for (let i = 0; i < n; i++) this.flight[i] = i; // back to the start
   }
 
   turn(e, i, p, sign) {
@@ -40,12 +40,6 @@ export class Gas {
       this.x[p * dim + k] = this.x[q * dim + k] + this.v[q * dim + k] * dt;
       this.v[p * dim + k] = this.v[q * dim + k] + sign * this.push[e * dim + k] / m;
     }
-  }
-
-  back(events) { // from after all of them to the start
-    this.done = events;
-    while (this.done > 0) this.undo();
-    this.t = 0;
   }
 
   redo() {
@@ -87,7 +81,11 @@ export class Gas {
     return out;
   }
 
-  velocity(i) { const p = this.flight[i] * this.dim; return Array.from(this.v.subarray(p, p + this.dim)); }
+  squaredSpeed(p) { // of a flight, relative to the drift
+    let sum = 0;
+    for (let k = 0; k < this.dim; k++) sum += (this.v[p * this.dim + k] - this.drift[k]) ** 2;
+    return sum;
+  }
 
   follow() { // pair collisions s = 2 c / N and a2 after each event
     const {n, dim, events, masses} = this;
@@ -98,11 +96,7 @@ export class Gas {
       for (let i = 0; i < n; i++) p += masses[i] * this.velocities[i * dim + k];
       return p / total;
     });
-    const energy = (p, i) => { // m (v - u)^2
-      let sum = 0;
-      for (let k = 0; k < dim; k++) sum += (this.v[p * dim + k] - this.drift[k]) ** 2;
-      return masses[i] * sum;
-    };
+    const energy = (p, i) => masses[i] * this.squaredSpeed(p);
     let two = 0, four = 0, pairs = 0;
     for (let i = 0; i < n; i++) { const q = energy(i, i); two += q; four += q * q; }
     const a2 = () => two > 0 ? dim * n * four / ((dim + 2) * two * two) - 1 : 0;
@@ -142,9 +136,7 @@ export class Gas {
     const {dim, n} = this, kinds = [];
     for (let i = 0; i < n; i++) {
       const kind = kinds[this.species[i]] ??= {count: 0, sum: 0, mass: this.masses[i]};
-      let sum = 0;
-      for (let k = 0; k < dim; k++) sum += (this.v[this.flight[i] * dim + k] - this.drift[k]) ** 2;
-      kind.count++; kind.sum += this.masses[i] * sum;
+      kind.count++; kind.sum += this.masses[i] * this.squaredSpeed(this.flight[i]);
     }
     const total = kinds.reduce((sum, k) => sum + k.count * k.mass, 0);
     return kinds.map(({count, mass, sum}) => {
@@ -204,12 +196,10 @@ function start() {
     g.font = "12px system-ui, sans-serif"; g.lineWidth = 1; g.setLineDash([]); g.textAlign = "left";
     return [g, w, h];
   };
+  const level = speed => Math.min(Math.floor(LEVELS * speed / fastest), LEVELS - 1);
   const colour = i => {
     if (ways[way] !== "speed") return LEVELS + (ways[way] === "label" ? gas.label : gas.species)[i] % palette.length;
-    const p = gas.flight[i] * dim;
-    let sum = 0;
-    for (let k = 0; k < dim; k++) sum += (gas.v[p + k] - gas.drift[k]) ** 2;
-    return Math.min(Math.floor(LEVELS * Math.sqrt(sum) / fastest), LEVELS - 1);
+    return level(Math.sqrt(gas.squaredSpeed(gas.flight[i])));
   };
   const legend = () => { // of the colours
     const name = ways[way], swatch = k => `<i style="background:${palette[k % palette.length]}"></i>`;
@@ -389,9 +379,7 @@ function start() {
     const groups = many ? [now.reduce((a, k) => ({count: a.count + k.count, mass: 1, kT: 0}), {count: 0})] : now;
     const counts = groups.map(() => new Float64Array(bins));
     for (let i = 0; i < n; i++) {
-      let sum = 0;
-      for (let k = 0; k < dim; k++) sum += (gas.v[gas.flight[i] * dim + k] - gas.drift[k]) ** 2;
-      const bin = Math.floor(Math.sqrt(sum) / width);
+      const bin = Math.floor(Math.sqrt(gas.squaredSpeed(gas.flight[i])) / width);
       if (bin < bins) counts[many ? 0 : gas.species[i]][bin] += 1 / (groups[many ? 0 : gas.species[i]].count * width);
     }
     const law = (v, {mass, kT}) => {
@@ -403,8 +391,7 @@ function start() {
     groups.forEach((kind, s) => {
       g.globalAlpha = groups.length > 1 ? .55 : 1;
       counts[s].forEach((f, k) => {
-        const level = Math.min(Math.floor(LEVELS * (k + .5) * width / fastest), LEVELS - 1);
-        g.fillStyle = groups.length > 1 ? palette[s] : colours[level];
+        g.fillStyle = groups.length > 1 ? palette[s] : colours[level((k + .5) * width)];
         g.fillRect(px(k * width) + .5, py(f), (R - L) / bins - 1, B - py(f));
       });
       g.globalAlpha = 1; g.strokeStyle = groups.length > 1 ? palette[s] : ink; g.lineWidth = 2; g.setLineDash(s ? [6, 3] : []);

@@ -4,6 +4,7 @@ import json
 import math
 import re
 import shlex
+import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -258,6 +259,14 @@ def test_labels_of_a_file_are_typed_as_they_are_read():
     study = study_named("thermalise")(source="a b.xyz", radius={"A": 0.5, "B": 0.3}, box=(9.0, 8.5))
     told = "hardspheres thermalise --seed 1 --from 'a b.xyz' --radius A=0.5,B=0.3 --box 9,8.5"
     assert study.command == told
+
+
+def test_the_command_of_a_study_of_ones_own(monkeypatch):
+    """A file is run by its name, a class of a notebook by its module, each word by itself."""
+    own = type("Own", (study_named("free-path"),), {"__module__": "__main__", "name": "own"})
+    for file, words in (("/some/own.py", ["own.py"]), (None, ["-m", "__main__"])):
+        monkeypatch.setattr(sys.modules["__main__"], "__file__", file, raising=False)
+        assert shlex.split(own().command) == ["python", *words, "--seed", "1"]
 
 
 def test_the_digest_knows_every_bit():

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
 
-import hardspheres as hs
 from studies.answer import Section, Table
 from studies.options import OptionError, option, word
 from studies.page import Report, write_page
 from studies.program import Program
-from studies.report import OutputFolder, Screen, machine, today
+from studies.report import OutputFolder, Screen
 from studies.running.ownership import REPORT, SUMMARY
 from studies.validation.hard_cases import (
     cradle,
@@ -134,15 +133,11 @@ def _written(
         columns["case" if field == "name" else field] = [getattr(case, field) for _, case in rows]
     out.write_csv("hard_cases.csv", columns)
     summary: dict[str, Any] = {
-        "study": "hard-cases",
-        "command": study.command,
-        "date": today(),
-        "machine": machine(),
+        **study.made(),
         "size": size,
         "cases": [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)],
         "checks": {"passed": not failures, "failures": failures},
         "seconds": time.perf_counter() - began,
-        "version": hs.__version__,
         "files": sorted({*out.files, REPORT, SUMMARY}),
     }
     page = Report(
