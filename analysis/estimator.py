@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from analysis.brief import word
 from analysis.correlation_times import LONG_RUN, velocity_correlation_times, warn_if_frozen
 from analysis.reduced import Gas
-from analysis.series import BlockSeries, estimate_from_runs
+from analysis.series import BlockSeries, block_length, estimate_from_runs, run_groups
 from analysis.statistics import Estimate, TheoryCheck
 from hardspheres.errors import HardSpheresError
 
@@ -206,6 +206,26 @@ class BlockEstimator(Estimator):
         """Return a function of the mean row of all runs, given the rows of each; see `estimate_from_runs`."""
         weights = [series.n_samples for series in self._series()]
         return estimate_from_runs(runs, statistic, shortest, weights)
+
+    def _errors_of_rows(self, along: FloatArray) -> FloatArray:
+        """Return standard errors of the mean row, from blocks as long as a weighted sum of it asks for.
+
+        Parameters
+        ----------
+        along : array
+            The weights, of a row's shape.
+        """
+        series, variances, samples = self._series(), [], []
+        runs = [each.rows for each in series]
+        for group in run_groups(runs):
+            rows = np.concatenate([runs[k] for k in group])
+            length = min(block_length(np.tensordot(rows, along, along.ndim)), len(rows) // 2)
+            blocks = len(rows) // length
+            means = rows[len(rows) - blocks * length :].reshape(blocks, length, *rows.shape[1:]).mean(axis=1)
+            variances.append((means.std(axis=0, ddof=1) / math.sqrt(blocks)) ** 2)
+            samples.append(sum(series[k].n_samples for k in group))
+        weights = np.array(samples) / sum(samples)
+        return np.asarray(np.sqrt(np.tensordot(weights**2, np.array(variances), 1)))
 
     @property
     def _mean(self) -> FloatArray:

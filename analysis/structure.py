@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from analysis import theory
 from analysis.estimator import PALETTE, BlockEstimator, axes_or_new, labelled, over_runs
 from analysis.reduced import Gas
-from analysis.series import BlockSeries, block_length, run_groups
+from analysis.series import BlockSeries
 from analysis.statistics import Estimate, TheoryCheck
 
 if TYPE_CHECKING:
@@ -201,17 +201,8 @@ class PairDistribution(BlockEstimator):
         """
         if self._frames == 1:
             return np.asarray(np.sqrt(self._poisson_variance()))
-        functional, shares = self._extrapolation(self.degree), self._shares()
-        variances, frames = [], []
-        for group in run_groups(runs := self._rows()):
-            rows = np.concatenate([runs[k] for k in group])
-            length = min(block_length(rows @ functional @ shares), len(rows) // 2)
-            blocks = len(rows) // length
-            means = rows[len(rows) - blocks * length :].reshape(blocks, length, *rows.shape[1:]).mean(axis=1)
-            variances.append((means.std(axis=0, ddof=1) / math.sqrt(blocks)) ** 2)
-            frames.append(sum(self._series()[k].n_samples for k in group))
-        weights = np.array(frames) / sum(frames)
-        error = np.sqrt(np.einsum("r,r...->...", weights**2, np.array(variances)))
+        along = np.outer(self._shares(), self._extrapolation(self.degree))
+        error = self._errors_of_rows(along)
         return np.asarray(np.maximum(error, self._sparse_variance() ** 0.5))
 
     def _sparse(self) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -10,10 +10,11 @@ outside the range in which it was established gives NaN and a `TheoryRangeWarnin
 One idea per file: `maxwell` velocities at equilibrium, `equilibrium` cumulants and H of N particles, `state`
 equations of state, `mixtures`, `collisions` rates and free flights, `flights` the same in mixtures,
 `relaxation`, `equal_speeds` and `beams` the way to equilibrium, `transport` Enskog's coefficients, `sound`
-its speed and damping, `expansion` how particles spread from half of a box, `lyapunov` how fast a gas forgets,
+its speed and damping, `arrangement` the structure factor, `expansion` how particles spread from half of a box, `lyapunov` how fast a gas forgets,
 `two_spheres` exact rates of the smallest gas.
 """
 
+from analysis.theory.arrangement import percus_yevick_structure, structure_limit
 from analysis.theory.beams import BeamsRelaxation, boltzmann_beams
 from analysis.theory.collisions import (
     collision_rate,
@@ -169,6 +170,7 @@ __all__ = [
     "near_equilibrium_rate",
     "packing_fraction",
     "pairs_of_few",
+    "percus_yevick_structure",
     "periodic_diffusion_correction",
     "periodic_diffusion_window",
     "reversal_horizon",
@@ -182,6 +184,7 @@ __all__ = [
     "speed_pdf",
     "spread_entropy",
     "spread_shares",
+    "structure_limit",
     "temperature_equilibration",
     "temperature_equilibration_rate",
     "tracer_displacement",

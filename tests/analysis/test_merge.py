@@ -19,6 +19,7 @@ from analysis.relaxation import RelaxationCurve
 from analysis.series import estimate_from_runs, estimate_from_series
 from analysis.statistics import Estimate, ReplicaWarning, pool_replicas
 from analysis.structure import PairDistribution
+from analysis.structure_factor import StructureFactor
 from analysis.transport import Diffusion
 from analysis.velocities import FourthCumulant, HFunction, KolmogorovSmirnov
 from studies.running.encoding import decode, encode
@@ -94,6 +95,7 @@ MEANS = {  # a main result of each, with its error
         e.compressibility_factor.value,
         e.compressibility_factor.standard_error,
     ),
+    StructureFactor: lambda e: (e.structure_factor[2], e.structure_factor_error[2]),
     Diffusion: lambda e: (e.mean_square_displacement[3], e.mean_square_displacement_error[3]),
     Pressure: lambda e: (e.virial.value, e.virial.standard_error),
     FreePath: lambda e: (e.mean_free_path[0].value, e.mean_free_path[0].standard_error),

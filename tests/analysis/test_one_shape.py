@@ -25,9 +25,11 @@ from analysis.maxwell_test import MaxwellTest
 from analysis.moments import VelocityMoments
 from analysis.order import BondOrder
 from analysis.pressure import Pressure
+from analysis.profile import DensityProfile
 from analysis.relaxation import RelaxationCurve
 from analysis.statistics import TheoryCheck
 from analysis.structure import PairDistribution
+from analysis.structure_factor import StructureFactor
 from analysis.temperatures import AnisotropyDecay, TemperatureEquilibration
 from analysis.transport import Diffusion
 from analysis.velocities import FourthCumulant, HFunction, KolmogorovSmirnov
@@ -44,16 +46,20 @@ STREAMING = [
     MaxwellTest,
     BondOrder,
     PairDistribution,
+    StructureFactor,
     Diffusion,
 ]
 REPLICAS = [RelaxationCurve, TemperatureEquilibration, AnisotropyDecay]
-EVERY = [*STREAMING, *REPLICAS, Spreading, Pressure, FreePath]
+WALLED = [Spreading, DensityProfile]
+EVERY = [*STREAMING, *REPLICAS, *WALLED, Pressure, FreePath]
 # true before anything is added
 WITHOUT_DATA = {"n_replicas", "n_blocks", "discarded_rows", "predictions", "flights"}
 WITH_SCENE = {"gas", "scene", "labels"}  # where the constructor takes the scene
 
 
 def new(kind):
+    if kind is DensityProfile:
+        return kind(axis=0)
     return kind(random_gas("3d", 32, 0.1)) if kind in (Pressure, FreePath) else kind()
 
 
@@ -64,7 +70,7 @@ def walled(n):
 
 def frames(kind):
     """31 frames of a small gas that this kind of estimator can measure."""
-    if kind is Spreading:
+    if kind in WALLED:
         return list(hs.Simulation(walled(64)).frames(every=1.0, count=31))
     scene = random_gas("3d_mixture" if kind is TemperatureEquilibration else "3d", 64, 0.1)
     if kind in REPLICAS:
@@ -228,7 +234,12 @@ def test_repr_tells_results_or_that_there_are_none(kind):
     """Sibling: an estimator that has seen nothing; what cannot be told yet raises nothing."""
     name = kind.__name__
     assert repr(new(kind)) == f"<{name}: nothing added yet>"
-    special = {TemperatureEquilibration: random_gas("3d_mixture", 60, 0.02), Spreading: walled(32)}
+    special = {
+        TemperatureEquilibration: random_gas("3d_mixture", 60, 0.02),
+        Spreading: walled(32),
+        DensityProfile: walled(64),
+        StructureFactor: random_gas("3d", 60, 0.1),
+    }
     scene = special.get(kind, random_gas("3d", 32, 0.1))
     estimator = kind(scene) if kind in (Pressure, FreePath) else new(kind)
     sim = hs.Simulation(scene, free_paths=kind is FreePath)
