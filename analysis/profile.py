@@ -56,8 +56,8 @@ class DensityProfile(BlockEstimator):
     def __init__(self, axis: int = -1, width: float = 0.04, window: float = 0.3, degree: int = 3) -> None:
         if degree < 1 or not 0.0 < width * (degree + 2) <= window * (1.0 + 1e-9):
             raise ValueError(
-                f"window = {window:g} with slices of width = {width:g}; a polynomial of degree {degree} needs "
-                f"at least {degree + 2} slices in the window"
+                f"window = {window:g} with slices of width = {width:g}; a polynomial of degree {degree} "
+                f"needs at least {degree + 2} slices in the window"
             )
         self.axis, self.width, self.window, self.degree = axis, width, window, degree
         self._blocks = BlockSeries(256)
@@ -96,15 +96,15 @@ class DensityProfile(BlockEstimator):
             raise ValueError(f"axis = {self.axis}; a gas in {scene.dim}D has axes 0 to {scene.dim - 1}")
         if scene.periodic[self.axis]:
             raise ValueError(
-                f"axis {self.axis} is periodic, so the density is the same everywhere along it; choose an axis "
-                "with walls"
+                f"axis {self.axis} is periodic, so the density is the same everywhere along it; choose an "
+                "axis with walls"
             )
         self._gas = Gas.of(scene)
         if self._fitted().max() > self._bins // 2:
             room, self._gas = float(self._reach().min()), None
             raise ValueError(
-                f"window = {self.window:g} mean diameters is more than half of what centres can reach between "
-                f"the walls, {room:.4g}; take a narrower one"
+                f"window = {self.window:g} mean diameters is more than half of what centres can reach "
+                f"between the walls, {room:.4g}; take a narrower one"
             )
 
     @property
@@ -134,7 +134,7 @@ class DensityProfile(BlockEstimator):
         return np.asarray(np.floor(slices * (1.0 + 1e-9)), np.int64)
 
     def _extrapolation(self) -> FloatArray:
-        """Weights, (species, bins), by which n of the slices gives the fitted polynomial at the lower wall."""
+        """Weights, (species, bins), by which slices give the fitted polynomial at the lower wall."""
         weights = np.zeros((len(self.gas.sizes), self._bins))
         for own, fitted in zip(weights, self._fitted().tolist(), strict=True):
             edges = np.arange(fitted + 1) / fitted
@@ -176,7 +176,7 @@ class DensityProfile(BlockEstimator):
 
     @property
     def contact(self) -> tuple[Estimate, Estimate]:
-        """kT n at contact with the lower wall, and with the upper one: the pressure on each, in units of kT.
+        """KT n at contact with the lower wall, and with the upper one: the pressure on each, in units of kT.
 
         Summed over species. Bias: what the polynomial does not follow, see `extrapolation_bias`.
         """

@@ -55,9 +55,7 @@ class StructureFactor(BlockEstimator):
     (`series.estimate_from_series`) of the frames. Memory does not grow with the number of frames.
     """
 
-    def __init__(
-        self, k_max: float = 15.0, vectors: int = 24, window: float = 2.0, degree: int = 2
-    ) -> None:
+    def __init__(self, k_max: float = 15.0, vectors: int = 24, window: float = 2.0, degree: int = 2) -> None:
         if not 0.0 < window <= k_max:
             raise ValueError(f"window = {window:g}; expected a positive number of at most k_max = {k_max:g}")
         if vectors < 1 or degree < 1:
@@ -113,8 +111,8 @@ class StructureFactor(BlockEstimator):
         longest = 2.0 * math.pi * diameter / scene.box.max()
         if longest > self.k_max:
             raise ValueError(
-                f"k_max = {self.k_max:g} is below {longest:.4g}, the wave number of the longest wave that fits "
-                "into this box"
+                f"k_max = {self.k_max:g} is below {longest:.4g}, the wave number of the longest wave that "
+                "fits into this box"
             )
         edges = _steps(longest, self.window, self.k_max)
         self._waves, self._bins = _chosen(2.0 * math.pi * diameter / scene.box, edges, self.vectors)
@@ -184,7 +182,7 @@ class StructureFactor(BlockEstimator):
 
     @property
     def limit(self) -> Estimate:
-        """S in the limit of long waves, extrapolated; of one species kT times the compressibility and density.
+        """S in the limit of long waves, extrapolated: of one species kT d rho/dP.
 
         Bias: what the polynomial does not follow, see `extrapolation_bias`.
 
@@ -309,4 +307,4 @@ def _candidates(
     waves = waves[(k >= low) & (k < high) & (k > 0.0)]
     if len(waves) > most:
         waves = waves[np.sort(rng.choice(len(waves), most, replace=False))]
-    return waves
+    return np.asarray(waves, dtype=np.int64)

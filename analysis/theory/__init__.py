@@ -10,8 +10,8 @@ outside the range in which it was established gives NaN and a `TheoryRangeWarnin
 One idea per file: `maxwell` velocities at equilibrium, `equilibrium` cumulants and H of N particles, `state`
 equations of state, `mixtures`, `collisions` rates and free flights, `flights` the same in mixtures,
 `relaxation`, `equal_speeds` and `beams` the way to equilibrium, `transport` Enskog's coefficients, `sound`
-its speed and damping, `arrangement` the structure factor, `expansion` how particles spread from half of a box, `lyapunov` how fast a gas forgets,
-`two_spheres` exact rates of the smallest gas.
+its speed and damping, `arrangement` the structure factor, `expansion` how particles spread from half of a
+box, `lyapunov` how fast a gas forgets, `two_spheres` exact rates of the smallest gas.
 """
 
 from analysis.theory.arrangement import percus_yevick_structure, structure_limit

@@ -63,9 +63,9 @@ def _percus_yevick(q: FloatArray, e: FloatArray) -> FloatArray:
 def structure_limit(eta: ArrayLike, dim: int, n: int | None = None) -> Prediction:
     """Return the structure factor of the fluid in the limit of long waves, S(0+).
 
-    S(0) = kT (d rho / d P) = 1/(d(eta Z)/d eta), exact: the compressibility, from `compressibility_factor`. In
-    a box of N particles, whose number does not fluctuate, the waves that fit in have another limit, S_N = S -
-    (S(0)/2N) eta d^2(eta S)/d eta^2 (Lebowitz and Percus, Phys. Rev. 122, 1675 (1961), doi
+    S(0) = kT (d rho / d P) = 1/(d(eta Z)/d eta), exact: the compressibility, from `compressibility_factor`.
+    In a box of N particles, whose number does not fluctuate, the waves that fit in have another limit, S_N =
+    S - (S(0)/2N) eta d^2(eta S)/d eta^2 (Lebowitz and Percus, Phys. Rev. 122, 1675 (1961), doi
     10.1103/PhysRev.122.1675); in the ideal gas 1 for any N.
 
     Parameters

@@ -99,7 +99,12 @@ def test_contact_densities_are_calibrated():
         pressure = float(force.mean()) / (scene.volume / scene.box[1]) / scene.temperature
         lower, upper = profile.contact
         found += [
-            Estimate(each.value / pressure, each.standard_error / pressure, each.n_effective, each.degrees_of_freedom)
+            Estimate(
+                each.value / pressure,
+                each.standard_error / pressure,
+                each.n_effective,
+                each.degrees_of_freedom,
+            )
             for each in (lower, upper)
         ]
     assert calibrate(found, 1.0).passed
@@ -113,11 +118,15 @@ def test_bad_input():
         DensityProfile(width=0.1)
     scene = random_gas("3d_walls", 64, 0.1)
     frame = SimpleNamespace(scene=scene, positions=scene.positions)
-    with pytest.raises(ValueError, match="axis 0 is periodic, so the density is the same everywhere along it"):
+    with pytest.raises(
+        ValueError, match="axis 0 is periodic, so the density is the same everywhere along it"
+    ):
         DensityProfile(0).add(frame)
     with pytest.raises(ValueError, match="axis = 3; a gas in 3D has axes 0 to 2"):
         DensityProfile(3).add(frame)
-    with pytest.raises(ValueError, match="window = 4 mean diameters is more than half of what centres can reach"):
+    with pytest.raises(
+        ValueError, match="window = 4 mean diameters is more than half of what centres can reach"
+    ):
         DensityProfile(1, window=4.0).add(frame)
     other = random_gas("3d_walls", 32, 0.1)
     with pytest.raises(ValueError, match="32 particles; expected 64"):

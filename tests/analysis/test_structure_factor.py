@@ -118,7 +118,9 @@ def test_percus_and_yevick():
         + b * (2 * q * sine + (2 - q**2) * cosine - 2) / q**4
         + c * (-(q**4) * cosine + 4 * ((3 * q**2 - 6) * cosine + (q**3 - 6 * q) * sine + 6)) / q**6
     )
-    assert theory.percus_yevick_structure(q, e).value == pytest.approx(1 / (1 + 24 * e * transform), rel=1e-10)
+    assert theory.percus_yevick_structure(q, e).value == pytest.approx(
+        1 / (1 + 24 * e * transform), rel=1e-10
+    )
     with pytest.warns(theory.TheoryRangeWarning):
         assert math.isnan(theory.percus_yevick_structure(1.0, 0.6).value)
 
@@ -168,7 +170,9 @@ def test_bad_input():
         StructureFactor(k_max=0.5, window=0.4).add(frame)
     narrow = StructureFactor(window=1.0).add(frame)
     assert narrow.checks == [] and len(narrow.structure_factor_error) == len(narrow.k)
-    with pytest.raises(ValueError, match="1 lengths of waves have k < window = 1, and a polynomial of degree 2"):
+    with pytest.raises(
+        ValueError, match="1 lengths of waves have k < window = 1, and a polynomial of degree 2"
+    ):
         _ = narrow.limit
     other = random_gas("3d", 32, 0.1)
     with pytest.raises(ValueError, match="32 particles; expected 64"):
