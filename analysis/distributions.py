@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from analysis import theory
 from analysis.correlation_times import FrameWeights
@@ -195,7 +195,7 @@ class _Histogram(Estimator):
             freedom += len(expected) - 1
         if freedom < 1:
             self._require(False, "test: too few particles", "add(frame) with more particles")
-        return ChiSquare(statistic, freedom, 1, float(stats.chi2.sf(statistic, freedom)))
+        return ChiSquare(statistic, freedom, 1, float(special.chdtrc(freedom, statistic)))
 
     @property
     def checks(self) -> list[TheoryCheck]:
@@ -311,7 +311,7 @@ class ComponentDistribution(_Histogram):
         # a component's share of the energy is (1 - q) Beta(1/2, (D - 1)/2)
         freedom = self.gas.degrees_of_freedom
         square = edges**2 / (freedom * (1.0 - momentum_share))
-        half = stats.beta.cdf(np.minimum(square, 1.0), 0.5, (freedom - 1) / 2) / 2
+        half = special.betainc(0.5, (freedom - 1) / 2, np.minimum(square, 1.0)) / 2
         return np.asarray(0.5 + np.sign(edges) * half)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special, stats
+from scipy import special
 
 from analysis.correlation_times import FrameWeights
 from analysis.estimator import PALETTE, Estimator, axes_or_new, counted, labelled
@@ -161,7 +161,7 @@ def _null(dim: int) -> FloatArray:
         values -= values.mean(axis=1, keepdims=True)
         squares = np.einsum("rnk,rnk->rn", values, values)
         share = squares / squares.sum(axis=1, keepdims=True) * (n / (n - 1))
-        u = stats.beta.cdf(share, dim / 2, dim * (n - 2) / 2)
+        u = special.betainc(dim / 2, dim * (n - 2) / 2, np.minimum(share, 1.0))
         if dim == 1:
             u = 0.5 + np.sign(values[..., 0]) * u / 2
         u.sort(axis=1)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from analysis import theory
 from analysis.correlation_times import FrameWeights, velocity_correlation_times
@@ -306,8 +306,8 @@ class VelocityMoments(PerFrame):
         dim, freedom = len(found), min(each.degrees_of_freedom for each in found)
         statistic = (1.0 - 1.0 / dim) * sum(squares)  # the sum of all is fixed
         if math.isinf(freedom):
-            return float(stats.chi2.sf(statistic, dim - 1))
-        return float(stats.f.sf(statistic / (dim - 1), dim - 1, freedom))
+            return float(special.chdtrc(dim - 1, statistic))
+        return float(special.fdtrc(dim - 1, freedom, statistic / (dim - 1)))
 
     @property
     def equal_species(self) -> float:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import special, stats
+from scipy import special
 
 __all__ = [
     "ChiSquare",
@@ -145,8 +145,9 @@ class Estimate:
         """
         if not 0.0 < confidence < 1.0:
             raise ValueError(f"confidence = {confidence}; expected a probability between 0 and 1")
-        law = stats.t(self.degrees_of_freedom) if math.isfinite(self.degrees_of_freedom) else stats.norm()
-        half = float(law.ppf(0.5 + confidence / 2)) * self.standard_error
+        freedom, below = self.degrees_of_freedom, 0.5 + confidence / 2
+        times = special.stdtrit(freedom, below) if math.isfinite(freedom) else special.ndtri(below)
+        half = float(times) * self.standard_error
         return self.value - half, self.value + half
 
 
@@ -170,7 +171,7 @@ def normal_deviate(t: ArrayLike, degrees_of_freedom: ArrayLike) -> FloatArray:
     size, freedom = np.broadcast_arrays(np.abs(np.asarray(t, float)), np.asarray(degrees_of_freedom, float))
     known = np.isposinf(freedom)
     nu = np.where(known | ~(freedom > 0.0), 1.0, freedom)
-    tail = stats.t.sf(size, nu)
+    tail = special.stdtr(nu, -size)
     far = (8.0 * nu + 1.0) / (8.0 * nu + 3.0) * np.sqrt(nu * np.log1p(size**2 / nu))
     exact = -special.ndtri(np.where(tail > 1e-300, tail, 0.5))
     deviate = np.where(known, size, np.where(tail > 1e-300, exact, far))
@@ -311,7 +312,7 @@ def combine_replicas(estimates: Sequence[Estimate], weights: Sequence[float] | N
     if len(own) > 1 and np.all(own > 0.0) and np.all(freedom > 0.0):
         ratio = (combined.standard_error / _own_error(own, weights)) ** 2
         behind = float(np.minimum(freedom, 1e6).sum())
-        if stats.f.sf(ratio, len(own) - 1, behind) < 1e-4:
+        if special.fdtrc(len(own) - 1, behind, ratio) < 1e-4:
             warnings.warn(
                 ReplicaWarning(
                     f"{len(own)} replicas spread {math.sqrt(ratio):.2g} times as far as their own errors "
@@ -610,7 +611,7 @@ def compare_with_theory(
     delta = (array.mean(axis=0) - expected) / scale
     statistic = float(delta @ np.linalg.solve(correlation, delta))
     ratio = (replicas - points) / (points * (replicas - 1)) * statistic
-    p_value = float(stats.f.sf(ratio, points, replicas - points))
+    p_value = float(special.fdtrc(points, replicas - points, ratio))
     return ChiSquare(statistic, points, replicas, p_value)
 
 

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from analysis import theory
 from analysis.distributions import ComponentDistribution, EnergyDistribution, SpeedDistribution
@@ -194,7 +194,7 @@ def h_bias(probabilities: FloatArray, n: int) -> float:
             total += 1.0 / (12.0 * expected)
             continue
         counts = np.arange(1, math.ceil(expected + 12.0 * math.sqrt(expected)) + 20)
-        own = stats.poisson.pmf(counts, expected)
+        own = np.exp(special.xlogy(counts, expected) - special.gammaln(counts + 1.0) - expected)  # Poisson's
         total += float(own @ (counts * np.log(counts / expected) - 0.5))
     return (total - 0.5) / n
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import interpolate
 
 from analysis.brief import brief
 from analysis.theory.prediction import check_dim, inside_range
@@ -131,6 +130,8 @@ def boltzmann_beams(s: ArrayLike, dim: int) -> BeamsRelaxation:
         Between the tabulated s by cubic splines of the logarithms; u = 5e-4 of the anisotropy and 3.5e-4 of
         a2, and 1e-3 of the value for the interpolation; exact at s = 0.
     """
+    from scipy import interpolate
+
     check_dim(dim)
     points = np.atleast_1d(np.asarray(s, dtype=np.float64))
     inside = inside_range("the Boltzmann relaxation from beams", points, 0.0, _S[-1])

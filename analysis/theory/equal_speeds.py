@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import interpolate
 
 from analysis.brief import brief
 from analysis.theory.equilibrium import equilibrium_a2
@@ -133,6 +132,8 @@ def boltzmann_equal_speeds(s: ArrayLike, dim: int) -> EqualSpeedsRelaxation:
         from 3e-5 at s = 0.5 to 1.4e-4 (3D), 1.7e-4 (2D); KS 5e-5, H 1e-5 to 2e-4, both with 1e-3 of the value
         for the interpolation.
     """
+    from scipy import interpolate
+
     check_dim(dim)
     points = np.atleast_1d(np.asarray(s, dtype=np.float64))
     inside = inside_range("the Boltzmann relaxation from equal speeds", points, 0.0, 10.0)

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
+from scipy import special
 
 from analysis.theory.prediction import check_dim
 
@@ -43,23 +43,29 @@ def speed_pdf(speed: ArrayLike, dim: int, mass: float = 1.0, temperature: float 
         Mass of the species and kT.
     """
     check_dim(dim)
-    return np.asarray(stats.chi.pdf(speed, dim, scale=math.sqrt(temperature / mass)))
+    scale = math.sqrt(temperature / mass)
+    x = np.asarray(speed, dtype=np.float64) / scale
+    shell = math.sqrt(2.0 / math.pi) * x * x if dim == 3 else x
+    return np.asarray(np.where(x < 0.0, 0.0, shell * np.exp(-0.5 * x * x)) / scale)
 
 
 def speed_cdf(speed: ArrayLike, dim: int, mass: float = 1.0, temperature: float = 1.0) -> FloatArray:
     """Return the Maxwell-Boltzmann probability of a speed below `speed`; arguments as in `speed_pdf`."""
     check_dim(dim)
-    return np.asarray(stats.chi.cdf(speed, dim, scale=math.sqrt(temperature / mass)))
+    x = np.maximum(np.asarray(speed, dtype=np.float64), 0.0) / math.sqrt(temperature / mass)
+    return np.asarray(special.gammainc(dim / 2, 0.5 * x * x))
 
 
 def component_pdf(component: ArrayLike, mass: float = 1.0, temperature: float = 1.0) -> FloatArray:
     """Return the density of one velocity component, normal with variance kT/m, [1/speed]."""
-    return np.asarray(stats.norm.pdf(component, scale=math.sqrt(temperature / mass)))
+    scale = math.sqrt(temperature / mass)
+    x = np.asarray(component, dtype=np.float64) / scale
+    return np.asarray(np.exp(-0.5 * x * x) / (math.sqrt(2.0 * math.pi) * scale))
 
 
 def component_cdf(component: ArrayLike, mass: float = 1.0, temperature: float = 1.0) -> FloatArray:
     """Return the Maxwell-Boltzmann probability of a velocity component below `component`."""
-    return np.asarray(stats.norm.cdf(component, scale=math.sqrt(temperature / mass)))
+    return np.asarray(special.ndtr(np.asarray(component, dtype=np.float64) / math.sqrt(temperature / mass)))
 
 
 def mean_speed(dim: int, mass: float = 1.0, temperature: float = 1.0) -> float:
@@ -93,6 +99,8 @@ def energy_share(n: int, dim: int, boundary: Literal["periodic", "wall"] = "peri
     fewest = 3 if boundary == "periodic" else 2
     if n < fewest:
         raise ValueError(f"n = {n}; the energy share is spread over values for n >= {fewest} only")
+    from scipy import stats  # which takes long to import: only for those who ask for a distribution
+
     if boundary == "periodic":
         return stats.beta(dim / 2, dim * (n - 2) / 2, scale=(n - 1) / n)
     return stats.beta(dim / 2, dim * (n - 1) / 2)
@@ -114,13 +122,16 @@ def energy_pdf(energy: ArrayLike, dim: int, temperature: float = 1.0) -> FloatAr
         kT.
     """
     check_dim(dim)
-    return np.asarray(stats.gamma.pdf(energy, dim / 2, scale=temperature))
+    e = np.asarray(energy, dtype=np.float64) / temperature
+    below = np.maximum(e, 0.0)
+    density = 2.0 * np.sqrt(below / math.pi) * np.exp(-below) if dim == 3 else np.exp(-below)
+    return np.asarray(np.where(e < 0.0, 0.0, density) / temperature)
 
 
 def energy_cdf(energy: ArrayLike, dim: int, temperature: float = 1.0) -> FloatArray:
     """Return the probability of an energy below `energy`, N -> infinity; arguments as in `energy_pdf`."""
     check_dim(dim)
-    return np.asarray(stats.gamma.cdf(energy, dim / 2, scale=temperature))
+    return np.asarray(special.gammainc(dim / 2, np.maximum(np.asarray(energy, float), 0.0) / temperature))
 
 
 def finite_energy_law(
@@ -155,14 +166,20 @@ def finite_energy_law(
     ValueError
         Unless D > d and 0 <= q < 1.
     """
+    from scipy import stats
+
+    _check_law(degrees_of_freedom, dim, momentum_share)
+    most = (1.0 - momentum_share) * degrees_of_freedom * temperature / 2
+    return stats.beta(dim / 2, (degrees_of_freedom - dim) / 2, scale=most)
+
+
+def _check_law(degrees_of_freedom: int, dim: int, momentum_share: float) -> None:
     check_dim(dim)
     if degrees_of_freedom <= dim or not 0.0 <= momentum_share < 1.0:
         raise ValueError(
             f"degrees_of_freedom = {degrees_of_freedom}, momentum_share = {momentum_share:g}; expected more "
             f"than {dim} free momenta, and a share from 0 to below 1"
         )
-    most = (1.0 - momentum_share) * degrees_of_freedom * temperature / 2
-    return stats.beta(dim / 2, (degrees_of_freedom - dim) / 2, scale=most)
 
 
 def finite_mean_speed(
@@ -185,7 +202,7 @@ def finite_mean_speed(
         Mass m of the particle.
     """
     if degrees_of_freedom != dim:  # two particles at rest together have one speed
-        finite_energy_law(degrees_of_freedom, dim, momentum_share)  # checks the arguments
+        _check_law(degrees_of_freedom, dim, momentum_share)
     ratio = math.lgamma(degrees_of_freedom / 2) - math.lgamma((degrees_of_freedom + 1) / 2)
     factor = math.sqrt(degrees_of_freedom / 2) * math.exp(ratio) * math.sqrt(1.0 - momentum_share)
     return mean_speed(dim, mass, temperature) * factor

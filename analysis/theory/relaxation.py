@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import integrate, interpolate
 
 from analysis.theory.mixtures import mixture_collision_rates
 from analysis.theory.prediction import Prediction, check_dim, inside_range
@@ -79,6 +78,8 @@ def anisotropy_decay(s: ArrayLike, dim: int) -> Prediction:
         Between the tabulated s by a cubic spline of the logarithm; u = 0.003 times (1 - value), which covers
         the difference from direct simulation of a 20 % anisotropy.
     """
+    from scipy import interpolate
+
     check_dim(dim)
     points = np.asarray(s, dtype=np.float64)
     inside = inside_range("the decay of an anisotropy", points, 0.0, 4.0)
@@ -137,6 +138,8 @@ def temperature_equilibration(
     def slope(_: float, now: FloatArray) -> FloatArray:
         rates = temperature_equilibration_rate(now, rho, diameters, masses, dim)
         return np.asarray(-(rates * np.subtract.outer(now, now)).sum(axis=1))
+
+    from scipy import integrate
 
     last = float(t[-1])
     if not np.all(np.isfinite(slope(0.0, start))):  # too dense for the theory of mixtures
