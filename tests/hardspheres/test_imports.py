@@ -125,6 +125,14 @@ def test_importing_loads_neither_numba_nor_ase_nor_scipy():
     assert run(code) == ["numpy"]
 
 
+def test_scipy_s_statistics_are_loaded_by_those_who_ask_for_a_distribution_only():
+    """They take as long as all the rest of a study's imports; sibling: one who asks."""
+    loaded = "print('scipy.stats' in sys.modules, 'scipy.interpolate' in sys.modules)"
+    assert run(f"import studies.thermalisation, studies.pressure, sys; {loaded}") == ["False", "False"]
+    asks = "from analysis import theory; theory.energy_share(10, 3)"
+    assert run(f"import sys; {asks}; {loaded}")[0] == "True"
+
+
 def test_every_public_name_is_there_and_no_other():
     for name in hardspheres.__all__:
         assert getattr(hardspheres, name) is not None
