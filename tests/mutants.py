@@ -9,7 +9,6 @@ run as plain Python, where `@jit` does nothing. mutmut leaves decorated function
 """
 
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -33,22 +32,33 @@ def main():
     for name in listed.stdout.splitlines():
         (COPY / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy2(ROOT / name, COPY / name)
-    config = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["mutmut"]
-    modules = {name: name.removesuffix(".py").replace("/", ".") for name in config["only_mutate"]}
-    for name, module in modules.items():
-        if ".kernel." in module:
-            without_jit(COPY / name, module)
+    os.chdir(COPY)
+    os.environ["NUMBA_DISABLE_JIT"] = "1"
+    names = tomllib.loads(Path("pyproject.toml").read_text(encoding="utf-8"))["tool"]["mutmut"]["only_mutate"]
+    for name in names:
+        if "/kernel/" in name:
+            without_jit(Path(name), name.removesuffix(".py").replace("/", "."))
     mutmut = Path(sys.executable).with_name("mutmut")
-    here = {"cwd": COPY, "env": os.environ | {"NUMBA_DISABLE_JIT": "1"}, "check": True}
-    subprocess.run([mutmut, "run", "--max-children", "1", *sys.argv[1:]], **here)
-    told = subprocess.run([mutmut, "results", "--all", "true"], capture_output=True, text=True, **here).stdout
-    for module in modules.values():
-        ends = re.findall(rf"^ *({re.escape(module)}\.\S+): (.+)$", told, re.MULTILINE)
-        counts = Counter(end for _, end in ends)
-        print(f"\n{module}: {len(ends)} mutants: {', '.join(f'{n} {end}' for end, n in counts.most_common())}")
-        for name, end in ends:
-            if end not in ("killed", "timeout", "not checked"):
-                print(end, subprocess.run([mutmut, "show", name], capture_output=True, text=True, **here).stdout)
+    subprocess.run([mutmut, "run", "--max-children", "1", *sys.argv[1:]], check=True)
+
+    from mutmut.mutation.data import SourceFileMutationData
+    from mutmut.mutation.diff_apply import get_diff_for_mutant
+    from mutmut.stats import status_by_exit_code
+
+    for name in names:
+        data = SourceFileMutationData(path=Path(name))
+        data.load()
+        ends = {mutant: status_by_exit_code[code] for mutant, code in data.exit_code_by_key.items()}
+        for mutant, end in ends.items():
+            if end not in ("killed", "not checked"):
+                changed = [
+                    line
+                    for line in get_diff_for_mutant(mutant, path=data.path).splitlines()[2:]
+                    if line[0] in "+-"
+                ]
+                print(f"\n{mutant}: {end}", *changed, sep="\n")
+        counts = ", ".join(f"{count} {end}" for end, count in Counter(ends.values()).most_common())
+        print(f"\n{name}: {len(ends)} mutants, {counts}")
 
 
 if __name__ == "__main__":
