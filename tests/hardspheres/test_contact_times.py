@@ -83,3 +83,25 @@ def test_in_a_corner_the_lower_wall_counts(x, y):
         )
         walls.append(partner_of(hs.Simulation(scene, search="lists"), 0))
     assert walls == [2 + (x > 0), 4 + (y > 0)]
+
+
+def test_a_contact_counts_before_a_wall():
+    """Both after 1/2; sibling: the wall, where it is reached earlier by a rounding."""
+    partners = []
+    for x in (1.0, 1.0 - 2.0**-53):
+        scene = hs.Scene(
+            [[x, 2.0], [0.5, 3.25]],
+            [[-1.0, 0.0], [0.0, -1.0]],
+            radii=[0.5, 0.25],
+            masses=[1.0, 2.0],
+            box=(4, 6),
+            boundary="wall",
+        )
+        partners.append(partner_of(hs.Simulation(scene, search="lists"), 0))
+    assert partners == [1, 2]
+
+
+def test_where_nothing_moves_nothing_comes():
+    scene = gas("3d_walls", 5, 0.03, seed=3)
+    sim = hs.Simulation(scene.replace(velocities=np.zeros((5, 3))))
+    assert {partner_of(sim, i) for i in range(5)} == {sim._at.NOTHING}
