@@ -164,15 +164,20 @@ def normal_deviate(t: ArrayLike, degrees_of_freedom: ArrayLike) -> FloatArray:
     Returns
     -------
     array
-        With the sign of t; NaN where t or the degrees of freedom are. Where the probability is below the
-        range of double precision, Wallace's approximation is used (Ann. Math. Stat. 30, 1121 (1959), doi
-        10.1214/aoms/1177706095), accurate to 1e-2 there.
+        With the sign of t; NaN where t or the degrees of freedom are.
+
+    Notes
+    -----
+    Where the tail is below the range of double precision it is taken for density (nu + t^2) / (nu t). The
+    derivative of that is -density (1 + 1/t^2), so it is too large by less than a factor of 1 + 1/t^2.
     """
     size, freedom = np.broadcast_arrays(np.abs(np.asarray(t, float)), np.asarray(degrees_of_freedom, float))
     known = np.isposinf(freedom)
     nu = np.where(known | ~(freedom > 0.0), 1.0, freedom)
     tail = special.stdtr(nu, -size)
-    far = (8.0 * nu + 1.0) / (8.0 * nu + 3.0) * np.sqrt(nu * np.log1p(size**2 / nu))
+    t_far = np.maximum(size, 1.0)
+    log_density = -special.betaln(nu / 2, 0.5) - np.log(nu) / 2 - (nu + 1) / 2 * np.log1p(t_far**2 / nu)
+    far = -special.ndtri_exp(log_density + np.log(t_far / nu + 1.0 / t_far))
     exact = -special.ndtri(np.where(tail > 1e-300, tail, 0.5))
     deviate = np.where(known, size, np.where(tail > 1e-300, exact, far))
     return np.asarray(np.where(known | (freedom > 0.0), np.sign(np.asarray(t, float)) * deviate, np.nan))
@@ -224,9 +229,7 @@ def deviates(
         beyond = special.logsumexp(special.log_ndtr(-np.abs(apart[..., None]) / scale) + weight, axis=-1)
     z = -special.ndtri_exp(np.minimum(beyond, math.log(0.5)))
     exact = normal_deviate(np.abs(apart) / both, nu)
-    return np.asarray(
-        np.sign(apart) * np.where(other > 0.0, z, exact) * np.where(np.isnan(both), np.nan, 1.0)
-    )
+    return np.asarray(np.sign(apart) * np.where(other > 0.0, z, exact))
 
 
 def _last_place(error: float) -> int:

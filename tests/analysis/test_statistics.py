@@ -1,14 +1,18 @@
 """Error bars: their printing, and whether they cover what they claim."""
 
 import math
+import warnings
 
+import mpmath
 import numpy as np
 import pytest
-from scipy import special, stats
+from scipy import integrate, special, stats
 
 from analysis.statistics import (
     Estimate,
+    ReplicaWarning,
     TheoryCheck,
+    combine_replicas,
     compare_with_theory,
     deviates,
     estimate_from_blocks,
@@ -31,6 +35,13 @@ from analysis.statistics import (
         (0.001, 0.02, "0.00(2)"),
         (0.0996, 0.0097, "0.100(10)"),
         (1234.5, 56.0, "1.23(6)e3"),
+        (9.404114, 0.017, "9.404(17)"),
+        (12.0, 1.95, "12(2)"),  # the error rounds to 2.0: one digit
+        (12.0, 3.0, "12(3)"),
+        (3.1e-4, 2e-5, "0.00031(2)"),
+        (3.1e-5, 2e-6, "3.1(2)e-5"),
+        (125000.5, 0.3, "125000.5(3)"),
+        (1250000.5, 0.3, "1.2500005(3)e6"),
         (3.25, 0.0, "3.25(0)"),
         (3.25, math.nan, "3.25(nan)"),
         (3.25, math.inf, "3.25(inf)"),
@@ -73,7 +84,7 @@ def test_ten_standard_errors_of_two_replicas_are_no_discovery():
     )
     assert Estimate(6.0, 1.0, 9, 1e6).z(0.0, 1.0) == pytest.approx(6.0 / math.sqrt(2.0), abs=1e-4)
     far = normal_deviate([30.0, 37.0, 39.0, 60.0], 1000.0)  # where probabilities end, by another formula
-    assert np.all(np.diff(far) > 1) and abs(far[1] - special_deviate(37.0, 1000.0)) < 0.02
+    assert np.all(np.diff(far) > 1) and abs(far[1] - special_deviate(37.0, 1000.0)) < 1e-9
     assert math.isnan(Estimate(1.0, math.nan, 1, 0.0).z(0.0)) and math.isnan(Estimate(1.0, 0.0).z(1.0))
 
 
@@ -96,6 +107,46 @@ def test_z_beside_an_uncertain_theory(own):
         assert np.mean(np.abs(welch) > 3) > 0.01
 
 
+@pytest.mark.parametrize("own", [1.0, 3.0])
+def test_z_beside_an_uncertain_theory_has_the_tail_of_the_sum(own):
+    """P(|own t + x/2| > d), integrated over Student's t; a curve has the z of each of its points."""
+    apart = np.array([0.3, -2.0, 6.0])
+    z = deviates(apart, own, 0.5, 2.0)
+    for d, found in zip(np.abs(apart), z, strict=True):
+        tail = integrate.quad(
+            lambda t, d=d: stats.t.pdf(t, 2.0) * stats.norm.sf((d - own * t) / 0.5),
+            -np.inf,
+            np.inf,
+            limit=500,
+        )[0]
+        assert abs(found) == pytest.approx(stats.norm.isf(tail), rel=1e-6)
+    assert z.tolist() == [Estimate(d, own, 3, 2.0).z(0.0, 0.5) for d in apart]
+    assert np.sign(z).tolist() == [1, -1, 1]
+
+
+def test_where_nothing_fluctuates_there_is_no_z():
+    """And no warning."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for freedom in (0.0, 3.0, math.inf):
+            assert np.isnan(deviates([1.0, 0.0, -1.0], 0.0, 0.0, freedom)).all()
+        assert np.isnan(deviates(1.0, math.nan, 0.5, 3.0)) and np.isnan(deviates(1.0, 0.5, math.nan, 3.0))
+
+
+def test_normal_deviates_of_any_degrees_of_freedom():
+    """Infinitely many, few, less than one, none; and where probabilities end, by the incomplete beta function."""
+    known = normal_deviate([2.0, -2.0, 2.0], [math.inf, 0.5, 0.0])
+    assert known.dtype == np.float64
+    assert known[:2].tolist() == [2.0, pytest.approx(-stats.norm.isf(stats.t.sf(2.0, 0.5)))]
+    assert math.isnan(known[2])
+    for nu, t in ((3, 1e105), (10, 1e35), (100, 2e4), (1000, 60.0)):
+        with mpmath.workdps(30):
+            tail = mpmath.betainc(nu / 2, 0.5, 0, nu / (nu + mpmath.mpf(t) ** 2), regularized=True) / 2
+            log_tail = float(mpmath.log(tail))
+        assert log_tail < math.log(1e-300)
+        assert normal_deviate(t, nu) == pytest.approx(-special.ndtri_exp(log_tail), abs=t**-3 + 1e-9)
+
+
 def special_deviate(t, freedom):
     """The same from the logarithm of the probability."""
     return -float(special.ndtri_exp(stats.t.logsf(t, freedom)))
@@ -110,6 +161,7 @@ def test_a_check_without_theory_says_so():
         == "Z from the virial 22.1(2); Kolafa-Labik-Malijevsky gives no value here: outside its range"
     )
     assert math.isnan(check.z) and not check.better_than_theory
+    assert str(TheoryCheck("Z", "", Estimate(22.1, 0.2, 9, 8), math.nan, math.nan)) == "Z 22.1(2)"
 
 
 def test_replicas_that_differ_are_pooled_by_their_spread():
@@ -132,6 +184,131 @@ def test_replicas():
     assert math.isnan(estimate_from_replicas([1.0]).standard_error)
     with pytest.raises(ValueError, match=r"shape \(0,\)"):
         estimate_from_replicas([])
+
+
+def test_a_single_replica_has_no_error_and_no_warning():
+    one = np.array([[2.0, 3.0]])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert math.isnan(estimate_from_replicas([1.0]).standard_error)
+        for value, error in (replica_mean(one), jackknife(one, lambda total: total)):
+            assert value.tolist() == [2.0, 3.0] and error.shape == (2,) and np.isnan(error).all()
+        single = estimate_from_jackknife(one, lambda mean: mean[0] * mean[1])
+    assert (single.value, single.n_effective, single.degrees_of_freedom) == (6.0, 1.0, 0.0)
+    assert math.isnan(single.standard_error)
+
+
+def unequal(errors=(0.4, 0.4, 0.2)):
+    """Replicas at 1, 2, 4 of lengths 1, 1, 4, whose mean is 19/6, with errors of their own."""
+    values = zip([1.0, 2.0, 4.0], errors, (10.0, 20.0, 40.0), (5.0, 10.0, 20.0), strict=True)
+    return [Estimate(*each) for each in values], [1.0, 1.0, 4.0]
+
+
+def test_replicas_of_unequal_length_count_by_their_lengths():
+    """The weighted mean and its error written out; sibling: equal weights are no weights."""
+    replicas, lengths = unequal((3.0, 3.0, 1.5))
+    combined = combine_replicas(replicas, lengths)
+    assert combined.value == pytest.approx(19 / 6)
+    spread = 1.0 * (1 - 19 / 6) ** 2 + 1.0 * (2 - 19 / 6) ** 2 + 4.0 * (4 - 19 / 6) ** 2
+    assert combined.standard_error == pytest.approx(math.sqrt(spread / (2 * 6)))
+    assert (combined.n_effective, combined.degrees_of_freedom) == (3, 2)
+    even, plain = combine_replicas(replicas, [2.0] * 3), combine_replicas(replicas)
+    assert (even.value, even.standard_error) == pytest.approx((plain.value, plain.standard_error))
+    assert combine_replicas(replicas[:1], [2.0]).value == 1.0
+    assert combine_replicas(replicas[:2], [1.0, 3.0]).value == 1.75
+
+    pooled = pool_replicas(replicas, lengths)
+    assert pooled.value == pytest.approx(19 / 6)
+    assert pooled.standard_error == pytest.approx(math.sqrt(9 + 9 + 36) / 6)
+    assert pooled.degrees_of_freedom == pytest.approx((9 + 9 + 36) ** 2 / (81 / 5 + 81 / 10 + 36**2 / 20))
+    assert pooled.n_effective == 70
+
+
+def test_a_pool_of_unequal_replicas_that_differ_has_the_error_of_their_spread():
+    replicas, lengths = unequal((0.1, 0.1, 0.05))
+    with pytest.warns(ReplicaWarning, match="^3 replicas spread 21 times as far"):
+        combined = combine_replicas(replicas, lengths)
+    assert pool_replicas(replicas, lengths) == combined
+    assert combined.value == pytest.approx(19 / 6)
+
+
+def test_exact_replicas_pool_to_an_exact_number():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for freedom in (0.0, 4.0):
+            pooled = pool_replicas([Estimate(2.0, 0.0, 5, freedom)] * 3)
+            assert (pooled.value, pooled.standard_error, pooled.degrees_of_freedom) == (2.0, 0.0, math.inf)
+
+
+@pytest.mark.parametrize(("count", "freedom", "weighted"), [(12, 20, False), (12, 1, False), (2, 20, True)])
+def test_replicas_warn_where_their_spread_has_a_probability_below_1e_4(count, freedom, weighted):
+    """Just beyond it and, sibling, just short of it."""
+    pattern = np.arange(count) - (count - 1) / 2
+    pattern /= pattern.std(ddof=1)
+    weights = [2.0] * count if weighted else None
+    for probability, heard in ((0.9e-4, True), (1.1e-4, False)):
+        ratio = math.sqrt(stats.f.isf(probability, count - 1, count * freedom))
+        replicas = [Estimate(5.0 + ratio * x, 1.0, 9, freedom) for x in pattern]
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            combined = combine_replicas(replicas, weights)
+        assert bool(caught) is heard
+        assert combined.standard_error == pytest.approx(ratio / math.sqrt(count))
+        if heard:
+            assert str(caught[0].message) == (
+                f"{count} replicas spread {ratio:.2g} times as far as their own errors say: "
+                "equilibrate longer, or use longer blocks; the error quoted is that of the spread"
+            )
+            assert caught[0].filename == __file__
+
+
+@pytest.mark.parametrize(("error", "freedom"), [(0.0, 5.0), (math.nan, 5.0), (0.1, 0.0)])
+def test_replicas_whose_own_errors_are_unknown_are_not_checked(error, freedom):
+    """One of them is enough."""
+    replicas = [Estimate(1.0, 0.1, 5, 5.0), Estimate(9.0, error, 5, freedom), Estimate(5.0, 0.1, 5, 5.0)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert combine_replicas(replicas).value == 5.0
+
+
+def test_eight_blocks_of_two_samples_written_out():
+    """Far from zero; what is left over at the start is dropped."""
+    series = [1e9, 5, 3, 6, 8, 2, 4, 7, 7, 3, 1, 9, 3, 5, 5, 2, 8]
+    means = np.array([4, 7, 3, 7, 2, 6, 5, 5])
+    estimate = estimate_from_blocks(series, 8)
+    assert estimate.value == means.mean()
+    assert estimate.standard_error == pytest.approx(means.std(ddof=1) / math.sqrt(8))
+    assert estimate.degrees_of_freedom == 7
+    samples = np.array(series[1:])
+    assert estimate.n_effective == pytest.approx(samples.var(ddof=1) / estimate.standard_error**2)
+    assert estimate.n_effective < 16
+    for blocks, n, message in ((7, 16, "blocks = 7; expected at least 8"), (8, 15, r"\(n,\) with n >= 16")):
+        with pytest.raises(ValueError, match=message):
+            estimate_from_blocks(series[:n], blocks)
+
+
+def test_a_constant_series_is_known_exactly():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        estimate = estimate_from_blocks(np.full(70, 3.0), 8)
+    assert (estimate.value, estimate.standard_error, estimate.n_effective) == (3.0, 0.0, 64.0)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_blocks_warn_from_three_standard_errors_of_their_correlation(scale):
+    """32 waves sampled by 32 blocks: neighbours correlate by 0.58 and, sibling, 0.48; 3 / sqrt(32) is 0.53."""
+    for period, heard in ((6.8, True), (5.9, False)):
+        means = scale * np.cos(2 * math.pi * np.arange(32) / period)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            estimate_from_blocks(np.repeat(means, 4))
+        assert bool(caught) is heard
+        if heard:
+            assert str(caught[0].message) == (
+                "neighbouring blocks of 4 samples are correlated: the standard error is too small; "
+                "run longer or use fewer blocks"
+            )
+            assert caught[0].filename == __file__
 
 
 def test_blocks_find_the_error_of_a_correlated_series():
@@ -172,6 +349,25 @@ def test_jackknife_of_a_mean_is_its_standard_error():
     np.testing.assert_allclose(value, mean)
     # deleting a row from a sum over 25 leaves the mean of 24 times 24/25
     np.testing.assert_allclose(error, expected * 24 / 25, rtol=1e-12)
+
+
+def test_jackknife_of_a_square_written_out():
+    """Of 1, 2, 4: sums without one of them are 6, 5, 3; two replicas are enough."""
+    deleted = np.array([36.0, 25.0, 9.0])
+    value, error = jackknife(np.array([1, 2, 4]), lambda total: total**2)
+    assert value == 49.0
+    assert error == pytest.approx(math.sqrt(2 / 3 * ((deleted - deleted.mean()) ** 2).sum()))
+    assert jackknife(np.array([1, 2]), lambda total: total**2)[1] == pytest.approx(1.5)
+
+    of_means = deleted / 4
+    estimate = estimate_from_jackknife(np.array([1.0, 2.0, 4.0]), lambda mean: mean**2)
+    assert estimate.value == pytest.approx(3 * 49 / 9 - 2 * of_means.mean())
+    assert estimate.standard_error == pytest.approx(
+        math.sqrt(2 / 3 * ((of_means - of_means.mean()) ** 2).sum())
+    )
+    assert (estimate.n_effective, estimate.degrees_of_freedom) == (3, 2)
+    two = estimate_from_jackknife(np.array([1.0, 2.0]), lambda mean: mean**2)
+    assert (two.value, two.standard_error) == (2.0, 1.5)  # unbiased: 1 times 2
 
 
 def test_jackknife_removes_the_bias_of_a_square():

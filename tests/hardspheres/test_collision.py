@@ -15,12 +15,32 @@ from hardspheres.collision import (
     discriminant_3d,
     elastic_collision,
     impulse,
+    impulse_of_masses,
     one_dimensional_rule,
 )
 
 EPS = np.finfo(float).eps
 rationals = st.fractions(min_value=-100, max_value=100, max_denominator=1000)
 masses = st.fractions(min_value=Fraction(1, 1000), max_value=1000, max_denominator=1000)
+
+
+def test_a_collision_written_out():
+    """Masses 1 and 3 meet at speeds 5 and -1: the centre of mass moves at 1/2, and both turn round as it sees them."""
+    one, three, five = Fraction(1), Fraction(3), Fraction(5)
+    assert one_dimensional_rule(one, five, three, -one) == (-4, 2)
+    assert one_dimensional_rule(three, -one, one, five) == (2, -4)
+    separation = [Fraction(-2), Fraction(0)]
+    assert elastic_collision(one, [five, 7], three, [-one, 9], separation) == ([-4, 7], [2, 9])
+
+
+@given(masses, masses, rationals.filter(bool), rationals.filter(lambda x: x > 0))
+def test_both_forms_of_the_impulse_are_one(m1, m2, b, rr):
+    """-2 mu b / r.r with or without the reduced mass, in exact rationals."""
+    assert (
+        impulse_of_masses(b, rr, m1, m2)
+        == impulse(b, rr, m1 * m2 / (m1 + m2))
+        == -2 * m1 * m2 / (m1 + m2) * b / rr
+    )
 
 
 @given(masses, masses, rationals, rationals, st.lists(rationals, min_size=2, max_size=3).filter(any))

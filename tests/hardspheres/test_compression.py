@@ -15,13 +15,14 @@ from numpy.testing import assert_allclose
 
 import hardspheres as hs
 from analysis.theory import compressibility_factor, finite_size_compressibility
-from hardspheres import compression, slices
+from hardspheres import compression, growth, slices
 from hardspheres.cells import worst_overlap
 from hardspheres.checks import worst_beyond_wall
 from hardspheres.collision import contact_time
 from hardspheres.compression import Compression, order_of_crystal
 from hardspheres.engine import Engine
 from hardspheres.growth import growing_contact_time, growing_discriminant, rebound_from_wall
+from hardspheres.kernel.common import contact_times
 from hardspheres.velocities import draw_velocities
 
 EPS = np.finfo(float).eps
@@ -106,6 +107,15 @@ def test_contact_of_growing_spheres_against_fifty_digits():
     assert all(number >= (1 if kind == "equally fast" else 40) for kind, number in kinds.items()), kinds
 
 
+def test_the_kernel_computes_that_contact(monkeypatch):
+    """As plain Python: pairs that meet, miss, and are overtaken by the growth."""
+    for name in ("growing_discriminant", "growing_contact_time"):
+        monkeypatch.setattr(contact_times, name, getattr(growth, name))
+    growing_contact = getattr(contact_times.growing_contact, "py_func", contact_times.growing_contact)
+    for r, v, sigma, g in encounters():
+        assert growing_contact(*r, *v, sigma, g) == pytest.approx(in_doubles(r, v, sigma, g), rel=1e-9)
+
+
 @given(*[st.floats(-10, 10)] * 2, st.floats(0, 10), st.floats(1e-6, 10))
 def test_without_growth_it_is_the_plain_contact(b, c, root, vv):
     assert growing_contact_time(vv, b, c, root) == contact_time(b, c, root)
@@ -169,9 +179,13 @@ def brute_force(scene, scale, rate, events):
     return now, x, v
 
 
-@pytest.mark.parametrize(("options", "n"), [(SPHERES, 12), (DISCS, 9)], ids=["spheres", "discs"])
+@pytest.mark.parametrize(
+    ("options", "n"),
+    [(SPHERES, 12), (DISCS, 9), (DISCS | {"boundary": ("wall", "periodic")}, 9)],
+    ids=["spheres", "discs", "channel"],
+)
 def test_the_engine_finds_the_events_of_all_pairs(options, n):
-    radii = mixture(n) if options is DISCS else 0.5
+    radii = mixture(n) if options["dim"] == 2 else 0.5
     scene = hs.random_gas(n, 0.3, radii=radii, seed=4, **options)
     scale, rate, events = 0.8, 0.15, 12
     engine = Engine(scene, growth=(scale, rate))
