@@ -95,6 +95,11 @@ class EquationOfState(Study):
         usual = self.suite and self.collisions_per_particle is None
         return SUITE_PRECISION if usual and self.until_error is None else self.until_error
 
+    @property
+    def extendable(self) -> bool:
+        """Whether a replica is the same however many there are: not where all share a length."""
+        return self.precision is None
+
     def gases(self) -> list[Fluid]:
         """Return the gases to measure, by ascending packing fraction of each kind."""
         share = number_fraction(self.fraction, self.diameter_ratio, self.mass_ratio)

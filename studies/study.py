@@ -56,7 +56,7 @@ class Replica:
     Attributes
     ----------
     root, index : int
-        Seed of the study, and which of its runs this is.
+        Seed of the study, and which of the runs of its gas this is.
     estimators : dict
         What was measured.
     done : int
@@ -73,6 +73,8 @@ class Replica:
         What else the study wants to know of the gas at the end: plain values.
     digest : str
         Of the state at the end, see `digest_of`.
+    gas : int
+        Which of the gases of the study it is.
     """
 
     root: int
@@ -86,6 +88,7 @@ class Replica:
     notes: list[str] = field(default_factory=list)
     seen: dict[str, Any] = field(default_factory=dict)
     digest: str = ""
+    gas: int = 0
 
     def __repr__(self) -> str:
         """Return which run it is, how far it has come, and what it measured."""
@@ -102,8 +105,9 @@ class Replica:
 
     @property
     def seed(self) -> np.random.SeedSequence:
-        """Its source of random choices, independent of that of every other run."""
-        return np.random.SeedSequence(self.root, spawn_key=(self.index,))
+        """Its source of random choices, independent of every other run's and of how many there are."""
+        key = (self.index, self.gas) if self.gas else (self.index,)
+        return np.random.SeedSequence(self.root, spawn_key=key)
 
     def finish(self, seconds: float) -> None:
         """Check the gas a last time, and let it go."""
@@ -131,12 +135,18 @@ class Study(Program):
     """
 
     reports = True
+    keeps = True
     to_an_error = True
     table: ClassVar[str]
 
     replicas: int = runs(2)
     seed: int = seed()
     workers: int | None = workers()
+
+    @property
+    def extendable(self) -> bool:
+        """Whether a replica is the same however many there are, so that more can be added to a run."""
+        return True
 
     def conduct(self, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:
         """Run it, print its results and write its files, see `conduct`."""
@@ -244,6 +254,7 @@ class _Run:
 
     gas: Gas
     index: int
+    which: int  # of the gases
     recording: bool = False
 
 
@@ -256,7 +267,7 @@ class _Running(Resumable[_Run, Replica, Replica]):
 
     def begin(self, item: _Run) -> Replica:
         """Make the gas and what measures it."""
-        replica = Replica(self.study.seed, item.index, None, {})
+        replica = Replica(self.study.seed, item.index, None, {}, gas=item.which)
         replica.running = simulation = self.study.start(item.gas, replica.seed)
         watching = self.study.recorders(item.gas) if item.recording else None
         replica.estimators = dict(watching or self.study.estimators(item.gas, simulation))
@@ -302,15 +313,18 @@ def run_study(
         The second run of the first one.
     """
     gases, count = study.gases(), study.replicas
-    runs = [_Run(gas, k * count + r) for k, gas in enumerate(gases) for r in range(count)]
+    runs = [_Run(gas, r, k) for k, gas in enumerate(gases) for r in range(count)]
+    numbers = [run.index * len(gases) + run.which for run in runs]  # of a replica always the same
     if record and study.recorders(gases[0]):
-        runs.append(_Run(gases[0], 0, recording=True))
+        runs.append(_Run(gases[0], 0, 0, recording=True))
+        numbers.append(len(numbers))
     # what takes longest is last here and runs first, so that all workers finish together: dense gases, and
     # the run that is watched
     with screen.progress("runs", len(runs)) as advance:
         found = run_replicas(
             _Running(study, folder),
             runs[::-1],
+            numbers=numbers[::-1],
             workers=study.workers,
             done=advance,
             shelf=shelf,
@@ -369,6 +383,8 @@ def conduct(
     _compile(study, gases, screen)
     ready = time.perf_counter()
     with out.running(study) as shelf:
+        if out.there:
+            screen.note(f"{out.there} of {study.replicas} replicas were there")
         replicas, recorded = run_study(study, screen, shelf, shelf.folder, record)
         ran = time.perf_counter()
         answers = [study.answer(gas, own) for gas, own in zip(gases, replicas, strict=True)]
@@ -402,9 +418,12 @@ def conduct(
                 spent=verdict,
             )
         out.write_json(SUMMARY, summary)
+        not_kept = out.keep_replicas(study, len(gases), shelf)
     _print(screen, study, answers, summary, out)
     for sentence in verdict:
         screen.say(sentence)
+    if not_kept:
+        screen.note(not_kept)
     return summary, bool(summary["checks"]["passed"])
 
 

@@ -194,7 +194,7 @@ def until_error(
 @contextmanager
 def _scratch() -> Iterator[OutputFolder]:
     with tempfile.TemporaryDirectory() as folder:
-        yield OutputFolder(Path(folder) / "pilot")
+        yield OutputFolder(Path(folder) / "pilot", keep=False)
 
 
 def _core_seconds(summary: Mapping[str, Any]) -> float:
