@@ -141,7 +141,8 @@ def function_of(kind: type[Program]) -> Callable[..., None]:
     for each, its in options_of(kind):
         if its.argument:
             stands = typer.Argument(help=its.help, show_default=False, **its.more)
-            parameters[each.name] = (Annotated[hints[each.name], stands], inspect.Parameter.empty)
+            standing = list[str] if its.several else hints[each.name]
+            parameters[each.name] = (Annotated[standing, stands], inspect.Parameter.empty)
             continue
         default = each.default if isinstance(each.default, (bool, int, float, str)) else None
         declared = typer.Option(

@@ -96,9 +96,9 @@ class EquationOfState(Study):
         return SUITE_PRECISION if usual and self.until_error is None else self.until_error
 
     @property
-    def extendable(self) -> bool:
-        """Whether a replica is the same however many there are: not where all share a length."""
-        return self.precision is None
+    def not_extendable(self) -> str:
+        """Whether all replicas share a length."""
+        return "" if self.precision is None else "whose length depends on --replicas"
 
     def gases(self) -> list[Fluid]:
         """Return the gases to measure, by ascending packing fraction of each kind."""

@@ -105,8 +105,8 @@ class Kept:
         other = difference(found, _about(study))
         if not other and there > asked:
             other = f"with {REPLICAS} {there}, not {asked}"
-        elif not other and there < asked and not study.extendable:
-            other = f"with {REPLICAS} {there}, which sets the length of its runs"
+        elif not other and there < asked:
+            other = study.not_extendable
         if other:
             raise OutputError(
                 f"{self.out} holds a finished run {other}; give another folder with --out, or --force to "
@@ -176,6 +176,8 @@ class Finished:
     ----------
     path : Path
         Its folder.
+    about : dict
+        Its manifest.
     study : Study
         What was run.
     replicas : list of list of Replica
@@ -183,6 +185,7 @@ class Finished:
     """
 
     path: Path
+    about: dict[str, Any]
     study: Any
     replicas: list[list[Any]]
 
@@ -220,4 +223,4 @@ def finished_run(path: Path) -> Finished:
         for r, replica in enumerate(own):
             if (replica.root, replica.index, replica.gas) != (study.seed, r, k):
                 raise CheckpointError(f"{kept.folder} has files of another run; use an unchanged copy of it")
-    return Finished(path, study, replicas)
+    return Finished(path, found, study, replicas)
