@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from analysis.estimator import counted
 from studies.options import OptionError, option
 from studies.program import Program
 from studies.report import OutputFolder, Screen
@@ -67,7 +68,10 @@ class Combine(Program):
             summary["combined"] = [
                 {"run": run.path, "seed": run.study.seed, "replicas": run.study.replicas} for run in runs
             ]
-            each = (f"{run.path} (seed {run.study.seed}, {run.study.replicas} replicas)" for run in runs)
+            each = [
+                f"{run.path} (seed {run.study.seed}, {counted(run.study.replicas, 'replica')})"
+                for run in runs
+            ]
             return f"combined from {', '.join(each)}"
 
         ready = time.perf_counter()

@@ -177,7 +177,7 @@ class OutputFolder:
         self.create()
         with self._journal.held(make=True):
             self._own = self._agree(study)
-            self._manifest = {**about(study), "there": self.there}
+            self._manifest = about(study) | ({"there": self.there} if self.there else {})
             try:
                 if not self.resume:
                     self._journal.discard()
@@ -208,7 +208,7 @@ class OutputFolder:
             Where its results are.
         """
         files = shelf.finished(range(study.replicas * gases))
-        if self.keep is False:
+        if self.keep is False or (self.keep is None and study.not_extendable):
             self._kept.remove()
         elif self.keep or self.there or (size := self._kept.size(files)) <= LARGE:
             self._kept.keep(study, gases, files)

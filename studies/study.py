@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
     from studies.viewer.replay import Replay
 
-__all__ = ["Replica", "Results", "Study", "conduct", "results", "show_results"]
+__all__ = ["Replica", "Study", "conduct", "results", "show_results"]
 
 
 @dataclass

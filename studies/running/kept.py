@@ -28,7 +28,6 @@ from studies.running.journal import (
     OutputError,
     about,
     difference,
-    elsewhere,
     not_written,
     read_sealed,
     write_sealed,
@@ -81,7 +80,10 @@ class Kept:
         if self.manifest() is None:  # an empty one is nobody's
             alien += [path for path in found if not NAME.fullmatch(path.name)]
         if alien:
-            raise elsewhere(f"{min(alien)} is not of a run of hardspheres, and --no-keep was not given")
+            raise OutputError(
+                f"{min(alien)} is not of a run of hardspheres, whose replicas would be kept there; give "
+                "another folder with --out, or --no-keep"
+            )
 
     def replicas_for(self, study: Any, finished: bool) -> int:
         """Return how many replicas of a study are there already, for it to go on with.
@@ -142,7 +144,7 @@ class Kept:
         content = {**_about(study), "gases": gases, "replicas": 0}
         with not_written(self.out / FOLDER):
             self.folder.mkdir(exist_ok=True)
-            if self.manifest() is None:
+            if not (self.manifest() or content)["replicas"]:
                 write_sealed(self.folder / MANIFEST, content)
             for path in filter(Path.exists, files):
                 with replacing(self.folder / path.name) as temporary:
@@ -155,16 +157,20 @@ class Kept:
             write_sealed(self.folder / MANIFEST, {**content, "replicas": study.replicas})
 
     def remove(self) -> None:
-        """Remove what is kept, if it is ours: first what counts it, last what marks the folder."""
+        """Remove what is kept, if it is ours: first what counts it, last what marks the folder.
+
+        The mark stays where there are other files.
+        """
         found = self.manifest()
         if found is None:
             return
         with not_written(self.out / FOLDER):
             write_sealed(self.folder / MANIFEST, {**found, "replicas": 0})
-            for path in sorted(self.folder.iterdir(), key=lambda path: path.name == MANIFEST):
-                if OURS.fullmatch(path.name) and is_ordinary(path):
+            for path in list(self.folder.iterdir()):
+                if OURS.fullmatch(path.name) and path.name != MANIFEST and is_ordinary(path):
                     path.unlink()
-            with contextlib.suppress(OSError):  # holds other files
+            if list(self.folder.iterdir()) == [self.folder / MANIFEST]:
+                (self.folder / MANIFEST).unlink()
                 self.folder.rmdir()
 
 

@@ -20,6 +20,7 @@ from matplotlib.figure import Figure
 from studies import cli
 from studies.pressure import EquationOfState
 from studies.running.journal import Shelf
+from studies.running.kept import finished_run
 from studies.thermalisation import Thermalisation
 
 from .pages import masked
@@ -97,8 +98,10 @@ def without_timings(value):
 
 
 def contents(folder):
-    """Every file of a folder but for timings; no folder may be left in it."""
-    files = {path.name: path.read_bytes() for path in folder.iterdir()}
+    """Every file of a folder but for timings; no folder may be left in it but that of replicas, which are whole."""
+    files = {path.name: path.read_bytes() for path in folder.iterdir() if path.name != "replicas"}
+    kept = finished_run(folder)
+    files["replicas"] = [replica.digest for own in kept.replicas for replica in own]
     files["report.html"] = masked(files["report.html"].decode())
     files["summary.json"] = json.dumps(without_timings(json.loads(files["summary.json"])))
     return files
@@ -160,7 +163,8 @@ def try_fault(study, options, out, number, forever, right):
 
 def contents_without_leftovers(out):
     """As `contents`, but for what could not be removed: the next run does, when this process has ended."""
-    for path in [*out.glob("checkpoint/.partial-*"), *out.glob(".partial-*")]:
+    leftovers = (out.glob(f"{place}.partial-*") for place in ("", "checkpoint/", "replicas/"))
+    for path in itertools.chain(*leftovers):
         path.unlink()
     if (out / "checkpoint").exists():
         names = {path.name for path in (out / "checkpoint").iterdir()}
