@@ -11,6 +11,7 @@ import json
 import math
 import os
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,7 @@ from hardspheres.errors import CheckpointError
 from hardspheres.temporary import remove_leftovers, temporarily
 from studies.figures.style import figure_style, name_gas, save
 from studies.formats import FORMATS, in_format
+from studies.options import MANY
 from studies.running.journal import (
     FOLDER,
     Journal,
@@ -30,7 +32,7 @@ from studies.running.journal import (
     not_written,
     require_same,
 )
-from studies.running.kept import LARGE, Kept
+from studies.running.kept import LARGE, REPLICAS, Kept
 from studies.running.ownership import (
     SUMMARY,
     every_file,
@@ -127,7 +129,7 @@ class OutputFolder:
         """The checkpoint folder, which is there while a study runs."""
         return self._journal.folder
 
-    def check(self, study: Any = None, *, resumable: bool = True) -> None:
+    def check(self, study: Any = None, *, resumable: bool = True, replicas: bool = True) -> None:
         """Raise an error if the folder cannot be used; create nothing.
 
         Parameters
@@ -136,6 +138,8 @@ class OutputFolder:
             Options of the study that is going to run, see `running`.
         resumable : bool, default True
             Whether it keeps checkpoints.
+        replicas : bool, default True
+            Whether the number of its replicas is decided; else it may be that of what is there, or more.
 
         Raises
         ------
@@ -148,7 +152,7 @@ class OutputFolder:
         self._require_writable()
         if study is not None and resumable:
             with self._journal.held(make=False):
-                self._agree(study)
+                self._agree(study, replicas)
         elif self._journal.unfinished():
             raise self._unfinished()
         else:
@@ -281,8 +285,10 @@ class OutputFolder:
         if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
             raise elsewhere(f"{parent} cannot be written to")
 
-    def _agree(self, study: Any) -> set[str]:
+    def _agree(self, study: Any, replicas: bool = True) -> set[str]:
         """Return the files that a run may replace; refuse what is in its way, or not what it resumes."""
+        if not replicas:
+            study = replace(study, replicas=MANY)
         self._names, before = files_of(study), self._journal.unfinished()
         keeps = getattr(study, "keeps", False)
         if keeps and self.keep is not False:
@@ -296,7 +302,10 @@ class OutputFolder:
             return self._claim(before["own"] if before else ())
         if before is None:
             raise CheckpointError(f"{self.path} holds no unfinished run, so there is nothing to resume")
-        require_same(self.path, before, about(study))
+        now = about(study)
+        if not replicas:
+            now["options"][REPLICAS] = before["options"].get(REPLICAS)
+        require_same(self.path, before, now)
         self.there = self._kept.replicas_for(study, False) if before.get("there") else 0
         return set(map(str, before["own"]))
 

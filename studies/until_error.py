@@ -160,7 +160,7 @@ def until_error(
     itself = study.to_precision(target)
     if itself is not None:
         return run(itself, out, screen)
-    out.check()
+    out.check(study, replicas=False)
     seed = int(np.random.SeedSequence([study.seed, 1]).generate_state(1)[0])
     pilot = replace(study, replicas=min(study.replicas, PILOT), seed=seed)
     with _scratch() as folder:

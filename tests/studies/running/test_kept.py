@@ -20,6 +20,7 @@ from studies.report import Screen
 from studies.running.journal import Shelf
 from studies.running.kept import Kept, finished_run
 from studies.study import Replica, _Running, conduct, run_study
+from studies.until_error import until_error
 
 STUDY = EquationOfState(
     packing_fractions=(0.05, 0.1), n=60, collisions_per_particle=15.0, replicas=2, workers=1
@@ -212,6 +213,33 @@ def test_somebodys_folder_of_that_name_is_left_alone(what, tmp_path, two):
         OutputFolder(tmp_path / "out").check(STUDY)
     OutputFolder(tmp_path / "out", keep=False).check(replace(STUDY, replicas=9))
     assert before == {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+
+
+def test_a_precision_is_resumed_and_then_refined_with_what_is_there(tmp_path, monkeypatch, began, capsys):
+    """The pilot runs again, its gases are others. Sibling: the run that was never interrupted."""
+    begin, coarse, fine = _Running.begin, 0.03, 0.01
+
+    def to(target, path, **options):
+        until_error(STUDY, target, OutputFolder(path, **options), Screen(json_output=True))
+        return capsys.readouterr().err
+
+    def interrupted(self, item):
+        if item.index == 3 and self.study.seed == STUDY.seed:
+            raise KeyboardInterrupt
+        return begin(self, item)
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(_Running, "begin", interrupted)
+        to(coarse, tmp_path / "out")
+    to(coarse, tmp_path / "out", resume=True)
+    to(coarse, tmp_path / "direct")
+    assert results(tmp_path / "out") == results(tmp_path / "direct")
+    count = finished_run(tmp_path / "out").study.replicas
+    began.clear()
+    assert f"{count} of " in to(fine, tmp_path / "out")
+    assert all(r >= count for k, r in began[2 * STUDY.replicas :])  # after those of the pilot
+    with pytest.raises(OutputError, match="holds a finished run with --replicas .*, not "):
+        to(coarse, tmp_path / "out")
 
 
 def test_a_damaged_replica_is_run_again(two, finished, began):
