@@ -61,6 +61,15 @@ UntilError = Annotated[
         show_default="as many as --replicas",
     ),
 ]
+Keep = Annotated[
+    bool | None,
+    typer.Option(
+        "--keep/--no-keep",
+        help="Whether the replicas stay beside the results: then more --replicas extend the run, and "
+        "combine joins it with runs of other seeds.",
+        show_default="if they take at most 50 MB",
+    ),
+]
 Format = Annotated[str, typer.Option("--format", help="Format of figures.", **word("--format", *FORMATS))]
 OF_EVERY_RUN: dict[str, tuple[Any, Any]] = {
     "out": (Out, None),
@@ -72,6 +81,7 @@ OF_LONG_RUNS: dict[str, tuple[Any, Any]] = {
     "checkpoint_every": (CheckpointEvery, 60.0),
     "resume": (Resume, False),
 }
+OF_REPLICAS: dict[str, tuple[Any, Any]] = {"keep": (Keep, None)}
 
 
 def _of_a_page(name: str) -> dict[str, tuple[Any, Any]]:
@@ -105,6 +115,7 @@ def function_of(kind: type[Program]) -> Callable[..., None]:
         until_error: float | None = None,
         checkpoint_every: float = 60.0,
         resume: bool = False,
+        keep: bool | None = None,
         **given: Any,
     ) -> None:
         from studies.report import Screen
@@ -113,7 +124,7 @@ def function_of(kind: type[Program]) -> Callable[..., None]:
         program = kind(**values)
         screen = Screen(json)
         folder = program.folder(out, checkpoint_every, resume, force)
-        folder.figure_format = figure_format
+        folder.figure_format, folder.keep = figure_format, keep
         program = program.prepared(screen.note)
         if until_error is None:
             summary, sound = program.conduct(folder, screen)
@@ -130,7 +141,8 @@ def function_of(kind: type[Program]) -> Callable[..., None]:
     for each, its in options_of(kind):
         if its.argument:
             stands = typer.Argument(help=its.help, show_default=False, **its.more)
-            parameters[each.name] = (Annotated[hints[each.name], stands], inspect.Parameter.empty)
+            standing = list[str] if its.several else hints[each.name]
+            parameters[each.name] = (Annotated[standing, stands], inspect.Parameter.empty)
             continue
         default = each.default if isinstance(each.default, (bool, int, float, str)) else None
         declared = typer.Option(
@@ -152,6 +164,8 @@ def function_of(kind: type[Program]) -> Callable[..., None]:
         parameters |= OF_FIGURES
     if kind.resumable:
         parameters |= OF_LONG_RUNS
+    if kind.keeps:
+        parameters |= OF_REPLICAS
     if kind.to_an_error:
         parameters["until_error"] = (UntilError, None)
     keyword = inspect.Parameter.KEYWORD_ONLY

@@ -11,6 +11,7 @@ import json
 import math
 import os
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,7 @@ from hardspheres.errors import CheckpointError
 from hardspheres.temporary import remove_leftovers, temporarily
 from studies.figures.style import figure_style, name_gas, save
 from studies.formats import FORMATS, in_format
+from studies.options import MANY
 from studies.running.journal import (
     FOLDER,
     Journal,
@@ -30,6 +32,7 @@ from studies.running.journal import (
     not_written,
     require_same,
 )
+from studies.running.kept import LARGE, REPLICAS, Kept
 from studies.running.ownership import (
     SUMMARY,
     every_file,
@@ -79,6 +82,9 @@ class OutputFolder:
         replaced.
     figure_format : str, default "png"
         Of figures: "png", "svg" or "pdf".
+    keep : bool, optional
+        Whether a study's replicas stay beside its results, see `studies.running.kept`; by default where they
+        take at most 50 MB together, or an earlier run has kept some.
 
     Attributes
     ----------
@@ -88,6 +94,8 @@ class OutputFolder:
         Of figures.
     files : list of str
         Names of the files written so far.
+    there : int
+        Replicas of an earlier run that this one extends.
     """
 
     def __init__(
@@ -98,16 +106,18 @@ class OutputFolder:
         resume: bool = False,
         force: bool = False,
         figure_format: str = "png",
+        keep: bool | None = None,
     ) -> None:
         if figure_format not in FORMATS:
             raise OutputError(f"figure_format {figure_format!r} is not known; it can be png, svg or pdf")
         self.figure_format = figure_format
         self.path, self._place = Path(path), Path(path).absolute()
         self.checkpoint_every, self.resume, self.force = checkpoint_every, resume, force
+        self.keep, self.there = keep, 0
         self.files: list[str] = []
         self._names: tuple[str, ...] = ()  # that the study writes beside its summary, figures as .png
         self._own: set[str] | None = None  # names of files that may be replaced
-        self._journal = Journal(self.path, self._place)
+        self._journal, self._kept = Journal(self.path, self._place), Kept(self.path, self._place)
         self._manifest: dict[str, Any] | None = None  # while a run is in the journal
 
     def __repr__(self) -> str:
@@ -119,7 +129,7 @@ class OutputFolder:
         """The checkpoint folder, which is there while a study runs."""
         return self._journal.folder
 
-    def check(self, study: Any = None, *, resumable: bool = True) -> None:
+    def check(self, study: Any = None, *, resumable: bool = True, replicas: bool = True) -> None:
         """Raise an error if the folder cannot be used; create nothing.
 
         Parameters
@@ -128,6 +138,8 @@ class OutputFolder:
             Options of the study that is going to run, see `running`.
         resumable : bool, default True
             Whether it keeps checkpoints.
+        replicas : bool, default True
+            Whether the number of its replicas is decided; else it may be that of what is there, or more.
 
         Raises
         ------
@@ -140,7 +152,7 @@ class OutputFolder:
         self._require_writable()
         if study is not None and resumable:
             with self._journal.held(make=False):
-                self._agree(study)
+                self._agree(study, replicas)
         elif self._journal.unfinished():
             raise self._unfinished()
         else:
@@ -168,12 +180,14 @@ class OutputFolder:
         """
         self.create()
         with self._journal.held(make=True):
-            self._own, self._manifest = self._agree(study), about(study)
+            self._own = self._agree(study)
+            self._manifest = about(study) | ({"there": self.there} if self.there else {})
             try:
                 if not self.resume:
                     self._journal.discard()
                 self._record()
-                yield Shelf(self.checkpoints, self.checkpoint_every)
+                earlier = self._kept.folder if self.there else None
+                yield Shelf(self.checkpoints, self.checkpoint_every, earlier)
                 self._journal.discard(finished=True)
             except BaseException as error:
                 if self._journal.unfinished():
@@ -184,6 +198,27 @@ class OutputFolder:
                 raise
             finally:
                 self._manifest = None
+
+    def keep_replicas(self, study: Any, gases: int, shelf: Shelf) -> str:
+        """Keep all replicas of a finished study, if that is wanted; return why not, if that must be told.
+
+        Parameters
+        ----------
+        study : Study
+            What was run.
+        gases : int
+            How many it is about.
+        shelf : Shelf
+            Where its results are.
+        """
+        files = shelf.finished(range(study.replicas * gases))
+        if self.keep is False or (self.keep is None and study.not_extendable):
+            self._kept.remove()
+        elif self.keep or self.there or (size := self._kept.size(files)) <= LARGE:
+            self._kept.keep(study, gases, files)
+        else:
+            return f"the replicas take {size / 1e6:.0f} MB and were not kept; --keep keeps them"
+        return ""
 
     def create(self) -> None:
         """Make the folder and its parents."""
@@ -250,16 +285,28 @@ class OutputFolder:
         if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
             raise elsewhere(f"{parent} cannot be written to")
 
-    def _agree(self, study: Any) -> set[str]:
+    def _agree(self, study: Any, replicas: bool = True) -> set[str]:
         """Return the files that a run may replace; refuse what is in its way, or not what it resumes."""
+        if not replicas:
+            study = replace(study, replicas=MANY)
         self._names, before = files_of(study), self._journal.unfinished()
+        keeps = getattr(study, "keeps", False)
+        if keeps and self.keep is not False:
+            self._kept.require_ours()
         if not self.resume:
             if before and not self.force:
                 raise self._unfinished()
+            if keeps and not self.force:
+                finished = files_of_finished_run(self._place, tuple) is not None
+                self.there = self._kept.replicas_for(study, finished)
             return self._claim(before["own"] if before else ())
         if before is None:
             raise CheckpointError(f"{self.path} holds no unfinished run, so there is nothing to resume")
-        require_same(self.path, before, about(study))
+        now = about(study)
+        if not replicas:
+            now["options"][REPLICAS] = before["options"].get(REPLICAS)
+        require_same(self.path, before, now)
+        self.there = self._kept.replicas_for(study, False) if before.get("there") else 0
         return set(map(str, before["own"]))
 
     def _unfinished(self) -> CheckpointError:
@@ -276,7 +323,7 @@ class OutputFolder:
     def _claim(self, unfinished: Iterable[str] = ()) -> set[str]:
         """Return the files that may be replaced; refuse others, and a finished run without force."""
         old = files_of_finished_run(self._place, self._known)
-        if old is not None and not self.force:
+        if old is not None and not self.force and not self.there:
             raise OutputError(
                 f"{self.path} holds a finished run; give another folder with --out, or --force to replace it"
             )
@@ -310,6 +357,8 @@ class OutputFolder:
             remove_leftovers(self._place, path.stat().st_mtime)
             for stale in self._own - {SUMMARY, *self.files}:
                 self._remove(stale)
+            if not self.there:
+                self._kept.remove()
         os.replace(path, self._place / name)
         if name not in self.files:
             self.files.append(name)

@@ -95,6 +95,11 @@ class EquationOfState(Study):
         usual = self.suite and self.collisions_per_particle is None
         return SUITE_PRECISION if usual and self.until_error is None else self.until_error
 
+    @property
+    def not_extendable(self) -> str:
+        """Whether all replicas share a length."""
+        return "" if self.precision is None else "whose length depends on --replicas"
+
     def gases(self) -> list[Fluid]:
         """Return the gases to measure, by ascending packing fraction of each kind."""
         share = number_fraction(self.fraction, self.diameter_ratio, self.mass_ratio)

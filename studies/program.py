@@ -37,6 +37,8 @@ class Program(ABC):
         Whether it writes report.html.
     resumable : bool
         Whether it keeps checkpoints.
+    keeps : bool
+        Whether its replicas may stay beside its results.
     to_an_error : bool
         Whether --until-error may decide the number of its replicas.
     only_if_asked : bool
@@ -51,6 +53,7 @@ class Program(ABC):
     files: ClassVar[tuple[str, ...]]
     reports: ClassVar[bool] = False
     resumable: ClassVar[bool] = True
+    keeps: ClassVar[bool] = False
     to_an_error: ClassVar[bool] = False
     only_if_asked: ClassVar[bool] = False
     page: ClassVar[str] = ""

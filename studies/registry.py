@@ -32,6 +32,10 @@ QUESTIONS = {
         "studies.expansion:Expansion",
         "Let a gas out of half of a box, beside an ideal gas, and back by reversing all velocities.",
     ),
+    "combine": (
+        "studies.combine:Combine",
+        "Merge finished runs of one study with different seeds.",
+    ),
     "view": ("studies.viewer.command:View", "Watch the gas in a file in a browser, every collision."),
     "analyse": (
         "studies.analyse.command:Analyse",

@@ -289,11 +289,12 @@ def _round(rate: float) -> str:
     return f"{float(f'{rate:.2g}'):,.0f}".replace(",", " ")
 
 
-def say_checks(screen: Screen, summary: Mapping[str, Any], out: OutputFolder) -> None:
-    """Print how much was done, what failed, and where the files are."""
+def say_checks(screen: Screen, summary: Mapping[str, Any], out: OutputFolder, earlier: bool = False) -> None:
+    """Print how much was done, partly in `earlier` runs, what failed, and where the files are."""
     checks = summary["checks"]
+    done = ", those of earlier runs included; this one took" if earlier else " in"
     screen.say(
-        f"{summary['collisions']} collisions in {summary['seconds']['total']:.0f} s; worst energy drift "
+        f"{summary['collisions']} collisions{done} {summary['seconds']['total']:.0f} s; worst energy drift "
         f"{checks['worst_energy_drift']:.1e}, events out of order {checks['late_events']}"
     )
     engine, study = summary["engine_collisions_per_second"], summary["collisions_per_second_and_core"]

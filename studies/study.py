@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
     from studies.viewer.replay import Replay
 
-__all__ = ["Replica", "Study", "conduct"]
+__all__ = ["Replica", "Study", "conduct", "results", "show_results"]
 
 
 @dataclass
@@ -56,7 +56,7 @@ class Replica:
     Attributes
     ----------
     root, index : int
-        Seed of the study, and which of its runs this is.
+        Seed of the study, and which of the runs of its gas this is.
     estimators : dict
         What was measured.
     done : int
@@ -73,6 +73,8 @@ class Replica:
         What else the study wants to know of the gas at the end: plain values.
     digest : str
         Of the state at the end, see `digest_of`.
+    gas : int
+        Which of the gases of the study it is.
     """
 
     root: int
@@ -86,6 +88,7 @@ class Replica:
     notes: list[str] = field(default_factory=list)
     seen: dict[str, Any] = field(default_factory=dict)
     digest: str = ""
+    gas: int = 0
 
     def __repr__(self) -> str:
         """Return which run it is, how far it has come, and what it measured."""
@@ -102,8 +105,9 @@ class Replica:
 
     @property
     def seed(self) -> np.random.SeedSequence:
-        """Its source of random choices, independent of that of every other run."""
-        return np.random.SeedSequence(self.root, spawn_key=(self.index,))
+        """Its source of random choices, independent of every other run's and of how many there are."""
+        key = (self.index, self.gas) if self.gas else (self.index,)
+        return np.random.SeedSequence(self.root, spawn_key=key)
 
     def finish(self, seconds: float) -> None:
         """Check the gas a last time, and let it go."""
@@ -131,12 +135,21 @@ class Study(Program):
     """
 
     reports = True
+    keeps = True
     to_an_error = True
     table: ClassVar[str]
 
     replicas: int = runs(2)
     seed: int = seed()
     workers: int | None = workers()
+
+    @property
+    def not_extendable(self) -> str:
+        """Why a replica is not the same however many there are, as in "whose length depends on --replicas".
+
+        Empty where it is: then more can be added to a run, and runs combined.
+        """
+        return ""
 
     def conduct(self, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:
         """Run it, print its results and write its files, see `conduct`."""
@@ -244,6 +257,7 @@ class _Run:
 
     gas: Gas
     index: int
+    which: int  # of the gases
     recording: bool = False
 
 
@@ -256,7 +270,7 @@ class _Running(Resumable[_Run, Replica, Replica]):
 
     def begin(self, item: _Run) -> Replica:
         """Make the gas and what measures it."""
-        replica = Replica(self.study.seed, item.index, None, {})
+        replica = Replica(self.study.seed, item.index, None, {}, gas=item.which)
         replica.running = simulation = self.study.start(item.gas, replica.seed)
         watching = self.study.recorders(item.gas) if item.recording else None
         replica.estimators = dict(watching or self.study.estimators(item.gas, simulation))
@@ -302,15 +316,18 @@ def run_study(
         The second run of the first one.
     """
     gases, count = study.gases(), study.replicas
-    runs = [_Run(gas, k * count + r) for k, gas in enumerate(gases) for r in range(count)]
+    runs = [_Run(gas, r, k) for k, gas in enumerate(gases) for r in range(count)]
+    numbers = [run.index * len(gases) + run.which for run in runs]  # of a replica always the same
     if record and study.recorders(gases[0]):
-        runs.append(_Run(gases[0], 0, recording=True))
+        runs.append(_Run(gases[0], 0, 0, recording=True))
+        numbers.append(len(numbers))
     # what takes longest is last here and runs first, so that all workers finish together: dense gases, and
     # the run that is watched
     with screen.progress("runs", len(runs)) as advance:
         found = run_replicas(
             _Running(study, folder),
             runs[::-1],
+            numbers=numbers[::-1],
             workers=study.workers,
             done=advance,
             shelf=shelf,
@@ -369,43 +386,98 @@ def conduct(
     _compile(study, gases, screen)
     ready = time.perf_counter()
     with out.running(study) as shelf:
+        if out.there:
+            screen.note(f"{out.there} of {study.replicas} replicas were there")
         replicas, recorded = run_study(study, screen, shelf, shelf.folder, record)
-        ran = time.perf_counter()
-        answers = [study.answer(gas, own) for gas, own in zip(gases, replicas, strict=True)]
-        out.write_csv(f"{study.table}.csv", tidy(answers))
-        for name, columns in curve_files(answers).items():
-            out.write_csv(f"{name}.csv", columns)
-        with screen.working("drawing"), figure_style():
-            figures = study.figures(answers)
-            for name, figure in figures.items():
-                out.save_figure(f"{name}.png", figure, study.subject(answers))
-            if recorded is not None:
-                study.show(recorded.estimators, answers, out)
-        if (replay := study.replay()) is not None:
-            with screen.working("running a gas to be watched"), out.partial("gas.html") as path:
-                path.write_text(replay.html, encoding="utf-8")
-        summary = Summary(summary_of(study, answers, replicas, out))
-        summary["seconds"] = seconds_taken(began, ready, ran)
-        verdict = [conclude(summary)] if conclude is not None else []
-        with screen.working("writing the report"):
-            write_report(
-                out,
-                name=study.name,
-                question=study.asked,
-                answers=answers,
-                subject=study.subject(answers),
-                legend=study.legend(answers),
-                figures=figures,
-                summary=summary,
-                replay=replay,
-                replicas=study.replicas,
-                spent=verdict,
-            )
-        out.write_json(SUMMARY, summary)
-    _print(screen, study, answers, summary, out)
-    for sentence in verdict:
-        screen.say(sentence)
-    return summary, bool(summary["checks"]["passed"])
+        times = (began, ready, time.perf_counter())
+        found = results(
+            study, replicas, out, screen, times, recorded=recorded, replay=study.replay, conclude=conclude
+        )
+        not_kept = out.keep_replicas(study, len(gases), shelf)
+    show_results(study, found, out, screen, earlier=out.resume or out.there > 0)
+    if not_kept:
+        screen.note(not_kept)
+    return found.summary, bool(found.summary["checks"]["passed"])
+
+
+@dataclass(frozen=True)
+class Results:
+    """What replicas of all gases say, as it was written.
+
+    Attributes
+    ----------
+    answers : list of Answer
+        Of each gas.
+    summary : dict
+        The content of summary.json.
+    verdict : list of str
+        What it means, where `conclude` has said it.
+    """
+
+    answers: list[Answer]
+    summary: dict[str, Any]
+    verdict: list[str]
+
+
+def results(
+    study: Study,
+    replicas: Sequence[Sequence[Replica]],
+    out: OutputFolder,
+    screen: Screen,
+    times: tuple[float, float, float],
+    *,
+    recorded: Replica | None = None,
+    replay: Callable[[], Replay | None] = lambda: None,
+    conclude: Callable[[dict[str, Any]], str] | None = None,
+) -> Results:
+    """Write the files of a study, given its replicas of each gas.
+
+    Parameters
+    ----------
+    study, out, screen, conclude
+        As in `conduct`.
+    replicas : sequence of sequences of Replica
+        Of each gas.
+    times : (float, float, float)
+        When the study began, when all was compiled, when the replicas were there: as in `seconds_taken`.
+    recorded : Replica, optional
+        The first run, watched by the study's recorders.
+    replay : callable
+        Returns a gas to be watched, or None.
+    """
+    gases = study.gases()
+    answers = [study.answer(gas, own) for gas, own in zip(gases, replicas, strict=True)]
+    out.write_csv(f"{study.table}.csv", tidy(answers))
+    for name, columns in curve_files(answers).items():
+        out.write_csv(f"{name}.csv", columns)
+    with screen.working("drawing"), figure_style():
+        figures = study.figures(answers)
+        for name, figure in figures.items():
+            out.save_figure(f"{name}.png", figure, study.subject(answers))
+        if recorded is not None:
+            study.show(recorded.estimators, answers, out)
+    if (watched := replay()) is not None:
+        with screen.working("running a gas to be watched"), out.partial("gas.html") as path:
+            path.write_text(watched.html, encoding="utf-8")
+    summary = Summary(summary_of(study, answers, replicas, out))
+    summary["seconds"] = seconds_taken(*times)
+    verdict = [conclude(summary)] if conclude is not None else []
+    with screen.working("writing the report"):
+        write_report(
+            out,
+            name=study.name,
+            question=study.asked,
+            answers=answers,
+            subject=study.subject(answers),
+            legend=study.legend(answers),
+            figures=figures,
+            summary=summary,
+            replay=watched,
+            replicas=study.replicas,
+            spent=verdict,
+        )
+    out.write_json(SUMMARY, summary)
+    return Results(answers, summary, verdict)
 
 
 def summary_of(
@@ -440,10 +512,13 @@ def summary_of(
     }
 
 
-def _print(
-    screen: Screen, study: Study, answers: Sequence[Answer], summary: Mapping[str, Any], out: OutputFolder
+def show_results(
+    study: Study, found: Results, out: OutputFolder, screen: Screen, earlier: bool = False
 ) -> None:
-    write_tables(screen, answers, study.replicas)
-    for sentence in (*study.legend(answers), *marks_of(answers), *notes_of(answers)):
+    """Print what was found; `earlier` tells that replicas of an earlier run are among it."""
+    write_tables(screen, found.answers, study.replicas)
+    for sentence in (*study.legend(found.answers), *marks_of(found.answers), *notes_of(found.answers)):
         screen.say(sentence)
-    say_checks(screen, summary, out)
+    say_checks(screen, found.summary, out, earlier)
+    for sentence in found.verdict:
+        screen.say(sentence)

@@ -160,7 +160,7 @@ def until_error(
     itself = study.to_precision(target)
     if itself is not None:
         return run(itself, out, screen)
-    out.check()
+    out.check(study, replicas=False)
     seed = int(np.random.SeedSequence([study.seed, 1]).generate_state(1)[0])
     pilot = replace(study, replicas=min(study.replicas, PILOT), seed=seed)
     with _scratch() as folder:
@@ -194,7 +194,7 @@ def until_error(
 @contextmanager
 def _scratch() -> Iterator[OutputFolder]:
     with tempfile.TemporaryDirectory() as folder:
-        yield OutputFolder(Path(folder) / "pilot")
+        yield OutputFolder(Path(folder) / "pilot", keep=False)
 
 
 def _core_seconds(summary: Mapping[str, Any]) -> float:

@@ -6,6 +6,7 @@ In reading order:
 - `resuming`: a replica that saves its state at intervals, and resumes from it;
 - `stopping`: signals, deferred while something is saved;
 - `journal`: the checkpoint folder of a study;
+- `kept`: replicas that stay after a study is finished, to be extended or combined;
 - `encoding`: values to a file and back, bit for bit;
 - `locking`: at most one run writes into a folder;
 - `ownership`: which files a run may replace.

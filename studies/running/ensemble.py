@@ -153,6 +153,7 @@ def run_replicas(
     task: Callable[[Item], Result],
     items: Sequence[Item],
     *,
+    numbers: Sequence[int] | None = None,
     workers: int | None = None,
     executor: Executor | None = None,
     done: Callable[[], None] | None = None,
@@ -170,6 +171,8 @@ def run_replicas(
         pickled.
     items : sequence
         For example the seeds of `replica_seeds`.
+    numbers : sequence of int, optional
+        Of the items on the shelf; by default their places.
     workers : int, optional
         Number of processes, all available cores by default; with one everything runs in this process.
     executor : Executor, optional
@@ -199,8 +202,13 @@ def run_replicas(
     if count < 1:
         raise ValueError(f"workers = {count}; expected at least 1")
     told = done or (lambda: None)
-    kept = [None if shelf is None else shelf.result(index) for index in range(len(items))]
-    jobs = [(task, items[index], shelf, index) for index, found in enumerate(kept) if found is None]
+    places = range(len(items)) if numbers is None else numbers
+    kept = [None if shelf is None else shelf.result(number) for number in places]
+    jobs = [
+        (task, item, shelf, number)
+        for item, number, found in zip(items, places, kept, strict=True)
+        if found is None
+    ]
     for _ in range(len(items) - len(jobs)):
         told()
     fresh: list[Result] = []

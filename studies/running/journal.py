@@ -20,7 +20,7 @@ import json
 import os
 import re
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -32,7 +32,19 @@ from studies.running.encoding import read, write
 from studies.running.locking import Lock
 from studies.running.ownership import is_ordinary, load_object
 
-__all__ = ["FOLDER", "Journal", "OutputError", "Shelf", "about", "elsewhere", "not_written", "require_same"]
+__all__ = [
+    "FOLDER",
+    "Journal",
+    "OutputError",
+    "Shelf",
+    "about",
+    "difference",
+    "elsewhere",
+    "not_written",
+    "read_sealed",
+    "require_same",
+    "write_sealed",
+]
 
 FOLDER = "checkpoint"
 REMOVED = re.compile(rf"(done|running)-\d{{4,}}\.npz|\.?trajectory\.xyz(\.\w+)?|{NAME.pattern}")
@@ -70,17 +82,26 @@ class Shelf:
         The checkpoint folder.
     every : float
         Seconds of wall time between two states of an item that is running.
+    earlier : Path, optional
+        Another folder, with results of a run that this one extends.
     """
 
     folder: Path
     every: float = 60.0
+    earlier: Path | None = None
 
     def _path(self, what: str, index: int) -> Path:
         return self.folder / f"{what}-{index:04d}.npz"
 
+    def finished(self, numbers: Iterable[int]) -> list[Path]:
+        """Return the files of the results of items."""
+        return [self._path("done", number) for number in numbers]
+
     def result(self, index: int) -> tuple[Any] | None:
         """Return the result of an item in a tuple, None where it is not finished, or its file damaged."""
-        return _whole(self._path("done", index))
+        path = self._path("done", index)
+        found = _whole(path)
+        return _whole(self.earlier / path.name) if found is None and self.earlier is not None else found
 
     def store(self, index: int, result: Any) -> None:
         """Save the result of an item; its state is no longer needed."""
@@ -158,20 +179,38 @@ def _seal(manifest: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(manifest, sort_keys=True).encode()).hexdigest()
 
 
-def require_same(out: Path, before: Mapping[str, Any], now: Mapping[str, Any]) -> None:
-    """Raise CheckpointError unless two manifests say the same of the study: one found, one of now."""
+def difference(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
+    """Return in which way one manifest is not of the study of another; an empty text where it is."""
     for what in ("study", "version"):
         if before[what] != now[what]:
-            raise CheckpointError(
-                f"{out} holds an unfinished run of another {what}: {before[what]}, not {now[what]}"
-            )
+            return f"of another {what}: {before[what]}, not {now[what]}"
     for name in {**before["options"], **now["options"]}:
         old, new = before["options"].get(name), now["options"].get(name)
         if old != new:
-            raise CheckpointError(
-                f"{out} holds an unfinished run with {name} {_words(old)}, not {_words(new)}; resume it with "
-                "its original options"
-            )
+            return f"with {name} {_words(old)}, not {_words(new)}"
+    return ""
+
+
+def require_same(out: Path, before: Mapping[str, Any], now: Mapping[str, Any]) -> None:
+    """Raise CheckpointError unless two manifests say the same of the study: one found, one of now."""
+    if other := difference(before, now):
+        advice = "; resume it with its original options" * other.startswith("with ")
+        raise CheckpointError(f"{out} holds an unfinished run {other}{advice}")
+
+
+def read_sealed(path: Path, **kinds: type) -> dict[str, Any] | None:
+    """Return a manifest that has entries of these types; None where it is damaged, or not ours."""
+    found = load_object(path) or {}
+    if found.pop("sha256", None) != _seal(found):
+        return None
+    return found if all(isinstance(found.get(name), kind) for name, kind in kinds.items()) else None
+
+
+def write_sealed(path: Path, content: Mapping[str, Any]) -> None:
+    """Write a manifest."""
+    with replacing(path) as temporary:
+        sealed = {**content, "sha256": _seal(content)}
+        temporary.write_text(json.dumps(sealed, indent=2), encoding="utf-8")
 
 
 class Journal:
@@ -191,11 +230,7 @@ class Journal:
 
     def unfinished(self) -> dict[str, Any] | None:
         """Return the manifest of the run that can be resumed, None where there is none."""
-        found = load_object(self._manifest) or {}
-        if found.pop("sha256", None) != _seal(found):  # damaged, or not ours
-            return None
-        kinds = {"study": str, "version": str, "options": dict, "own": list}
-        return found if all(isinstance(found.get(name), kind) for name, kind in kinds.items()) else None
+        return read_sealed(self._manifest, study=str, version=str, options=dict, own=list)
 
     @contextlib.contextmanager
     def held(self, make: bool) -> Iterator[None]:
@@ -229,9 +264,8 @@ class Journal:
 
     def write(self, content: Mapping[str, Any]) -> None:
         """Write the manifest."""
-        with not_written(), replacing(self._manifest) as temporary:
-            sealed = {**content, "sha256": _seal(content)}
-            temporary.write_text(json.dumps(sealed, indent=2), encoding="utf-8")
+        with not_written():
+            write_sealed(self._manifest, content)
 
     def discard(self, finished: bool = False) -> None:
         """Remove results and states, first what makes the folder resumable; the lock marks it as ours.

@@ -27,7 +27,7 @@ class _Page(OutputFolder):
         super().__init__(page.parent, force=force)
         self.page = page
 
-    def check(self, study: Any = None, *, resumable: bool = True) -> None:
+    def check(self, study: Any = None, **_: bool) -> None:
         """Raise an error if the page cannot be written, or something else is in its place."""
         self._require_writable()
         if self.page.is_dir():

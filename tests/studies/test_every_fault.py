@@ -11,6 +11,7 @@ import io
 import itertools
 import json
 import os
+import shutil
 import sys
 import warnings
 
@@ -20,6 +21,7 @@ from matplotlib.figure import Figure
 from studies import cli
 from studies.pressure import EquationOfState
 from studies.running.journal import Shelf
+from studies.running.kept import finished_run
 from studies.thermalisation import Thermalisation
 
 from .pages import masked
@@ -97,8 +99,10 @@ def without_timings(value):
 
 
 def contents(folder):
-    """Every file of a folder but for timings; no folder may be left in it."""
-    files = {path.name: path.read_bytes() for path in folder.iterdir()}
+    """Every file of a folder but for timings; no folder may be left in it but that of replicas, which are whole."""
+    files = {path.name: path.read_bytes() for path in folder.iterdir() if path.name != "replicas"}
+    kept = finished_run(folder)
+    files["replicas"] = [replica.digest for own in kept.replicas for replica in own]
     files["report.html"] = masked(files["report.html"].decode())
     files["summary.json"] = json.dumps(without_timings(json.loads(files["summary.json"])))
     return files
@@ -160,7 +164,8 @@ def try_fault(study, options, out, number, forever, right):
 
 def contents_without_leftovers(out):
     """As `contents`, but for what could not be removed: the next run does, when this process has ended."""
-    for path in [*out.glob("checkpoint/.partial-*"), *out.glob(".partial-*")]:
+    leftovers = (out.glob(f"{place}.partial-*") for place in ("", "checkpoint/", "replicas/"))
+    for path in itertools.chain(*leftovers):
         path.unlink()
     if (out / "checkpoint").exists():
         names = {path.name for path in (out / "checkpoint").iterdir()}
@@ -195,6 +200,52 @@ def test_some_operations_fail(study, forever, tmp_path):
 @pytest.mark.parametrize("name", STUDIES)
 def test_every_operation_fails(study, name, forever, tmp_path):
     sweep(study, STUDIES[name], tmp_path, 1, forever)
+
+
+def extended(study, tmp_path, every, forever):
+    """A finished run of two replicas is asked for three; whatever fails, the old results are there, or it goes on."""
+    more = [*PRESSURE, "--replicas", "3"]
+    assert study(*more, "--out", tmp_path / "direct") == (0, "")
+    assert study(*PRESSURE, "--out", tmp_path / "two") == (0, "")
+    old, right = contents(tmp_path / "two"), contents(tmp_path / "direct")
+    shutil.copytree(tmp_path / "two", tmp_path / "whole")
+    faults = Faults(tmp_path / "whole")
+    with pytest.MonkeyPatch.context() as patch:
+        faults.install(patch)
+        code, told = study(*more, "--out", tmp_path / "whole")
+    assert (code, told, contents(tmp_path / "whole")) == (0, "2 of 3 replicas were there\n", right)
+    left = set()
+    for number in range(1, len(faults.done) + 1, every):
+        out = tmp_path / f"out-{number}-{forever}"
+        shutil.copytree(tmp_path / "two", out)
+        failing = Faults(out)
+        failing.fails = lambda n, first=number: n == first or (forever and n > first)
+        with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            failing.install(patch)
+            code, errors = study(*more, "--out", out)
+        which = f"{number}: {faults.done[number - 1]}: {code} {errors}"
+        going_on = (out / "checkpoint" / "manifest.json").exists()
+        left.add((code, going_on))
+        if code:
+            assert "error: " in errors and "No space left" in errors and (KEPT in errors) == going_on, which
+            if not going_on:
+                assert contents_without_leftovers(out) == old, which
+            code, errors = study(*more, "--out", out, *(["--resume"] if going_on else []))
+            assert code == 0, f"{which}, then {errors}"
+        assert contents_without_leftovers(out) == right, which
+    assert (2, True) in left
+
+
+@pytest.mark.parametrize("forever", [False, True], ids=["once", "from then on"])
+def test_some_operations_fail_while_a_run_is_extended(study, forever, tmp_path):
+    extended(study, tmp_path, 13, forever)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("forever", [False, True], ids=["once", "from then on"])
+def test_every_operation_fails_while_a_run_is_extended(study, forever, tmp_path):
+    extended(study, tmp_path, 1, forever)
 
 
 def test_a_manifest_that_is_written_in_its_place_is_found_out(study, tmp_path, monkeypatch):

@@ -10,13 +10,17 @@ import pytest
 
 from studies.answer import to_dataframe
 from studies.cli import main
+from studies.combine import Combine
+from studies.fluid import Fluid
 from studies.options import OptionError, options_of
+from studies.pressure import EquationOfState
 from studies.registry import QUESTIONS, study_named
 from studies.report import OutputFolder, Screen
 from studies.running.encoding import encode
 from studies.running.journal import Shelf
+from studies.running.kept import finished_run
 from studies.running.ownership import files_of
-from studies.study import Study, conduct, run_study
+from studies.study import Study, _Run, _Running, conduct, run_study
 
 from .pages import Page, masked
 
@@ -108,7 +112,7 @@ def test_its_files_agree(name, finished):
     out, summary, sound = finished(name)
     kind = study_named(name)
     assert sound and summary["checks"]["passed"] and summary["study"] == kind.name == name
-    there = {path.name for path in out.path.iterdir()}
+    there = {path.name for path in out.path.iterdir() if path.name != "replicas"}
     assert there == set(summary["files"]) and there <= {"summary.json", *files_of(kind)}
     assert "report.html" in there
     assert f"{kind.table}.csv" in there
@@ -210,6 +214,44 @@ def test_workers_change_nothing(name, finished, tmp_path):
             assert path.read_bytes() == (other.path / path.name).read_bytes()
     pages = [(folder.path / "report.html").read_text(encoding="utf-8") for folder in (out, other)]
     assert masked(pages[0]) == masked(pages[1]) and pages[0] != pages[1]
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_a_replica_does_not_depend_on_how_many_there_are(name, finished):
+    """The last of each gas, of a study with one more: so that a run can be extended. Sibling below."""
+    out, *_ = finished(name)
+    kept = finished_run(out.path)
+    study = replace(kept.study, replicas=kept.study.replicas + 1)
+    assert not study.not_extendable
+    for k, (gas, own) in enumerate(zip(study.gases(), kept.replicas, strict=True)):
+        again = _Running(study, out.path)(_Run(gas, len(own) - 1, k))
+        if name != "soak":  # it measures the memory of each process
+            assert bits(again) == bits(own[-1]) != bits(own[0]) or len(own) == 1
+        assert again.digest == own[-1].digest
+
+
+def test_a_study_whose_replicas_depend_on_how_many_there_are_says_so():
+    """Those of the suite share a length."""
+    fluid = Fluid(n=108, packing_fraction=0.2)
+    few, many = (EquationOfState(suite=True, until_error=0.004, replicas=count) for count in (2, 4))
+    assert few.length(fluid) > many.length(fluid) and few.not_extendable
+    same = [EquationOfState(replicas=count) for count in (2, 4)]
+    assert len({study.length(fluid) for study in same}) == 1 and not same[0].not_extendable
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", STUDIES)
+def test_two_seeds_are_combined(name, finished, tmp_path):
+    """All files but what is recorded of one run; as many collisions as both."""
+    out, one, _ = finished(name)
+    other, _ = conduct(small(name, seed=6), OutputFolder(tmp_path / "other"), Screen(json_output=True))
+    both = OutputFolder(tmp_path / "both")
+    combined = Combine(runs=(str(out.path), str(tmp_path / "other")))
+    summary, _ = combined.conduct(both, Screen(json_output=True))
+    assert summary["collisions"] == one["collisions"] + other["collisions"]
+    assert set(one["files"]) - set(summary["files"]) <= {"trajectory.xyz", "gas.html", "gas.gif"}
+    gases = [finished_run(out.path).study.gases(), summary["states"]]
+    assert len(gases[0]) == len(gases[1])
 
 
 class Interrupted(Exception):

@@ -77,8 +77,9 @@ def without_timings(value):
 
 
 def contents(folder):
-    """Every file of a folder but for timings; no folder may be left in it."""
-    files = {path.name: path.read_bytes() for path in folder.iterdir()}
+    """Every file of a folder but for timings; no folder may be left in it but that of replicas."""
+    files = {path.name: path.read_bytes() for path in folder.iterdir() if path.name != "replicas"}
+    files["replicas"] = sorted(path.name for path in (folder / "replicas").iterdir())
     files["summary.json"] = json.dumps(without_timings(json.loads(files["summary.json"])))
     files["report.html"] = masked(files["report.html"].decode())
     return files
@@ -119,7 +120,7 @@ def test_killed_and_interrupted_and_resumed(undisturbed, tmp_path):
     out, checkpoint = tmp_path / "out", tmp_path / "out" / "checkpoint"
     options = [*PRESSURE, "--out", str(out), *OFTEN]
     run = start(*options)
-    wait_for((checkpoint / "running-0000.npz").exists)
+    wait_for((checkpoint / "running-0001.npz").exists)
     run.send_signal(signal.SIGSTOP)  # so that it is still there when the second has started
     assert not Lock(checkpoint / "lock").acquire()
     code, errors = finish(*options, "--resume")  # a second run at the same time
@@ -133,12 +134,12 @@ def test_killed_and_interrupted_and_resumed(undisturbed, tmp_path):
     assert run.returncode == -signal.SIGKILL and not (out / "summary.json").exists()
 
     run = start(*options, "--resume")
-    wait_for((checkpoint / "running-0001.npz").exists)
+    wait_for((checkpoint / "running-0000.npz").exists)
     run.send_signal(signal.SIGINT)
     errors = run.communicate(timeout=60)[1]
     assert run.returncode == 130
     assert errors == f"interrupted; what was done is kept in {checkpoint}: {KEPT}\n"
-    assert (checkpoint / "done-0000.npz").exists()
+    assert (checkpoint / "done-0001.npz").exists()
 
     code, errors = finish(*options, "--resume")
     assert code == 0, errors
@@ -271,7 +272,7 @@ def test_a_killed_worker_is_told_and_a_killed_parent_takes_its_workers_along(vic
     out = tmp_path / "out"
     options = [*THERMALISE, "--out", str(out), *OFTEN]
     run = start(*options)
-    wait_for((out / "checkpoint" / "running-0000.npz").exists)
+    wait_for((out / "checkpoint" / "running-0006.npz").exists)
     workers = workers_of(run.pid)
     assert len(workers) == 2
     os.kill(run.pid if victim == "parent" else workers[0], signal.SIGKILL)
@@ -308,7 +309,7 @@ def test_workers_save_what_they_have_before_they_end(number, code, word, undistu
     errors = run.communicate(timeout=60)[1]
     assert run.returncode == code
     assert errors == f"{word}; what was done is kept in {out / 'checkpoint'}: {KEPT}\n"
-    assert (out / "checkpoint" / "running-0000.npz").exists()
+    assert (out / "checkpoint" / "running-0006.npz").exists()
     assert not any(Path(f"/proc/{worker}").exists() for worker in workers)
     code, errors = finish(*options, "--resume")
     assert code == 0, errors
@@ -385,7 +386,7 @@ def test_a_terminal_that_is_closed_under_a_run():
 def test_a_folder_that_vanishes_or_cannot_be_written(tmp_path):
     out = tmp_path / "out"
     run = start(*PRESSURE, "--out", str(out), *OFTEN)
-    wait_for((out / "checkpoint" / "running-0000.npz").exists)
+    wait_for((out / "checkpoint" / "running-0001.npz").exists)
     while out.exists():
         shutil.rmtree(out, ignore_errors=True)
     errors = run.communicate(timeout=60)[1]

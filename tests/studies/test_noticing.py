@@ -30,7 +30,7 @@ def test_a_short_run_names_quantity_and_option():
     assert notes[0.05] == []
     (note,) = notes[0.25]
     assert "60 collisions per particle are too few" in note
-    assert note.endswith("ask for --collisions-per-particle 240 or more")
+    assert note.endswith("ask for --collisions-per-particle 250 or more")
 
 
 def test_the_length_asked_for_is_enough():

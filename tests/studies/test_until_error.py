@@ -117,7 +117,7 @@ def test_a_real_study(tmp_path, capsys):
     assert found["relative_error"] < 0.1 and found["core_seconds"]["study"] > 0
     assert "asked for 0.05: " in told.out and "the pilot took" in told.out
     assert "pilot: 4 replicas give D of this box" in told.err
-    assert sorted(path.name for path in out.path.iterdir()) == sorted(summary["files"])
+    assert sorted(path.name for path in out.path.iterdir()) == sorted(["replicas", *summary["files"]])
     assert json.loads((out.path / "summary.json").read_text())["until_error"]["asked"] == 0.05
     report = (out.path / "report.html").read_text(encoding="utf-8")
     assert "asked for 0.05: " in report and summary["command"].count(f"--replicas {found['replicas']}") == 1
