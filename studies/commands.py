@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from hardspheres.errors import SceneError
 from studies.exits import run_program
 from studies.formats import FORMATS
 from studies.options import App, OptionError, options_of, rewrapped, word
 from studies.registry import QUESTIONS, study_named
 
 if TYPE_CHECKING:
+    from studies.config import Config
     from studies.program import Program
 
 __all__ = ["Studies", "command_of", "main"]
@@ -94,6 +97,33 @@ def _if_asked() -> dict[str, tuple[Any, Any]]:
     return {"out": (Annotated[Path | None, out], None), "force": (Annotated[bool, force], False)}
 
 
+def _config(kind: type[Program], declared: dict[str, tuple[Any, Any]]) -> tuple[Any, Any]:
+    """Return --config of a command with these parameters: it is read before all others get their values."""
+
+    def read(ctx: typer.Context, file: str | None) -> Any:
+        from studies.config import configure
+
+        return None if file is None or ctx.resilient_parsing else configure(kind, declared, ctx, file)
+
+    told = (
+        "Take options from a file: the summary.json of an earlier run, or TOML with the names of options; "
+        "those given here win."
+    )
+    its = typer.Option(help=told, is_eager=True, callback=read, metavar="FILE", show_default=False)
+    return Annotated[str | None, its], None
+
+
+@contextlib.contextmanager
+def _beside(config: Config | None) -> Iterator[None]:
+    """Name the file of --config beside what is wrong with options."""
+    try:
+        yield
+    except (OptionError, SceneError) as error:
+        if config is not None:
+            error.add_note(f"options that are not given here are those of {config.file}")
+        raise
+
+
 def function_of(kind: type[Program]) -> Callable[..., None]:
     """Return the function that the command of a study runs: its parameters are the study's options."""
 
@@ -105,22 +135,26 @@ def function_of(kind: type[Program]) -> Callable[..., None]:
         until_error: float | None = None,
         checkpoint_every: float = 60.0,
         resume: bool = False,
+        config: Config | None = None,
         **given: Any,
     ) -> None:
         from studies.report import Screen
 
-        values = {name: tuple(v) if isinstance(v, list) else v for name, v in given.items() if v is not None}
-        program = kind(**values)
         screen = Screen(json)
-        folder = program.folder(out, checkpoint_every, resume, force)
-        folder.figure_format = figure_format
-        program = program.prepared(screen.note)
-        if until_error is None:
-            summary, sound = program.conduct(folder, screen)
-        else:
-            from studies.until_error import until_error as precisely
+        for remark in config.remarks if config is not None else ():
+            screen.note(remark)
+        values = {name: tuple(v) if isinstance(v, list) else v for name, v in given.items() if v is not None}
+        with _beside(config):
+            program = kind(**values)
+            folder = program.folder(out, checkpoint_every, resume, force)
+            folder.figure_format = figure_format
+            program = program.prepared(screen.note)
+            if until_error is None:
+                summary, sound = program.conduct(folder, screen)
+            else:
+                from studies.until_error import until_error as precisely
 
-            summary, sound = precisely(program, until_error, folder, screen)
+                summary, sound = precisely(program, until_error, folder, screen)
         screen.finish(summary)
         if not sound:
             raise typer.Exit(1)
@@ -154,6 +188,7 @@ def function_of(kind: type[Program]) -> Callable[..., None]:
         parameters |= OF_LONG_RUNS
     if kind.to_an_error:
         parameters["until_error"] = (UntilError, None)
+    parameters["config"] = _config(kind, parameters)
     keyword = inspect.Parameter.KEYWORD_ONLY
     run.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
         [

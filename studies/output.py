@@ -168,7 +168,7 @@ class OutputFolder:
         """
         self.create()
         with self._journal.held(make=True):
-            self._own, self._manifest = self._agree(study), about(study)
+            self._own, self._manifest = self._agree(study), about(study) | getattr(study, "planned", dict)()
             try:
                 if not self.resume:
                     self._journal.discard()

@@ -91,14 +91,20 @@ class Program(ABC):
                 words += its.typed(each.name, value)
         return shlex.join(words)
 
+    @property
+    def chosen(self) -> dict[str, Any]:
+        """Its options by the names of their fields, but for what changes no number."""
+        return {each.name: getattr(self, each.name) for each, _ in options_of(self) if each.name != "workers"}
+
     def made(self) -> dict[str, Any]:
-        """Return what made its results, for its summary: command, version, date and machine."""
+        """Return what made its results, for its summary: command, version, date, machine and options."""
         return {
             "study": self.name,
             "command": self.command,
             "version": hs.__version__,
             "date": today(),
             "machine": machine(),
+            "options": self.chosen,
         }
 
     @property
