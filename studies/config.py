@@ -208,7 +208,8 @@ def _read(path: Path, study: str) -> tuple[dict[str, Any], list[str]]:
         form = "JSON" if summary else "TOML"
         raise OptionError(f"--config {path} is not {form}: {error}".replace("\n", " ")) from None
     if not summary:
-        return _of_study(path, found.pop("study", study), study) or found, []
+        _of_study(path, found.pop("study", study), study)
+        return found, []
     options = found.get("options") if isinstance(found, dict) else None
     if not isinstance(options, dict) or not isinstance(found.get("study"), str):
         raise OptionError(f"--config {path} is no summary of a run with options; give a {SUMMARY}, or TOML")
@@ -228,7 +229,5 @@ def _of_version(path: Path, version: Any) -> list[str]:
 
     if version == __version__:
         return []
-    return [
-        f"{path} is of hardspheres {version}, and this is {__version__}: CHANGELOG.md says under Changed bits "
-        "whether its numbers are the same to the last bit"
-    ]
+    told = f"{path} is of hardspheres {version}, and this is {__version__}"
+    return [f"{told}: under Changed bits CHANGELOG.md says whether the numbers are the same to the last bit"]
