@@ -64,6 +64,15 @@ UntilError = Annotated[
         show_default="as many as --replicas",
     ),
 ]
+Sweep = Annotated[
+    str | None,
+    typer.Option(
+        help="Run it at several values of an option, as in n=500,1000,2000 or packing-fraction=0.1:0.4:4: a "
+        "whole run of each, in a folder of its own, and a figure over the values.",
+        metavar="NAME=LIST",
+        show_default=False,
+    ),
+]
 Format = Annotated[str, typer.Option("--format", help="Format of figures.", **word("--format", *FORMATS))]
 OF_EVERY_RUN: dict[str, tuple[Any, Any]] = {
     "out": (Out, None),
@@ -136,6 +145,8 @@ def function_of(kind: type[Program]) -> Callable[..., None]:
         checkpoint_every: float = 60.0,
         resume: bool = False,
         config: Config | None = None,
+        sweep: str | None = None,
+        ctx: Any = None,
         **given: Any,
     ) -> None:
         from studies.report import Screen
@@ -145,16 +156,22 @@ def function_of(kind: type[Program]) -> Callable[..., None]:
             screen.note(remark)
         values = {name: tuple(v) if isinstance(v, list) else v for name, v in given.items() if v is not None}
         with _beside(config):
-            program = kind(**values)
+            program: Any = kind(**values)
+            if sweep is not None:
+                from studies.sweep import asked, conduct_sweep
+
+                option, swept = asked(program, parameters, ctx, sweep)
+                out = out or Path("runs") / f"{program.name}-over-{option}-{program.which}"
             folder = program.folder(out, checkpoint_every, resume, force)
             folder.figure_format = figure_format
-            program = program.prepared(screen.note)
-            if until_error is None:
-                summary, sound = program.conduct(folder, screen)
+            if sweep is not None:
+                summary, sound = conduct_sweep(program, option, swept, folder, screen, until_error)
+            elif until_error is None:
+                summary, sound = program.prepared(screen.note).conduct(folder, screen)
             else:
                 from studies.until_error import until_error as precisely
 
-                summary, sound = precisely(program, until_error, folder, screen)
+                summary, sound = precisely(program.prepared(screen.note), until_error, folder, screen)
         screen.finish(summary)
         if not sound:
             raise typer.Exit(1)
@@ -189,6 +206,9 @@ def function_of(kind: type[Program]) -> Callable[..., None]:
     if kind.to_an_error:
         parameters["until_error"] = (UntilError, None)
     parameters["config"] = _config(kind, parameters)
+    if kind.sweeps:
+        parameters["sweep"] = (Sweep, None)
+        parameters["ctx"] = (typer.Context, None)
     keyword = inspect.Parameter.KEYWORD_ONLY
     run.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
         [

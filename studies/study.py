@@ -132,6 +132,7 @@ class Study(Program):
 
     reports = True
     to_an_error = True
+    sweeps = True
     table: ClassVar[str]
 
     replicas: int = runs(2)

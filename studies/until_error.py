@@ -22,7 +22,7 @@ import hardspheres as hs
 from studies.report import OutputFolder, Screen
 from studies.study import conduct
 
-__all__ = ["MOST", "Plan", "main_numbers", "until_error"]
+__all__ = ["MOST", "Plan", "Quiet", "main_numbers", "until_error"]
 
 MOST = 1000
 """A study is not made longer than this many times the pilot."""
@@ -113,7 +113,7 @@ class Plan:
         return cls(worst, needed, min(needed, MOST * replicas))
 
 
-class _Quiet(Screen):
+class Quiet(Screen):
     """A screen that shows progress and prints nothing."""
 
     def say(self, text: str = "") -> None:
@@ -164,7 +164,7 @@ def until_error(
     seed = int(np.random.SeedSequence([study.seed, 1]).generate_state(1)[0])
     pilot = replace(study, replicas=min(study.replicas, PILOT), seed=seed)
     with _scratch() as folder:
-        tried, _ = run(pilot, folder, _Quiet(screen.json_output), record=False)
+        tried, _ = run(pilot, folder, Quiet(screen.json_output), record=False)
     plan = Plan.of(main_numbers(tried), pilot.replicas, target)
     times = plan.allowed / pilot.replicas
     screen.note(
