@@ -14,6 +14,7 @@ import shlex
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +30,7 @@ from studies.answer import (
     expected_cell,
     marks_of,
     measured_cell,
+    names_of,
     number,
     say_sections,
     tidy,
@@ -54,7 +56,9 @@ REFUSED = {
     "workers": "no number depends on it",
 }
 MOST = 1000  # values
+TOLD = 8  # values that are told one by one
 FEW = 4  # quantities that are all shown; of more, the main ones
+_END = re.compile(r" at s = \S+$")
 TABLE, FIGURE = "sweep.csv", "sweep.png"
 
 
@@ -106,6 +110,23 @@ class Swept:
         """Yield each value with its answers."""
         return iter([(point.value, own) for point, own in zip(self.points, self.answers, strict=True)])
 
+    @cached_property
+    def alike(self) -> list[list[Answer]]:
+        """The answers, with one name for what is measured at the end of runs of different lengths."""
+        every = {found.quantity for own in self.answers for each in own for found in each.numbers}
+        if len({_END.search(name)[0] for name in every if _END.search(name)}) < 2:  # type: ignore[index]
+            return [list(own) for own in self.answers]
+        return [
+            [
+                replace(
+                    each,
+                    numbers=[replace(f, quantity=_END.sub(" at the end", f.quantity)) for f in each.numbers],
+                )
+                for each in own
+            ]
+            for own in self.answers
+        ]
+
     @property
     def several(self) -> bool:
         """Whether a value has several gases."""
@@ -114,14 +135,14 @@ class Swept:
     @property
     def quantities(self) -> list[str]:
         """What is shown of each gas: all numbers where they are few, else the main ones."""
-        gases = [each for own in self.answers for each in own]
+        gases = sorted((each for own in self.alike for each in own), key=lambda each: -len(each.numbers))
         every = dict.fromkeys(found.quantity for each in gases for found in each.numbers)
         if len(every) <= FEW:
             return list(every)
         return list(dict.fromkeys(name for each in gases for name in _main(each)))
 
     def columns(self) -> dict[str, list[Any]]:
-        """Return the columns of the file of all numbers: those of the study's table, after the value."""
+        """Return the columns of the file of all numbers: the value, then those of the study's table."""
         swept = [_in_a_cell(value) for value, answers in self for each in answers for _ in each.numbers]
         return {self.name.replace("-", "_"): swept} | tidy([each for own in self.answers for each in own])
 
@@ -134,9 +155,9 @@ class Swept:
         }
         for name in quantities:
             header += [name, "theory", "z"] if known[name] else [name]
-        for point, answers in zip(self.points, self.answers, strict=True):
-            for each in answers:
-                row = [point.text, *[each.label] * self.several]
+        for point, answers in zip(self.points, self.alike, strict=True):
+            for each, gas in zip(answers, names_of(answers), strict=True):
+                row = [point.text, *[gas] * self.several]
                 own = {found.quantity: found for found in each.numbers}
                 for name in quantities:
                     found = own.get(name, number(name, math.nan))
@@ -149,9 +170,9 @@ class Swept:
     def numbers(self, quantity: str) -> list[tuple[str, TheoryCheck]]:
         """Return a quantity at each value and of each gas, with what tells it from the others."""
         return [
-            (f"{point.named(self.name)}, {each.label}" if self.several else point.named(self.name), found)
-            for point, own in zip(self.points, self.answers, strict=True)
-            for each in own
+            (f"{point.named(self.name)}, {gas}" if gas else point.named(self.name), found)
+            for point, own in zip(self.points, self.alike, strict=True)
+            for each, gas in zip(own, names_of(own), strict=True)
             for found in each.numbers
             if found.quantity == quantity
         ]
@@ -223,9 +244,7 @@ def values_of(text: str) -> tuple[str, list[str]]:
     return name, [f"{value:.12g}" for value in points]
 
 
-def asked(
-    study: Any, declared: Mapping[str, Any], ctx: typer.Context, text: str
-) -> tuple[str, list[Any]]:
+def asked(study: Any, declared: Mapping[str, Any], ctx: typer.Context, text: str) -> tuple[str, list[Any]]:
     """Return the option and the values of --sweep.
 
     Parameters
@@ -440,6 +459,11 @@ def _folder_of_all(out: OutputFolder, base: Study, name: str) -> OutputFolder:
     if out.resume and before and not like:
         what = f"no sweep of {base.name} over {name}"
         raise CheckpointError(f"{out.path} holds a run that is {what}, so there is nothing to resume")
+    if like and not (out.resume or out.force):
+        raise OutputError(
+            f"{out.path} holds a finished sweep; add --resume to keep its values and add others, --force to run "
+            "all again, or give another folder with --out"
+        )
     own = OutputFolder(out.path, force=out.force or out.resume, figure_format=out.figure_format)
     own.check(_Files(), resumable=False)
     return own
@@ -592,9 +616,12 @@ def _write(
 ) -> tuple[dict[str, Any], bool]:
     """Write the files of all values, print what they say, and return the summary."""
     texts = [point.text for point in found.points]
+    span, values = f"{texts[0]} to {texts[-1]}", ", ".join(texts)
+    if len(texts) > TOLD:
+        values = f"{span} ({len(texts)} values)"
     first = Study.subject(found.points[0].study, found.answers[0])
-    subject = f"{found.name} = {', '.join(texts)}; the first: {first}"
-    section = Section(f"{found.study.name} over {found.name}: {subject}", [found.table()])
+    subject = f"{found.study.name} over {found.name} = {values}; the first: {first}"
+    section = Section(subject, [found.table()])
     theories = dict.fromkeys(
         each.theory for name in found.quantities for _, each in found.numbers(name) if each.theory
     )
@@ -616,14 +643,14 @@ def _write(
         out.save_figure(FIGURE, drawn, subject)
     summary["files"] = sorted({*out.files, REPORT, SUMMARY})
     summary["seconds"]["total"] = time.perf_counter() - began
-    span = f"at {len(texts)} values of {found.name}, {texts[0]} to {texts[-1]}"
+    where = f"at {len(texts)} values of {found.name}, {span}"
     write_page(
         out,
         Report(
             name=found.study.name,
             subject=subject,
             question=found.study.asked,
-            answer=[over_many(name, found.numbers(name), span) for name in found.quantities],
+            answer=[over_many(name, found.numbers(name), where) for name in found.quantities],
             notes=notes,
             figures={"sweep": drawn},
             sections=[section],
@@ -641,6 +668,9 @@ def _write(
     for failure in summary["checks"]["failures"]:
         screen.say(f"CHECK FAILED, {failure}")
     screen.say(f"{summary['collisions']} collisions in {summary['seconds']['parts']:.0f} s")
-    folders = ", ".join(f"{folder}/" for folder in summary["sweep"]["folders"])
-    screen.say(f"written to {out.path}: {', '.join(summary['files'])}; and of each value {folders}")
+    folders = summary["sweep"]["folders"]
+    screen.say(
+        f"written to {out.path}: {', '.join(summary['files'])}; of each value a folder, {folders[0]}/ to "
+        f"{folders[-1]}/"
+    )
     return summary, bool(summary["checks"]["passed"])

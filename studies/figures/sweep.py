@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
+from studies.answer import names_of
 from studies.figures.style import COLOURS, deviations, figure_style, species_look
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ STEEP = 30.0  # spanned by a quantity: the same
 MANY_TICKS = 7
 NEAREST = 1.4  # ratio of two values that can both have a label on a logarithmic axis
 UNITS = {"temperature": "K", "pressure": "Pa", "diameter": "nm"}  # of options beside --gas
+LABELS = {"n": "number of particles n", "dim": "dimension"}
 STEPS = ("dim",)  # options between whose values there is nothing
 
 
@@ -44,33 +46,24 @@ def figure(found: Swept) -> Figure:
     Figure
     """
     quantities = found.quantities
+    compared = [any(math.isfinite(each.z) for _, each in found.numbers(name)) for name in quantities]
     wide = min(len(quantities), 2)
-    deep = math.ceil(len(quantities) / wide)
+    rows = [range(k, min(k + wide, len(quantities))) for k in range(0, len(quantities), wide)]
+    cells: list[list[str]] = []
+    for row in rows:  # a quantity without a theory has the room of its deviations, too
+        empty = [""] * (wide - len(row))
+        cells.append([f"{k}" for k in row] + empty)
+        cells.append([f"{k}z" if compared[k] else f"{k}" for k in row] + empty)
     with figure_style():
-        drawn = Figure(figsize=(6.0 if wide == 1 else 9.4, 4.4 * deep), layout="constrained")
-        cells: list[Any] = [
-            [_name(k, part) for k in _row(row, wide, len(quantities))]
-            for row in range(deep)
-            for part in ("above", "below")
-        ]
-        panels = drawn.subplot_mosaic(cells, height_ratios=[3.0, 1.0] * deep, empty_sentinel="")
+        drawn = Figure(figsize=(6.0 if wide == 1 else 9.4, 4.4 * len(rows)), layout="constrained")
+        heights = [3.0, 1.0] * len(rows)
+        panels: Any = drawn.subplot_mosaic(cells, height_ratios=heights, empty_sentinel="")  # type: ignore[arg-type]
         for k, quantity in enumerate(quantities):
-            above, below = panels[_name(k, "above")], panels[_name(k, "below")]
-            _draw(above, below, found, quantity)
-            if k == 0:
-                above.set_title(f"{found.study.name} over {found.name.replace('-', ' ')}")
+            _draw(panels[f"{k}"], panels.get(f"{k}z"), found, quantity)
         if found.several:
-            handles = dict(zip(*reversed(panels[_name(0, "above")].get_legend_handles_labels()), strict=True))
+            handles = dict(zip(*reversed(panels["0"].get_legend_handles_labels()), strict=True))
             drawn.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=3)
     return drawn
-
-
-def _row(row: int, wide: int, count: int) -> list[int | None]:
-    return [k if k < count else None for k in range(row * wide, (row + 1) * wide)]
-
-
-def _name(k: int | None, part: str) -> str:
-    return "" if k is None else f"{k} {part}"
 
 
 def _places(found: Swept) -> tuple[FloatArray, bool]:
@@ -83,41 +76,40 @@ def _places(found: Swept) -> tuple[FloatArray, bool]:
     return np.arange(len(values), dtype=np.float64), False
 
 
-def _draw(above: Axes, below: Axes, found: Swept, quantity: str) -> None:
+def _draw(above: Axes, below: Axes | None, found: Swept, quantity: str) -> None:
     """Draw one quantity, and its deviations from theory where there is one."""
     x, numeric = _places(found)
-    several, lows, series = found.several, [], []
-    for k in range(max(map(len, found.answers))):
-        mine = [_of(own[k].numbers if k < len(own) else (), quantity) for own in found.answers]
-        there = np.array([each is not None for each in mine])
-        if not there.any():
-            continue
+    lows, series = [], []
+    for k in range(max(map(len, found.alike))):
+        mine = [_of(own[k].numbers if k < len(own) else (), quantity) for own in found.alike]
         known = [each for each in mine if each is not None]
-        look: dict[str, Any] = species_look(k) if several else {"color": COLOURS["simulation"], "marker": "o"}
+        if not known:
+            continue
+        there = x[[each is not None for each in mine]]
+        look: dict[str, Any] = {"color": COLOURS["simulation"], "marker": "o"}
+        label = "simulation"
+        if found.several:
+            look, label = species_look(k), next(names_of(own)[k] for own in found.alike if k < len(own))
         value = np.array([each.measured.value for each in known])
         error = np.nan_to_num(np.array([each.measured.standard_error for each in known]))
-        label = next(own[k].label for own in found.answers if k < len(own)) if several else "simulation"
-        above.errorbar(x[there], value, error, ls="", ms=5, zorder=3, label=label, **look)
-        _draw_theory(above, x[there], known, numeric, label=k == 0)
+        above.errorbar(there, value, error, ls="", ms=5, zorder=3, label=label, **look)
+        _draw_theory(above, there, known, numeric, label=k == 0)
         lows.append(value - error)
-        z = np.array([each.z for each in known])
-        if np.isfinite(z).any():
-            series.append((x[there], z, {**look, "ms": 4}))
+        series.append((there, np.array([each.z for each in known]), {**look, "ms": 4}))
     above.set_ylabel(textwrap.fill(quantity, 34))
     _scale_of_quantity(above, lows)
     lowest = above
-    if series:
+    if below is not None:
         deviations(below, *series)
-        above.tick_params(labelbottom=False)
+        _axis(below, x, numeric, found)
         lowest = below
-    else:
-        below.set_visible(False)
-    for axes in (above, below):
-        _axis(axes, x, numeric, found)
+    _axis(above, x, numeric, found)
+    above.tick_params(labelbottom=below is None)
     unit = UNITS.get(found.name) if getattr(found.study, "gas", None) is not None else None
-    lowest.set_xlabel(found.name.replace("-", " ") + (f" [{unit}]" if unit else ""))
-    if not several:
-        above.legend(loc="best")
+    name = LABELS.get(found.name, found.name.replace("-", " "))
+    lowest.set_xlabel(name + (f" [{unit}]" if unit else ""))
+    if not found.several:  # above the panel: bars of errors may be anywhere in it
+        above.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
 
 
 def _of(numbers: Sequence[TheoryCheck], quantity: str) -> TheoryCheck | None:
@@ -131,7 +123,7 @@ def _draw_theory(axes: Axes, x: FloatArray, known: Sequence[TheoryCheck], numeri
     if not np.isfinite(expected).any():
         return
     names = dict.fromkeys(each.theory for each in known if each.theory)
-    name = (", ".join(names) or "expected") if label else None
+    name = textwrap.shorten(", ".join(names) or "expected", 44, placeholder=" ...") if label else None
     uncertainty = np.nan_to_num(np.array([each.uncertainty for each in known]))
     if not numeric:
         axes.errorbar(x, expected, uncertainty, ls="", marker="_", ms=22, color=COLOURS["theory"], label=name)
