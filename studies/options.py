@@ -129,6 +129,8 @@ def option(
 
 def in_words(value: Any) -> str:
     """Return a value as one word of the command line."""
+    if isinstance(value, bool):
+        return str(value).lower()
     if isinstance(value, Mapping):
         return ",".join(f"{key}={in_words(each)}" for key, each in value.items())
     if isinstance(value, float):

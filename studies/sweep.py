@@ -69,7 +69,7 @@ class Point:
     Attributes
     ----------
     value
-        Of the option.
+        Of the option; of a list with one element, that.
     text : str
         The same, as it is typed.
     study : Study
@@ -305,7 +305,8 @@ def points_of(
     field, its, default = option_named(type(study), option)
     name = its.named(field).lstrip("-")
     if not 2 <= len(values) <= MOST:
-        raise OptionError(f"--sweep {name} has {len(values)} of values; ask for 2 to {MOST}")
+        count = f"{len(values)} value{'s' * (len(values) != 1)}"
+        raise OptionError(f"--sweep {name} has {count}; ask for 2 to {MOST}")
     base, points, remarks = replace(study, **{field: default}), [], set()
 
     def once(remark: str) -> None:
@@ -317,12 +318,13 @@ def points_of(
         parser = its.more.get("parser")
         try:
             taken = parser(in_words(value)) if parser is not None else value
-            text = in_words(taken).lower() if isinstance(taken, bool) else in_words(taken)
+            text = in_words(taken)
             one = replace(base, **{field: taken}, seed=_seed(study.seed, name, text)).prepared(once)
             one.gases()
         except HardSpheresError as error:
             raise OptionError(f"--sweep {name}={in_words(value)}: {error}") from error
-        points.append(Point(taken, text, one))
+        alone = isinstance(taken, tuple) and len(taken) == 1
+        points.append(Point(taken[0] if alone else taken, text, one))
     texts = [point.text for point in points]
     if twice := [text for text in texts if texts.count(text) > 1]:
         raise OptionError(f"--sweep {name} has {twice[0]} twice; give each value once")
@@ -461,8 +463,8 @@ def _folder_of_all(out: OutputFolder, base: Study, name: str) -> OutputFolder:
         raise CheckpointError(f"{out.path} holds a run that is {what}, so there is nothing to resume")
     if like and not (out.resume or out.force):
         raise OutputError(
-            f"{out.path} holds a finished sweep; add --resume to keep its values and add others, --force to run "
-            "all again, or give another folder with --out"
+            f"{out.path} holds a finished sweep; add --resume to go on with other values, --force to run all "
+            "again, or give another folder with --out"
         )
     own = OutputFolder(out.path, force=out.force or out.resume, figure_format=out.figure_format)
     own.check(_Files(), resumable=False)

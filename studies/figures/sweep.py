@@ -69,10 +69,9 @@ def figure(found: Swept) -> Figure:
 def _places(found: Swept) -> tuple[FloatArray, bool]:
     """Return where the values stand on the axis, and whether they are numbers on it or one beside another."""
     values = [point.value for point in found.points]
-    single = [value[0] if isinstance(value, tuple) and len(value) == 1 else value for value in values]
-    numeric = all(isinstance(value, (int, float)) and not isinstance(value, bool) for value in single)
+    numeric = all(isinstance(value, (int, float)) and not isinstance(value, bool) for value in values)
     if numeric and found.name not in STEPS:
-        return np.array(single, dtype=np.float64), True
+        return np.array(values, dtype=np.float64), True
     return np.arange(len(values), dtype=np.float64), False
 
 
@@ -125,7 +124,7 @@ def _draw_theory(axes: Axes, x: FloatArray, known: Sequence[TheoryCheck], numeri
     names = dict.fromkeys(each.theory for each in known if each.theory)
     name = textwrap.shorten(", ".join(names) or "expected", 44, placeholder=" ...") if label else None
     uncertainty = np.nan_to_num(np.array([each.uncertainty for each in known]))
-    if not numeric:
+    if not numeric or len(known) == 1:
         axes.errorbar(x, expected, uncertainty, ls="", marker="_", ms=22, color=COLOURS["theory"], label=name)
         return
     order = np.argsort(x)
