@@ -45,7 +45,9 @@ def _everywhere(
 
 @app.command("list")
 def _list(
-    folder: Annotated[str | None, typer.Argument(help="Where; runs by default.", show_default=False)] = None,
+    folder: Annotated[
+        str | None, typer.Argument(help="Where; runs by default.", show_default=False, metavar="FOLDER")
+    ] = None,
     json: Annotated[
         bool, typer.Option("--json", help="Print the same as one JSON object on standard output.")
     ] = False,

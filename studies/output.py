@@ -114,6 +114,16 @@ class OutputFolder:
         """Return where it is, and what has been written into it."""
         return f"<OutputFolder {self.path}: {', '.join(self.files) or 'nothing written yet'}>"
 
+    def within(self, name: str, *, resume: bool) -> OutputFolder:
+        """Return the folder of this name in it, for a run with the same settings."""
+        return OutputFolder(
+            self.path / name,
+            checkpoint_every=self.checkpoint_every,
+            resume=resume,
+            force=self.force,
+            figure_format=self.figure_format,
+        )
+
     @property
     def checkpoints(self) -> Path:
         """The checkpoint folder, which is there while a study runs."""
@@ -168,7 +178,7 @@ class OutputFolder:
         """
         self.create()
         with self._journal.held(make=True):
-            self._own, self._manifest = self._agree(study), about(study) | getattr(study, "planned", dict)()
+            self._own, self._manifest = self._agree(study), about(study)
             try:
                 if not self.resume:
                     self._journal.discard()

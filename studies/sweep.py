@@ -488,13 +488,7 @@ def _parts(
         if finished:
             parts.append(None)
             continue
-        part = OutputFolder(
-            path,
-            checkpoint_every=out.checkpoint_every,
-            resume=out.resume and begun,
-            force=out.force,
-            figure_format=out.figure_format,
-        )
+        part = out.within(own, resume=out.resume and begun)
         part.check(point.study)
         parts.append(part)
     return parts, kept
@@ -511,18 +505,23 @@ def _is_finished(study: Study, path: Path, target: float | None) -> bool:
     if not isinstance(before, dict) or any(summary.get(each) != made[each] for each in what):
         return False
     if target is not None:
-        reached = summary.get("until_error")
-        asked = reached.get("asked") if isinstance(reached, dict) else before.get("until_error")
-        now = now | {each: before.get(each) for each in ("replicas", "until_error")} | {"asked": target}
-        before = before | {"asked": asked}
-    elif "until_error" in summary:
-        before = before | {"until_error": summary["until_error"]["asked"]}
+        now = now | {"replicas": before.get("replicas"), "until_error": target}
+    reached = summary.get("until_error")
+    if isinstance(reached, dict):
+        before = before | {"until_error": reached.get("asked")}
+    if before.get("replicas") != now.get("replicas"):  # the folder says what becomes of these
+        return False
+    flags = {each.name: its.named(each.name) for each, its in options_of(study)}
     for each in {**before, **now}:
         if before.get(each) != now.get(each):
-            old, new = in_words(before.get(each)), in_words(now.get(each))
+            flag = flags.get(each, "--until-error")
+            old, new = (
+                "not given" if value is None else in_words(value)
+                for value in (before.get(each), now.get(each))
+            )
             raise OutputError(
-                f"{path} holds a finished run with --{each.replace('_', '-')} {old}, not {new}; give another "
-                "folder with --out, or --force to replace it"
+                f"{path} holds a finished run with {flag} {old}, and now it is {new}; give another folder "
+                "with --out, or --force to replace it"
             )
     return all(is_ordinary(path / str(each)) for each in summary.get("files", ()))
 

@@ -160,7 +160,8 @@ def until_error(
     itself = study.to_precision(target)
     if itself is not None:
         return run(itself, out, screen)
-    out.check()
+    if not out.resume:  # else the study that is resumed says whether it can be
+        out.check()
     seed = int(np.random.SeedSequence([study.seed, 1]).generate_state(1)[0])
     pilot = replace(study, replicas=min(study.replicas, PILOT), seed=seed)
     with _scratch() as folder:

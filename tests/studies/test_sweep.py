@@ -228,7 +228,10 @@ def test_interrupted_it_goes_on_and_takes_what_is_finished(finished, tmp_path, m
     assert "n=100 holds an unfinished run; add --resume to continue it" in capsys.readouterr().err
     longer = ["11" if word == 10 else word for word in options]
     assert command(monkeypatch, *longer, "--resume") == 2
-    assert "n=64 holds a finished run with --collisions-per-particle 10, not 11" in capsys.readouterr().err
+    assert (
+        "n=64 holds a finished run with --collisions-per-particle 10, and now it is 11"
+        in capsys.readouterr().err
+    )
     begun.clear()
     with monkeypatch.context() as patch:
         patch.setattr(EquationOfState, "advance", lambda *to: (begun.append(to[1].n), whole(*to))[1])

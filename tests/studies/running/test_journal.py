@@ -265,8 +265,7 @@ def test_every_byte_of_a_manifest_is_guarded(tmp_path):
     study = replace(STUDY, packing_fractions=(0.1,))
     interrupted(tmp_path, study)
     path = tmp_path / "checkpoint" / "manifest.json"
-    journal, whole = Journal(tmp_path, tmp_path), path.read_bytes()
-    right = about(study) | study.planned() | {"own": []}
+    journal, right, whole = Journal(tmp_path, tmp_path), about(study) | {"own": []}, path.read_bytes()
     assert journal.unfinished() == right
     found = []
     for content in damaged(whole):
