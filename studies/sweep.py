@@ -435,7 +435,7 @@ def conduct_sweep(
             else:
                 until_error(point.study, target, part, quiet)
     except BaseException as error:
-        if not getattr(error, "__notes__", ()):
+        if not getattr(error, "__notes__", ()) and out.path.exists():
             error.add_note(
                 f"what is finished is kept in {out.path}: the same command with --resume continues"
             )

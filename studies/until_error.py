@@ -195,7 +195,12 @@ def until_error(
 @contextmanager
 def _scratch() -> Iterator[OutputFolder]:
     with tempfile.TemporaryDirectory() as folder:
-        yield OutputFolder(Path(folder) / "pilot")
+        try:
+            yield OutputFolder(Path(folder) / "pilot")
+        except BaseException as error:
+            if hasattr(error, "__notes__"):  # a pilot cannot be resumed
+                error.__notes__ = [note for note in error.__notes__ if folder not in note]
+            raise
 
 
 def _core_seconds(summary: Mapping[str, Any]) -> float:

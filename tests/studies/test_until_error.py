@@ -136,13 +136,24 @@ def test_interrupted_it_is_resumed(tmp_path, monkeypatch):
             raise InterruptedError
         yield from advance(self, gas, replica)
 
-    with monkeypatch.context() as patch, pytest.raises(InterruptedError):
+    with monkeypatch.context() as patch:
         patch.setattr(SelfDiffusion, "advance", interrupted)
-        until_error(study, 0.1, OutputFolder(tmp_path / "out"), screen)
+        with pytest.raises(InterruptedError) as caught:
+            until_error(study, 0.1, OutputFolder(tmp_path / "out"), screen)
+    assert len(caught.value.__notes__) == 1 and f"kept in {tmp_path / 'out'}" in caught.value.__notes__[0]
     with pytest.raises(hs.CheckpointError, match="add --resume to continue it"):
         until_error(study, 0.1, OutputFolder(tmp_path / "out"), screen)
     summary, _ = until_error(study, 0.1, OutputFolder(tmp_path / "out", resume=True), screen)
     assert summary["digest"] == whole["digest"] and summary["options"] == whole["options"]
+
+
+def test_an_interrupted_pilot_is_not_said_to_be_kept(tmp_path, monkeypatch):
+    """Nor is a folder made; sibling: the run after it, above, says where it is kept."""
+    study = SelfDiffusion(packing_fractions=(0.05,), n=64, replicas=4, workers=1)
+    monkeypatch.setattr(SelfDiffusion, "estimators", None)
+    with pytest.raises(TypeError) as caught:
+        until_error(study, 0.1, OutputFolder(tmp_path / "out"), Screen(json_output=True))
+    assert not getattr(caught.value, "__notes__", []) and not list(tmp_path.iterdir())
 
 
 def test_what_cannot_be_reached_is_said(tmp_path, monkeypatch, capsys):
