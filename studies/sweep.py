@@ -43,7 +43,7 @@ from studies.report import OutputError, OutputFolder, Screen, Summary, figure_st
 from studies.running.journal import Journal, elsewhere
 from studies.running.ownership import REPORT, SUMMARY, is_ordinary, load_object
 from studies.study import Study, conduct
-from studies.until_error import Quiet, until_error
+from studies.until_error import Quiet, check_target, until_error
 
 if TYPE_CHECKING:
     import typer
@@ -418,6 +418,8 @@ def conduct_sweep(
     """
     began = time.perf_counter()
     name, base, points = points_of(study, option, values, screen.note)
+    if target is not None:
+        check_target(target)
     own = _folder_of_all(out, base, name)
     parts, kept = _parts(points, name, out, target)
     if out.resume and not kept and not (out.path / SUMMARY).exists():

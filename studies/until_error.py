@@ -22,7 +22,7 @@ import hardspheres as hs
 from studies.report import OutputFolder, Screen
 from studies.study import conduct
 
-__all__ = ["MOST", "Plan", "Quiet", "main_numbers", "until_error"]
+__all__ = ["MOST", "Plan", "Quiet", "check_target", "main_numbers", "until_error"]
 
 MOST = 1000
 """A study is not made longer than this many times the pilot."""
@@ -123,6 +123,14 @@ class Quiet(Screen):
         """Show nothing."""
 
 
+def check_target(target: float) -> None:
+    """Raise SceneError where a target is no relative standard error."""
+    if not 0.0 < target < 1.0:
+        raise hs.SceneError(
+            f"--until-error {target:g} must be between 0 and 1: a relative standard error, such as 1e-3"
+        )
+
+
 def until_error(
     study: Any, target: float, out: OutputFolder, screen: Screen, run: Run = conduct
 ) -> tuple[dict[str, Any], bool]:
@@ -153,10 +161,7 @@ def until_error(
     HardSpheresError
         As the study does; if it has no main number; if the target is not between 0 and 1.
     """
-    if not 0.0 < target < 1.0:
-        raise hs.SceneError(
-            f"--until-error {target:g} must be between 0 and 1: a relative standard error, such as 1e-3"
-        )
+    check_target(target)
     itself = study.to_precision(target)
     if itself is not None:
         return run(itself, out, screen)

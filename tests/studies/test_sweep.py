@@ -130,6 +130,8 @@ def test_an_option_is_not_given_twice(tmp_path, monkeypatch, capsys):
     assert "--n and --sweep n=64,100 both give it; leave out one of them" in capsys.readouterr().err
     assert command(monkeypatch, "pressure", "--sweep", "n=64,100", "--resume", "--out", "nowhere") == 2
     assert "nowhere holds no part of a sweep, so there is nothing to resume" in capsys.readouterr().err
+    assert command(monkeypatch, "pressure", "--sweep", "n=64,100", "--until-error", 2) == 2
+    assert capsys.readouterr().err.startswith("error: --until-error 2 must be between 0 and 1")
     assert not list(tmp_path.iterdir())
 
 

@@ -128,6 +128,7 @@ def test_interrupted_it_is_resumed(tmp_path, monkeypatch):
     study = SelfDiffusion(
         packing_fractions=(0.05,), n=64, collisions_per_particle=80.0, replicas=4, seed=5, workers=1
     )
+    monkeypatch.setattr(SelfDiffusion, "figures", lambda self, answers: {})
     screen, advance = Screen(json_output=True), SelfDiffusion.advance
     whole, _ = until_error(study, 0.1, OutputFolder(tmp_path / "whole"), screen)
 
