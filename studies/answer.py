@@ -27,6 +27,8 @@ __all__ = [
     "Section",
     "Table",
     "alarms",
+    "dataframe",
+    "deviation_cell",
     "expected_cell",
     "heading",
     "marks_of",
@@ -139,7 +141,7 @@ class Column:
             return
         yield "theory", _cells(self.theory, None if self.brief else self.uncertainty)
         marks = np.where(self.better_than_theory, _U, "")
-        yield "z", [_deviation(z, str(mark)) for z, mark in zip(self.z, marks, strict=True)]
+        yield "z", [deviation_cell(z, str(mark)) for z, mark in zip(self.z, marks, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -177,7 +179,7 @@ class Curves:
 
     def to_dataframe(self) -> DataFrame:
         """Return all columns of the file as a pandas DataFrame; ImportError where pandas is missing."""
-        return _dataframe(self.flat())
+        return dataframe(self.flat())
 
     def rows(self) -> tuple[list[str], list[list[str]]]:
         """Return header and rows of a printed table."""
@@ -337,10 +339,11 @@ def to_dataframe(answers: Sequence[Answer], curves: str | None = None) -> DataFr
     ImportError
         If pandas is not installed: it is no dependency.
     """
-    return _dataframe(tidy(answers) if curves is None else curve_files(answers)[curves])
+    return dataframe(tidy(answers) if curves is None else curve_files(answers)[curves])
 
 
-def _dataframe(columns: Mapping[str, Any]) -> DataFrame:
+def dataframe(columns: Mapping[str, Any]) -> DataFrame:
+    """Return columns as a pandas DataFrame; ImportError where pandas is missing."""
     try:
         import pandas
     except ImportError as error:
@@ -471,7 +474,7 @@ def _wide(answers: Sequence[Answer]) -> tuple[list[str], list[list[str]], int]:
         cells.append([measured_cell(each) for each in found])
         if any(math.isfinite(each.z) for each in found):
             titles.append("z")
-            cells.append([_deviation(each.z, _U * each.better_than_theory) for each in found])
+            cells.append([deviation_cell(each.z, _U * each.better_than_theory) for each in found])
         expected = [expected_cell(each) for each in found]
         last = k + 1 == count or expected != [expected_cell(answer.numbers[k + 1]) for answer in answers]
         if last and any(cell not in ("", "0") for cell in expected):
@@ -488,7 +491,14 @@ def _long(answers: Sequence[Answer]) -> tuple[list[str], list[list[str]], int]:
             eta = "" if k else f"{answer.gas.packing_fraction:.4g}"
             mark = _U * (found.better_than_theory and math.isfinite(found.z))
             rows.append(
-                [eta, found.quantity, measured_cell(found), expected_cell(found), _deviation(found.z), mark]
+                [
+                    eta,
+                    found.quantity,
+                    measured_cell(found),
+                    expected_cell(found),
+                    deviation_cell(found.z),
+                    mark,
+                ]
             )
     header = ["packing fraction", "quantity", "measured", "theory", "z", ""]
     if not any(row[-1] for row in rows):
@@ -518,7 +528,8 @@ def expected_cell(found: TheoryCheck) -> str:
     return _cell(found.expected, found.uncertainty)
 
 
-def _deviation(z: float, mark: str = "") -> str:
+def deviation_cell(z: float, mark: str = "") -> str:
+    """Return a deviation in standard errors as tables show it; empty where it is not known."""
     return f"{z:+.1f} {mark}".rstrip() if math.isfinite(z) else ""
 
 

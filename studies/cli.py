@@ -43,6 +43,26 @@ def _everywhere(
     pass
 
 
+@app.command("list")
+def _list(
+    folder: Annotated[
+        str | None, typer.Argument(help="Where; runs by default.", show_default=False, metavar="FOLDER")
+    ] = None,
+    json: Annotated[
+        bool, typer.Option("--json", help="Print the same as one JSON object on standard output.")
+    ] = False,
+) -> None:
+    """Show which runs are in a folder, newest first.
+
+    A table: folder, study, gas, replicas, date, and state: finished, unfinished with how many of its runs are
+    done, or damaged and why. Folders that no study of hardspheres wrote are passed over.
+    """
+    from studies.listing import list_runs
+    from studies.report import Screen
+
+    list_runs(folder, Screen(json))
+
+
 def main() -> None:
     """Run the command line and exit with its code."""
     run_program(app)

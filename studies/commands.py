@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from hardspheres.errors import SceneError
 from studies.exits import run_program
 from studies.formats import FORMATS
 from studies.options import App, OptionError, options_of, rewrapped, word
 from studies.registry import QUESTIONS, study_named
 
 if TYPE_CHECKING:
+    from studies.config import Config
     from studies.program import Program
 
 __all__ = ["Studies", "command_of", "main"]
@@ -70,6 +73,15 @@ Keep = Annotated[
         show_default="if they take at most 50 MB",
     ),
 ]
+Sweep = Annotated[
+    str | None,
+    typer.Option(
+        help="Run it at several values of an option, as in n=500,1000,2000 or packing-fraction=0.1:0.4:4: a "
+        "whole run of each, in a folder of its own, and a figure over the values.",
+        metavar="NAME=LIST",
+        show_default=False,
+    ),
+]
 Format = Annotated[str, typer.Option("--format", help="Format of figures.", **word("--format", *FORMATS))]
 OF_EVERY_RUN: dict[str, tuple[Any, Any]] = {
     "out": (Out, None),
@@ -104,6 +116,33 @@ def _if_asked() -> dict[str, tuple[Any, Any]]:
     return {"out": (Annotated[Path | None, out], None), "force": (Annotated[bool, force], False)}
 
 
+def _config(kind: type[Program], declared: dict[str, tuple[Any, Any]]) -> tuple[Any, Any]:
+    """Return --config of a command with these parameters: it is read before all others get their values."""
+
+    def read(ctx: typer.Context, file: str | None) -> Any:
+        from studies.config import configure
+
+        return None if file is None or ctx.resilient_parsing else configure(kind, declared, ctx, file)
+
+    told = (
+        "Take options from a file: the summary.json of an earlier run, or TOML with the names of options; "
+        "those given here win."
+    )
+    its = typer.Option(help=told, is_eager=True, callback=read, metavar="FILE", show_default=False)
+    return Annotated[str | None, its], None
+
+
+@contextlib.contextmanager
+def _beside(config: Config | None) -> Iterator[None]:
+    """Name the file of --config beside what is wrong with options."""
+    try:
+        yield
+    except (OptionError, SceneError) as error:
+        if config is not None:
+            error.add_note(f"options that are not given here are those of {config.file}")
+        raise
+
+
 def function_of(kind: type[Program]) -> Callable[..., None]:
     """Return the function that the command of a study runs: its parameters are the study's options."""
 
@@ -116,22 +155,34 @@ def function_of(kind: type[Program]) -> Callable[..., None]:
         checkpoint_every: float = 60.0,
         resume: bool = False,
         keep: bool | None = None,
+        config: Config | None = None,
+        sweep: str | None = None,
+        ctx: Any = None,
         **given: Any,
     ) -> None:
         from studies.report import Screen
 
-        values = {name: tuple(v) if isinstance(v, list) else v for name, v in given.items() if v is not None}
-        program = kind(**values)
         screen = Screen(json)
-        folder = program.folder(out, checkpoint_every, resume, force)
-        folder.figure_format, folder.keep = figure_format, keep
-        program = program.prepared(screen.note)
-        if until_error is None:
-            summary, sound = program.conduct(folder, screen)
-        else:
-            from studies.until_error import until_error as precisely
+        for remark in config.remarks if config is not None else ():
+            screen.note(remark)
+        values = {name: tuple(v) if isinstance(v, list) else v for name, v in given.items() if v is not None}
+        with _beside(config):
+            program: Any = kind(**values)
+            if sweep is not None:
+                from studies.sweep import asked, conduct_sweep
 
-            summary, sound = precisely(program, until_error, folder, screen)
+                option, swept = asked(program, parameters, ctx, sweep)
+                out = out or Path("runs") / f"{program.name}-over-{option}-{program.which}"
+            folder = program.folder(out, checkpoint_every, resume, force)
+            folder.figure_format, folder.keep = figure_format, keep
+            if sweep is not None:
+                summary, sound = conduct_sweep(program, option, swept, folder, screen, until_error)
+            elif until_error is None:
+                summary, sound = program.prepared(screen.note).conduct(folder, screen)
+            else:
+                from studies.until_error import until_error as precisely
+
+                summary, sound = precisely(program.prepared(screen.note), until_error, folder, screen)
         screen.finish(summary)
         if not sound:
             raise typer.Exit(1)
@@ -168,6 +219,10 @@ def function_of(kind: type[Program]) -> Callable[..., None]:
         parameters |= OF_REPLICAS
     if kind.to_an_error:
         parameters["until_error"] = (UntilError, None)
+    parameters["config"] = _config(kind, parameters)
+    if kind.sweeps:
+        parameters["sweep"] = (Sweep, None)
+        parameters["ctx"] = (typer.Context, None)
     keyword = inspect.Parameter.KEYWORD_ONLY
     run.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
         [

@@ -25,6 +25,7 @@ __all__ = [
     "boundary",
     "check_options",
     "edges",
+    "in_words",
     "of_labels",
     "one_number",
     "option",
@@ -84,7 +85,7 @@ class Option:
         if isinstance(value, bool):
             return flag
         each_alone = value if self.several else [value]
-        return [word for each in each_alone for word in (*flag, _in_words(each))]
+        return [word for each in each_alone for word in (*flag, in_words(each))]
 
     def check(self, name: str, value: Any) -> None:
         """Raise OptionError where a value is beyond the limits."""
@@ -126,13 +127,15 @@ def option(
     return field(default=default, metadata={"option": made})
 
 
-def _in_words(value: Any) -> str:
+def in_words(value: Any) -> str:
     """Return a value as one word of the command line."""
+    if isinstance(value, bool):
+        return str(value).lower()
     if isinstance(value, Mapping):
-        return ",".join(f"{key}={_in_words(each)}" for key, each in value.items())
+        return ",".join(f"{key}={in_words(each)}" for key, each in value.items())
     if isinstance(value, float):
         return f"{value:g}" if float(f"{value:g}") == value else str(value)
-    return ",".join(map(_in_words, value)) if isinstance(value, (tuple, list)) else str(value)
+    return ",".join(map(in_words, value)) if isinstance(value, (tuple, list)) else str(value)
 
 
 def options_of(study: Any) -> list[tuple[Field[Any], Option]]:
@@ -422,7 +425,7 @@ PANELS = {
     "What and how long": "collisions collisions_per_particle relaxation_times discard replicas runs "
     "transits reverse_after cells until_error suite quick size only against",
     "Results": "out force json figure_format frames animate",
-    "The run itself": "seed workers checkpoint_every resume keep",
+    "The run itself": "config sweep seed workers checkpoint_every resume keep",
 }
 _PANEL_OF = {name: panel for panel, names in PANELS.items() for name in names.split()}
 _KIND_OF = {"source": "FILE", "units": "WORD", "velocities_are": "WORD", "box": "NUMBERS"}  # others: NUMBER

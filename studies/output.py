@@ -124,6 +124,17 @@ class OutputFolder:
         """Return where it is, and what has been written into it."""
         return f"<OutputFolder {self.path}: {', '.join(self.files) or 'nothing written yet'}>"
 
+    def within(self, name: str, *, resume: bool) -> OutputFolder:
+        """Return the folder of this name in it, for a run with the same settings."""
+        return OutputFolder(
+            self.path / name,
+            checkpoint_every=self.checkpoint_every,
+            resume=resume,
+            force=self.force,
+            figure_format=self.figure_format,
+            keep=self.keep,
+        )
+
     @property
     def checkpoints(self) -> Path:
         """The checkpoint folder, which is there while a study runs."""

@@ -41,6 +41,8 @@ class Program(ABC):
         Whether its replicas may stay beside its results.
     to_an_error : bool
         Whether --until-error may decide the number of its replicas.
+    sweeps : bool
+        Whether --sweep may run it at several values of an option.
     only_if_asked : bool
         Whether it writes nothing, but for summary.json where --out names a folder.
     page : str
@@ -55,6 +57,7 @@ class Program(ABC):
     resumable: ClassVar[bool] = True
     keeps: ClassVar[bool] = False
     to_an_error: ClassVar[bool] = False
+    sweeps: ClassVar[bool] = False
     only_if_asked: ClassVar[bool] = False
     page: ClassVar[str] = ""
 
@@ -94,14 +97,20 @@ class Program(ABC):
                 words += its.typed(each.name, value)
         return shlex.join(words)
 
+    @property
+    def chosen(self) -> dict[str, Any]:
+        """Its options by the names of their fields, but for what changes no number."""
+        return {each.name: getattr(self, each.name) for each, _ in options_of(self) if each.name != "workers"}
+
     def made(self) -> dict[str, Any]:
-        """Return what made its results, for its summary: command, version, date and machine."""
+        """Return what made its results, for its summary: command, version, date, machine and options."""
         return {
             "study": self.name,
             "command": self.command,
             "version": hs.__version__,
             "date": today(),
             "machine": machine(),
+            "options": self.chosen,
         }
 
     @property

@@ -21,7 +21,7 @@ import numpy as np
 import hardspheres as hs
 from studies.answer import Answer, Gas, curve_files, heading, marks_of, names_of, notes_of, tidy, write_tables
 from studies.fluid import broken, representatives
-from studies.options import options_of, runs, seed, workers
+from studies.options import runs, seed, workers
 from studies.page import write_report
 from studies.program import Program
 from studies.recording import Recorder
@@ -137,6 +137,7 @@ class Study(Program):
     reports = True
     keeps = True
     to_an_error = True
+    sweeps = True
     table: ClassVar[str]
 
     replicas: int = runs(2)
@@ -189,6 +190,16 @@ class Study(Program):
             broken_ones = [f"replica {k}: {run.failure}" for k, run in enumerate(own) if run.failure]
             found.append(replace(answer, failures=[*broken_ones, *answer.failures]))
         return found
+
+    def planned(self) -> dict[str, Any]:
+        """Return what the manifest of an unfinished run tells: its gases in words, and how many runs."""
+        gases = self.gases()
+        watched = bool(self.recorders(gases[0]))
+        return {
+            "states": [{"gas": str(gas), "packing_fraction": gas.packing_fraction} for gas in gases],
+            "replicas": self.replicas,
+            "runs": len(gases) * self.replicas + watched,
+        }
 
     @abstractmethod
     def gases(self) -> Sequence[Gas]:
@@ -494,9 +505,6 @@ def summary_of(
     return {
         **study.made(),
         "seed": study.seed,
-        "options": {
-            each.name: getattr(study, each.name) for each, _ in options_of(study) if each.name != "workers"
-        },
         "workers": available_cores() if study.workers is None else study.workers,
         "n": answers[0].gas.n,
         "dim": answers[0].gas.dim,

@@ -22,7 +22,7 @@ import hardspheres as hs
 from studies.report import OutputFolder, Screen
 from studies.study import conduct
 
-__all__ = ["MOST", "Plan", "main_numbers", "until_error"]
+__all__ = ["MOST", "Plan", "Quiet", "check_target", "main_numbers", "until_error"]
 
 MOST = 1000
 """A study is not made longer than this many times the pilot."""
@@ -113,7 +113,7 @@ class Plan:
         return cls(worst, needed, min(needed, MOST * replicas))
 
 
-class _Quiet(Screen):
+class Quiet(Screen):
     """A screen that shows progress and prints nothing."""
 
     def say(self, text: str = "") -> None:
@@ -121,6 +121,14 @@ class _Quiet(Screen):
 
     def table(self, *_: Any, **__: Any) -> None:
         """Show nothing."""
+
+
+def check_target(target: float) -> None:
+    """Raise SceneError where a target is no relative standard error."""
+    if not 0.0 < target < 1.0:
+        raise hs.SceneError(
+            f"--until-error {target:g} must be between 0 and 1: a relative standard error, such as 1e-3"
+        )
 
 
 def until_error(
@@ -153,10 +161,7 @@ def until_error(
     HardSpheresError
         As the study does; if it has no main number; if the target is not between 0 and 1.
     """
-    if not 0.0 < target < 1.0:
-        raise hs.SceneError(
-            f"--until-error {target:g} must be between 0 and 1: a relative standard error, such as 1e-3"
-        )
+    check_target(target)
     itself = study.to_precision(target)
     if itself is not None:
         return run(itself, out, screen)
@@ -164,7 +169,7 @@ def until_error(
     seed = int(np.random.SeedSequence([study.seed, 1]).generate_state(1)[0])
     pilot = replace(study, replicas=min(study.replicas, PILOT), seed=seed)
     with _scratch() as folder:
-        tried, _ = run(pilot, folder, _Quiet(screen.json_output), record=False)
+        tried, _ = run(pilot, folder, Quiet(screen.json_output), record=False)
     plan = Plan.of(main_numbers(tried), pilot.replicas, target)
     times = plan.allowed / pilot.replicas
     screen.note(
@@ -194,7 +199,12 @@ def until_error(
 @contextmanager
 def _scratch() -> Iterator[OutputFolder]:
     with tempfile.TemporaryDirectory() as folder:
-        yield OutputFolder(Path(folder) / "pilot", keep=False)
+        try:
+            yield OutputFolder(Path(folder) / "pilot", keep=False)
+        except BaseException as error:
+            if hasattr(error, "__notes__"):  # a pilot cannot be resumed
+                error.__notes__ = [note for note in error.__notes__ if folder not in note]
+            raise
 
 
 def _core_seconds(summary: Mapping[str, Any]) -> float:

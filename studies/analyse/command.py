@@ -13,7 +13,7 @@ from studies.analyse.gas_in_file import GasInFile
 from studies.analyse.sentences import legend
 from studies.answer import curve_files, heading, marks_of, sections, tidy, write_tables
 from studies.file_options import AboutAFile
-from studies.options import option, options_of
+from studies.options import option
 from studies.page.write import Report, write_page
 from studies.report import OutputFolder, Screen, figure_style, seconds_taken
 from studies.running.ownership import REPORT, SUMMARY
@@ -76,7 +76,6 @@ class Analyse(AboutAFile):
         out.save_figure("analysis.png", drawn, subject)
         summary: dict[str, Any] = {
             **self.made(),
-            "options": {each.name: getattr(self, each.name) for each, _ in options_of(self)},
             "frames": found.gas.n_frames,
             "n": found.gas.n,
             "dim": found.gas.dim,

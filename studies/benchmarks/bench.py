@@ -71,7 +71,9 @@ class Bench:
     files: ClassVar[tuple[str, ...]] = ("windows.csv",)
 
 
-def bench(study: Bench, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:
+def bench(
+    study: Bench, out: OutputFolder, screen: Screen, made: Mapping[str, Any] | None = None
+) -> tuple[dict[str, Any], bool]:
     """Time one gas, print the result and write summary.json and windows.csv.
 
     Parameters
@@ -82,6 +84,8 @@ def bench(study: Bench, out: OutputFolder, screen: Screen) -> tuple[dict[str, An
         Where the files go; made only after the gas has run.
     screen : Screen
         Where results and progress are shown.
+    made : mapping, optional
+        What else made it, of `Program.made`.
 
     Returns
     -------
@@ -106,6 +110,7 @@ def bench(study: Bench, out: OutputFolder, screen: Screen) -> tuple[dict[str, An
         "seed": study.seed,
         **summary,
         "machine": machine(),
+        **(made or {}),
     }
     summary["files"] = sorted({*out.files, "summary.json"})
     out.write_json("summary.json", summary)

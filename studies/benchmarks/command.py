@@ -101,13 +101,13 @@ class Benchmark(Program):
         )
         study = Bench(gas, self.collisions, self.discard, self.against, self.seed)
         if self.suite is not None:
-            return run_suite(suite_named(self.suite, self.n, densities), study, out, screen, self.command)
+            return run_suite(suite_named(self.suite, self.n, densities), study, out, screen, self.made())
         if out.figure_format != "png":
             raise OptionError(f"--format {out.figure_format} goes with --suite: a single state has no figure")
         for name, given in (("--n", self.n), ("--packing-fraction", densities)):
             if len(given) > 1:
                 raise hs.SceneError(f"{name} is given {len(given)} times, but one state has one; add --suite")
-        return bench(study, out, screen)
+        return bench(study, out, screen, self.made())
 
     def folder(
         self, out: Path | None, checkpoint_every: float = 60.0, resume: bool = False, force: bool = False

@@ -80,7 +80,7 @@ def suite_named(
 
 
 def run_suite(
-    suite: Suite, study: Bench, out: OutputFolder, screen: Screen, command: str = ""
+    suite: Suite, study: Bench, out: OutputFolder, screen: Screen, made: Mapping[str, Any] | None = None
 ) -> tuple[dict[str, Any], bool]:
     """Measure all states of a suite, print them, write bench.csv, bench.png, report.html and summary.json.
 
@@ -94,8 +94,8 @@ def run_suite(
         Where the files go; made when the first state is done. bench.csv is whole after every state.
     screen : Screen
         Where results and progress are shown.
-    command : str, optional
-        The command that does the same.
+    made : mapping, optional
+        What else made it, of `Program.made`.
 
     Returns
     -------
@@ -140,7 +140,6 @@ def run_suite(
     passed = all(state["checks"]["passed"] for state in states)
     summary: dict[str, Any] = {
         "study": "bench",
-        "command": command,
         "date": today(),
         "version": hs.__version__,
         "seed": study.seed,
@@ -148,6 +147,7 @@ def run_suite(
         "states": states,
         "checks": {"passed": passed, "failures": [text for s in states for text in s["checks"]["failures"]]},
         "machine": machine(),
+        **(made or {}),
         "seconds": time.perf_counter() - began,
         "files": sorted({*out.files, REPORT, SUMMARY}),
     }

@@ -10,7 +10,7 @@ from scipy.special import ndtr
 from analysis.statistics import TheoryCheck
 from studies.answer import Answer, expected_cell, measured_cell, names_of
 
-__all__ = ["answer_in_words"]
+__all__ = ["answer_in_words", "over_many"]
 
 FEW = 3  # gases whose numbers are told one by one
 
@@ -43,7 +43,13 @@ def answer_in_words(answers: Sequence[Answer]) -> list[str]:
         ]
     else:
         quantities = dict.fromkeys(each.quantity for numbers in told for each in numbers)
-        words = [_over_many(quantity, answers, told) for quantity in quantities]
+        etas = [answer.gas.packing_fraction for answer in answers]
+        span = f", packing fractions {min(etas):g} to {max(etas):g}"
+        words = []
+        for quantity in quantities:
+            pairs = zip(names_of(answers), told, strict=True)
+            found = [(where, each) for where, own in pairs for each in own if each.quantity == quantity]
+            words.append(over_many(quantity, found, f"in {len(found)} gases{span}"))
     return words + _chance([each.z for numbers in told for each in numbers if math.isfinite(each.z)])
 
 
@@ -78,13 +84,20 @@ def _expected(found: TheoryCheck) -> str:
     return f"{theory}, {expected_cell(found)}"
 
 
-def _over_many(quantity: str, answers: Sequence[Answer], told: Sequence[Sequence[TheoryCheck]]) -> str:
-    """Return how well a quantity was measured in many gases, and its largest deviation from theory."""
-    pairs = zip(names_of(answers), told, strict=True)
-    found = [(where, each) for where, numbers in pairs for each in numbers if each.quantity == quantity]
+def over_many(quantity: str, found: Sequence[tuple[str, TheoryCheck]], span: str) -> str:
+    """Return how well a quantity was measured in many gases, and its largest deviation from theory.
+
+    Parameters
+    ----------
+    quantity : str
+        Its name.
+    found : sequence of (str, TheoryCheck)
+        Its numbers, each with what tells the gas from the others.
+    span : str
+        Where they are from.
+    """
     relative = [abs(each.measured.standard_error / (each.measured.value or math.nan)) for _, each in found]
-    etas = [answer.gas.packing_fraction for answer in answers]
-    text = f"{quantity} in {len(found)} gases, packing fractions {min(etas):g} to {max(etas):g}"
+    text = f"{quantity} {span}"
     if all(map(math.isfinite, relative)):
         text += f", to {100 * max(relative):.1g} % or better (one standard error)"
     compared = [(where, each) for where, each in found if math.isfinite(each.z)]

@@ -59,6 +59,8 @@ class Report:
         seconds, digest, files), as far as it is there.
     replay : Replay, optional
         A gas to be watched.
+    parts : dict of str
+        Reports of runs that it is made of, by their names.
     """
 
     name: str
@@ -72,6 +74,7 @@ class Report:
     legend: Sequence[str] = ()
     summary: Mapping[str, Any]
     replay: Replay | None = None
+    parts: Mapping[str, str] = field(default_factory=dict)
 
 
 def write_report(

@@ -170,7 +170,8 @@ def _words(value: Any) -> str:
 def about(study: Any) -> dict[str, Any]:
     """Return what a manifest says of a study."""
     name = getattr(study, "name", type(study).__module__.rpartition(".")[2])
-    content = {"study": name, "version": hs.__version__, "options": options_of(study)}
+    planned: dict[str, Any] = getattr(study, "planned", dict)()
+    content = planned | {"study": name, "version": hs.__version__, "options": options_of(study)}
     return dict(json.loads(json.dumps(content)))  # as it is read
 
 

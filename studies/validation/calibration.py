@@ -168,7 +168,6 @@ def _calibrate(study: Calibrations, out: OutputFolder, screen: Screen) -> tuple[
         summary: dict[str, Any] = {
             **study.made(),
             "seed": study.seed,
-            "options": {"runs": study.runs, "families": study.families},
             "workers": available_cores() if study.workers is None else study.workers,
             "families": {name: calibration_runs.FAMILIES[name].text for name in study.families},
             "rows": [_row_summary(row) for row in rows],

@@ -123,6 +123,40 @@ def test_a_real_study(tmp_path, capsys):
     assert "asked for 0.05: " in report and summary["command"].count(f"--replicas {found['replicas']}") == 1
 
 
+def test_interrupted_it_is_resumed(tmp_path, monkeypatch):
+    """With the digest of the whole; sibling: without resume the unfinished run is refused."""
+    study = SelfDiffusion(
+        packing_fractions=(0.05,), n=64, collisions_per_particle=80.0, replicas=4, seed=5, workers=1
+    )
+    monkeypatch.setattr(SelfDiffusion, "figures", lambda self, answers: {})
+    screen, advance = Screen(json_output=True), SelfDiffusion.advance
+    whole, _ = until_error(study, 0.1, OutputFolder(tmp_path / "whole"), screen)
+
+    def interrupted(self, gas, replica):
+        if self.seed == 5 and replica.index == 1:  # not of the pilot
+            raise InterruptedError
+        yield from advance(self, gas, replica)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(SelfDiffusion, "advance", interrupted)
+        with pytest.raises(InterruptedError) as caught:
+            until_error(study, 0.1, OutputFolder(tmp_path / "out"), screen)
+    assert len(caught.value.__notes__) == 1 and f"kept in {tmp_path / 'out'}" in caught.value.__notes__[0]
+    with pytest.raises(hs.CheckpointError, match="add --resume to continue it"):
+        until_error(study, 0.1, OutputFolder(tmp_path / "out"), screen)
+    summary, _ = until_error(study, 0.1, OutputFolder(tmp_path / "out", resume=True), screen)
+    assert summary["digest"] == whole["digest"] and summary["options"] == whole["options"]
+
+
+def test_an_interrupted_pilot_is_not_said_to_be_kept(tmp_path, monkeypatch):
+    """Nor is a folder made; sibling: the run after it, above, says where it is kept."""
+    study = SelfDiffusion(packing_fractions=(0.05,), n=64, replicas=4, workers=1)
+    monkeypatch.setattr(SelfDiffusion, "estimators", None)
+    with pytest.raises(TypeError) as caught:
+        until_error(study, 0.1, OutputFolder(tmp_path / "out"), Screen(json_output=True))
+    assert not getattr(caught.value, "__notes__", []) and not list(tmp_path.iterdir())
+
+
 def test_what_cannot_be_reached_is_said(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(module, "MOST", 3)
     summary, _ = until_error(Coins(), 1e-4, OutputFolder(tmp_path / "coins"), Screen(), run=toss)
