@@ -19,8 +19,8 @@ from typing import Any
 
 from scipy import stats
 
-import hardspheres as hs
 from analysis.statistics import Estimate, TheoryCheck, pool_replicas
+from studies.layout import wrapped
 from studies.options import OptionError, option, seed, workers
 from studies.program import Program
 from studies.report import OutputFolder, Screen, seconds_taken, today
@@ -83,14 +83,16 @@ class Line:
 
 @dataclass(frozen=True)
 class Row:
-    """One number of all rounds, beside its reference; fields as in `Line`, and
+    """One number of all rounds, beside its reference.
 
     Attributes
     ----------
+    measurement, quantity, value, standard_error, degrees_of_freedom, expected, uncertainty, reference
+        As in `Line`.
     state, others : str
         The gas; what other programs give.
-    rounds : int
-        How many there are.
+    rounds, collisions, core_seconds : int, int, float
+        How many rounds there are, and what they took; the rows of one measurement share them.
     first, last : str
         Dates of the rounds.
     """
@@ -218,10 +220,14 @@ def markdown(rows: Sequence[Row], made: Mapping[str, Any]) -> str:
     when = dates[0] if len({*dates}) == 1 else f"{dates[0]} to {dates[-1]}"
     unique = {row.measurement: row for row in rows}.values()
     total, seconds = sum(row.collisions for row in unique), sum(row.core_seconds for row in unique)
+    where = f"{made['machine']['processor']}, {made['machine']['system']}"
+    head = (
+        f"Measured {when}, {where}: {total:.2g} collisions in {seconds / 3600:.1f} hours of one core. "
+        f"Largest |z| of {len(rows)} rows: {abs(worst.check.z):.1f}; one beyond {alarm(len(rows)):.1f} has a "
+        f"probability of {FALSE_ALARM:.0%}."
+    )
     lines = [
-        f"Measured {when}, {made['machine']['processor']}, {made['machine']['system']}: {total:.2g} collisions in "
-        f"{seconds / 3600:.1f} hours of one core. Largest |z| of {len(rows)} rows: {abs(worst.check.z):.1f}; one "
-        f"beyond {alarm(len(rows)):.1f} has a probability of {FALSE_ALARM:.0%}.",
+        *wrapped(head, 110),
         "",
         f"| {' | '.join(COLUMNS)} |",
         f"|{'---|' * len(COLUMNS)}",
@@ -248,8 +254,9 @@ def between_marks(text: str, section: str | None = None) -> str:
 def stored(folder: Path) -> tuple[list[Row], dict[str, Any]]:
     """Return the rows that a run left in a folder, and what made them."""
     content = json.loads((folder / TABLES).read_text(encoding="utf-8"))
-    rows = [Row(**{k: math.inf if v is None else v for k, v in row.items()}) for row in content["rows"]]
-    return rows, content["made"]
+    for row in content["rows"]:
+        row |= {name: math.inf for name, its in row.items() if its is None}  # degrees of freedom
+    return [Row(**row) for row in content["rows"]], content["made"]
 
 
 @dataclass(frozen=True)
@@ -288,10 +295,10 @@ class AccuracyTables(Program):
     name = "accuracy-tables"
     question = "How accurate is each number, beside the best that is known?"
     explanation = f"""
-    Pressure of spheres and discs, contact value, free paths, relaxation and diffusion beside literature, exact
-    results and other programs, with the cost of each. A round takes some minutes of one core, and {ROUNDS} and
-    {TABLES} are written after each: the error falls as the root of their number. Another run with --known
-    {ROUNDS} adds rounds to these.
+    Pressure of spheres and discs, contact value, free paths, relaxation and diffusion beside literature,
+    exact results and other programs, with the cost of each. A round takes some minutes of one core;
+    {ROUNDS} and {TABLES} are written after each, and errors fall as the root of their number. A run with
+    --known {ROUNDS} adds rounds to these.
     """
     files = (ROUNDS, TABLES)
 
@@ -362,8 +369,9 @@ class AccuracyTables(Program):
             out.write_json(SUMMARY, summary)
         screen.table("", COLUMNS, [row.cells for row in rows], keys=2)
         screen.say(
-            "z: standard errors from the reference, its own uncertainty and few rounds allowed for; one beyond "
-            f"{alarm(len(rows)):.1f} has a probability of {FALSE_ALARM:.0%}; relative error: one standard error"
+            "z: standard errors from the reference, its own uncertainty and few rounds allowed for; one "
+            f"beyond {alarm(len(rows)):.1f} has a probability of {FALSE_ALARM:.0%}; relative error: one "
+            "standard error"
         )
         for failure in failures:
             screen.say(f"CHECK FAILED, {failure}")
