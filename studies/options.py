@@ -420,7 +420,7 @@ PANELS = {
     "pressure diameter temperature_ratio mass_ratio diameter_ratio fraction source radius mass box units "
     "velocities_are mix",
     "What and how long": "collisions collisions_per_particle relaxation_times discard replicas runs "
-    "transits reverse_after cells until_error suite quick size only against",
+    "transits reverse_after cells until_error suite rounds known quick size only against",
     "Results": "out force json figure_format frames animate",
     "The run itself": "seed workers checkpoint_every resume",
 }

@@ -182,6 +182,7 @@ COMMANDS = [
     "view",
     "analyse",
     "accuracy",
+    "accuracy-tables",
     "calibration",
     "hard-cases",
     "verify",
