@@ -237,7 +237,7 @@ def markdown(rows: Sequence[Row], made: Mapping[str, Any]) -> str:
         cells = list(row.cells)
         if row.measurement == before:  # the cost is that of all its rows
             cells[-2:] = "", ""
-        lines.append(f"| {' | '.join(cells)} |")
+        lines.append(f"| {' | '.join(cells)} |".replace("<", "&lt;"))
         before = row.measurement
     return "\n".join(lines) + "\n"
 
@@ -261,12 +261,16 @@ def stored(folder: Path) -> tuple[list[Row], dict[str, Any]]:
 
 @dataclass(frozen=True)
 class _Round:
-    """The task of a worker process: one round of one measurement."""
+    """The task of a worker process: one round of one measurement, unless it is known."""
 
     quick: bool
     root: int
+    known: Sequence[Line]
 
     def __call__(self, item: tuple[str, int]) -> list[Line]:
+        """Return its lines."""
+        if there := [line for line in self.known if (line.measurement, line.round) == item]:
+            return there
         began = time.process_time()
         checks, collisions = measure(item, QUICK if self.quick else MEASURED, self.root)
         spent = round(time.process_time() - began, 2)
@@ -315,7 +319,10 @@ class AccuracyTables(Program):
     def _known(self) -> list[Line]:
         lines = read_lines(Path(self.known)) if self.known is not None else []
         if other := {line.measurement for line in lines} - {*self._table}:
-            raise OptionError(f"--known {self.known} has {min(other)}, which is not measured here")
+            raise OptionError(
+                f"--known {self.known} has rounds of {min(other)!r}, which are not measured "
+                f"{'with' if self.quick else 'without'} --quick; name a file of the same kind of run"
+            )
         return lines
 
     def conduct(self, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:
@@ -323,30 +330,33 @@ class AccuracyTables(Program):
         began = time.perf_counter()
         known = self._known()
         out.check(self)
-        done = {(line.measurement, line.round) for line in known}
         items = [
             (name, number)
             for number in range(self.rounds)
             for name, each in self._table.items()
-            if number % each.every == 0 and (name, number) not in done
+            if number % each.every == 0
         ]
+        there = {(line.measurement, line.round) for line in known}
+        beyond = [line for line in known if (line.measurement, line.round) not in items]
         with screen.compiling("the gases of all tables"):
-            for name in dict.fromkeys(name for name, _ in items):
+            for name in dict.fromkeys(item[0] for item in items if item not in there):
                 self._table[name].load()
         ready = time.perf_counter()
         with out.running(self) as shelf, screen.progress("rounds", len(items)) as advance:
-            count = 0
+            count, kept = 0, dict[int, list[Line]]()
 
             def told() -> None:
                 nonlocal count
                 count += 1
                 advance()
                 if count % len(self._table) == 0 and count < len(items):
-                    kept = [shelf.result(k) for k in range(len(items))]
-                    self._write(out, known + [line for found in kept if found for line in found[0]])
+                    for index in {*range(len(items))} - {*kept}:
+                        if (result := shelf.result(index)) is not None:
+                            kept[index] = result[0]
+                    self._write(out, [*beyond, *(line for index in sorted(kept) for line in kept[index])])
 
             found = run_replicas(
-                _Round(self.quick, self.seed),
+                _Round(self.quick, self.seed, known),
                 items,
                 workers=self.workers,
                 done=told,
@@ -354,7 +364,7 @@ class AccuracyTables(Program):
                 note=screen.note,
             )
             ran = time.perf_counter()
-            rows = self._write(out, known + [line for lines in found for line in lines])
+            rows = self._write(out, [*beyond, *(line for lines in found for line in lines)])
             failures = failures_of(rows)
             summary: dict[str, Any] = {
                 **self.made(),
