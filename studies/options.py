@@ -425,7 +425,13 @@ PANELS = {
     "The run itself": "seed workers checkpoint_every resume",
 }
 _PANEL_OF = {name: panel for panel, names in PANELS.items() for name in names.split()}
-_KIND_OF = {"source": "FILE", "units": "WORD", "velocities_are": "WORD", "box": "NUMBERS"}  # others: NUMBER
+_KIND_OF = {
+    "source": "FILE",
+    "known": "FILE",
+    "units": "WORD",
+    "velocities_are": "WORD",
+    "box": "NUMBERS",
+}  # others: NUMBER
 _SAME = {"packing-fractions": "packing-fraction"}  # old spellings of options
 
 

@@ -11,6 +11,7 @@ import json
 import math
 import sys
 import time
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from itertools import groupby
@@ -322,6 +323,12 @@ class AccuracyTables(Program):
             raise OptionError(
                 f"--known {self.known} has rounds of {min(other)!r}, which are not measured "
                 f"{'with' if self.quick else 'without'} --quick; name a file of the same kind of run"
+            )
+        names = Counter((line.measurement, line.round, line.quantity) for line in lines)
+        if twice := [name for name, count in names.items() if count > 1]:
+            measurement, number, quantity = twice[0]
+            raise OptionError(
+                f"--known {self.known} has {quantity!r} of round {number} of {measurement!r} twice; leave one"
             )
         return lines
 

@@ -182,12 +182,21 @@ def test_references_are_those_of_today():
     assert (rows["discs, 0.67"].expected, rows["discs, 0.67"].uncertainty) == (7.986779, 25e-6)
 
 
+ROUNDS_TWICE = (
+    "measurement,round,quantity,value,standard_error,degrees_of_freedom,expected,uncertainty,reference,"
+    "collisions,core_seconds,date\n"
+    + "two discs,0,pair rate,0.5,0.1,9.0,0.5,0.0,exact,10,1.0,2026-01-01\n"
+    * 2
+)
+
+
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
         (["--rounds", "0"], "--rounds 0 is out of range; ask for at least 1"),
         (["--known", "nowhere.csv"], "--known nowhere.csv cannot be read: No such file or directory"),
         (["--known", "other.csv"], "--known other.csv is no rounds.csv of this version"),
+        (["--known", "twice.csv"], "--known twice.csv has 'pair rate' of round 0 of 'two discs' twice"),
         (["--known", "big.csv", "--quick"], "--known big.csv has rounds of 'Lyapunov, 0.01', which are not"),
     ],
 )
@@ -195,6 +204,7 @@ def test_bad_input_is_one_sentence(options, sentence, tmp_path, monkeypatch, cap
     monkeypatch.chdir(tmp_path)
     Path("other.csv").write_text("a,b\n1,2\n")
     Path("big.csv").write_bytes((RESULTS / "rounds.csv").read_bytes())
+    Path("twice.csv").write_text(ROUNDS_TWICE)
     monkeypatch.setattr(sys, "argv", ["hardspheres", "accuracy-tables", *options, "--out", "out"])
     with pytest.raises(SystemExit) as end:
         main()
