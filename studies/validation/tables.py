@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+import re
 import sys
 import time
 from collections import Counter
@@ -134,11 +135,16 @@ class Row:
             str(check.measured),
             f"{reference}, {self.reference}{f'; {self.others}' if self.others else ''}",
             f"{check.z:+.1f}",
-            f"{self.value / self.expected - 1.0:+.1e}",
-            f"{abs(self.standard_error / self.value):.1e}",
-            f"{self.collisions:.1e}",
+            _power(f"{self.value / self.expected - 1.0:+.1e}"),
+            _power(f"{abs(self.standard_error / self.value):.1e}"),
+            _power(f"{self.collisions:.1e}"),
             f"{self.core_seconds:.0f}",
         )
+
+
+def _power(text: str) -> str:
+    """Return a number like 3.0e-05 as 3.0e-5, and 2.0e+09 as 2.0e9."""
+    return re.sub(r"e([+-])0*", lambda found: "e" + found[1].replace("+", ""), text)
 
 
 def read_lines(path: Path) -> list[Line]:
@@ -223,7 +229,7 @@ def markdown(rows: Sequence[Row], made: Mapping[str, Any]) -> str:
     total, seconds = sum(row.collisions for row in unique), sum(row.core_seconds for row in unique)
     where = f"{made['machine']['processor']}, {made['machine']['system']}"
     head = (
-        f"Measured {when}, {where}: {total:.2g} collisions in {seconds / 3600:.1f} hours of one core. "
+        f"Measured {when}, {where}: {_power(f'{total:.1e}')} collisions in {seconds / 3600:.1f} hours of one core. "
         f"Largest |z| of {len(rows)} rows: {abs(worst.check.z):.1f}; one beyond {alarm(len(rows)):.1f} has a "
         f"probability of {FALSE_ALARM:.0%}."
     )

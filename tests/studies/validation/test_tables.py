@@ -213,6 +213,15 @@ def test_bad_input_is_one_sentence(options, sentence, tmp_path, monkeypatch, cap
     assert told.err.startswith(f"error: {sentence}") and told.err.count("\n") == 1
 
 
+@pytest.mark.long
+def test_a_whole_round(tmp_path):
+    """Some minutes; one of 46 rows is beyond the alarm by chance in 1 % of seeds."""
+    study = AccuracyTables(rounds=1, seed=2)
+    summary, sound = study.conduct(OutputFolder(tmp_path / "out"), Screen(json_output=True))
+    assert sound, summary["checks"]["failures"]
+    assert {row["measurement"] for row in summary["rows"]} == set(MEASURED)
+
+
 def test_the_command_prints_its_tables(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(tables, "QUICK", {"spheres": QUICK["spheres"]})
     options = ["--quick", "--rounds", "1", "--workers", "1", "--json", "--out", str(tmp_path / "out")]
