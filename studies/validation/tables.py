@@ -229,9 +229,9 @@ def markdown(rows: Sequence[Row], made: Mapping[str, Any]) -> str:
     total, seconds = sum(row.collisions for row in unique), sum(row.core_seconds for row in unique)
     where = f"{made['machine']['processor']}, {made['machine']['system']}"
     head = (
-        f"Measured {when}, {where}: {_power(f'{total:.1e}')} collisions in {seconds / 3600:.1f} hours of one core. "
-        f"Largest |z| of {len(rows)} rows: {abs(worst.check.z):.1f}; one beyond {alarm(len(rows)):.1f} has a "
-        f"probability of {FALSE_ALARM:.0%}."
+        f"Measured {when}, {where}: {_power(f'{total:.1e}')} collisions in {seconds / 3600:.1f} hours of one "
+        f"core. Largest |z| of {len(rows)} rows: {abs(worst.check.z):.1f}; one beyond "
+        f"{alarm(len(rows)):.1f} has a probability of {FALSE_ALARM:.0%}."
     )
     lines = [
         *wrapped(head, 110),
@@ -308,7 +308,7 @@ class AccuracyTables(Program):
     explanation = f"""
     Pressure of spheres and discs, contact value, free paths, relaxation and diffusion beside literature,
     exact results and other programs, with the cost of each. A round takes some minutes of one core;
-    {ROUNDS} and {TABLES} are written after each, and errors fall as the root of their number. A run with
+    {ROUNDS} and {TABLES} are written as it goes, and errors fall as the root of their number. A run with
     --known {ROUNDS} adds rounds to these.
     """
     files = (ROUNDS, TABLES)
@@ -356,16 +356,14 @@ class AccuracyTables(Program):
                 self._table[name].load()
         ready = time.perf_counter()
         with out.running(self) as shelf, screen.progress("rounds", len(items)) as advance:
-            count, kept = 0, dict[int, list[Line]]()
+            kept: dict[int, list[Line]] = {}
 
             def told() -> None:
-                nonlocal count
-                count += 1
                 advance()
-                if count % len(self._table) == 0 and count < len(items):
-                    for index in {*range(len(items))} - {*kept}:
-                        if (result := shelf.result(index)) is not None:
-                            kept[index] = result[0]
+                finished = [shelf.result(index) if index not in kept else None for index in range(len(items))]
+                new = {index: result[0] for index, result in enumerate(finished) if result is not None}
+                kept.update(new)
+                if new:
                     self._write(out, [*beyond, *(line for index in sorted(kept) for line in kept[index])])
 
             found = run_replicas(
