@@ -423,12 +423,18 @@ PANELS = {
     "pressure diameter temperature_ratio mass_ratio diameter_ratio fraction source radius mass box units "
     "velocities_are mix",
     "What and how long": "collisions collisions_per_particle relaxation_times discard replicas runs "
-    "transits reverse_after cells until_error suite quick size only against",
+    "transits reverse_after cells until_error suite rounds known quick size only against",
     "Results": "out force json figure_format frames animate",
     "The run itself": "config sweep seed workers checkpoint_every resume keep",
 }
 _PANEL_OF = {name: panel for panel, names in PANELS.items() for name in names.split()}
-_KIND_OF = {"source": "FILE", "units": "WORD", "velocities_are": "WORD", "box": "NUMBERS"}  # others: NUMBER
+_KIND_OF = {
+    "source": "FILE",
+    "known": "FILE",
+    "units": "WORD",
+    "velocities_are": "WORD",
+    "box": "NUMBERS",
+}  # others: NUMBER
 _SAME = {"packing-fractions": "packing-fraction"}  # old spellings of options
 
 

@@ -49,6 +49,10 @@ QUESTIONS = {
         "studies.validation.accuracy:Accuracy",
         "Compare speed and error with two time-stepping programs.",
     ),
+    "accuracy-tables": (
+        "studies.validation.tables:AccuracyTables",
+        "Measure every observable beside the best number that is known for it, with its cost.",
+    ),
     "calibration": (
         "studies.validation.calibration:Calibrations",
         "Test the error bars: (value - truth) / standard error of every estimator, over many short runs.",

@@ -182,6 +182,7 @@ COMMANDS = [
     "view",
     "analyse",
     "accuracy",
+    "accuracy-tables",
     "calibration",
     "hard-cases",
     "verify",
@@ -204,7 +205,8 @@ def test_help_cuts_no_option_and_groups_them(command, monkeypatch):
     assert "\u2026" not in text and max(map(len, text.split("\n"))) <= 80
     own = text.split(" Options ")[1].split("\u256f")[0]
     assert own.count("--") == 1  # --help: all others stand in panels of their own
-    assert "The gas" in text or command in ("calibration", "hard-cases", "verify", "list")
+    alone = ("accuracy-tables", "calibration", "hard-cases", "verify", "list")
+    assert "The gas" in text or command in alone
     assert "Results" in text
     if command == "thermalise":
         assert "\u2026" in helped(command, monkeypatch, 40)
