@@ -13,6 +13,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -37,7 +38,7 @@ from studies.report import (
     say_checks,
     seconds_taken,
 )
-from studies.running.ensemble import available_cores, run_replicas
+from studies.running.ensemble import available_cores, prepare_workers, run_replicas
 from studies.running.ownership import REPORT, SUMMARY
 from studies.running.resuming import Resumable
 
@@ -47,6 +48,8 @@ if TYPE_CHECKING:
     from studies.viewer.replay import Replay
 
 __all__ = ["Replica", "Study", "conduct"]
+
+SOON_MADE = 20_000  # particles: a larger gas takes longer to make than its kernels to load
 
 
 @dataclass
@@ -277,7 +280,12 @@ class _Running(Resumable[_Run, Replica, Replica]):
 
 
 def run_study(
-    study: Study, screen: Screen, shelf: Any = None, folder: Path = Path(), record: bool = False
+    study: Study,
+    screen: Screen,
+    shelf: Any = None,
+    folder: Path = Path(),
+    record: bool = False,
+    spent: list[float] | None = None,
 ) -> tuple[list[list[Replica]], Replica | None]:
     """Run all replicas of all gases of a study.
 
@@ -293,6 +301,8 @@ def run_study(
         Where recorders write.
     record : bool, default False
         Whether the first replica is run once more, watched by the study's recorders.
+    spent : list, optional
+        Takes the seconds of each run, as in `run_replicas`.
 
     Returns
     -------
@@ -315,16 +325,24 @@ def run_study(
             done=advance,
             shelf=shelf,
             note=screen.note,
+            spent=spent,
         )[::-1]
     recorded = found.pop() if runs[-1].recording else None
     return [found[k * count : (k + 1) * count] for k in range(len(gases))], recorded
 
 
 def _compile(study: Study, gases: Sequence[Gas], screen: Screen) -> None:
-    """Compile all that the gases of a study need, before its workers start."""
+    """Compile all that the gases of a study need, while what its workers are made from is loaded."""
+    few = representatives(gases)
+    prepare_workers(study.workers, partial(_load, study, [gas for gas in few if gas.n <= SOON_MADE]))
     with screen.compiling("; ".join(dict.fromkeys(gas.kind for gas in gases))):
-        for gas in representatives(gases):
-            study.start(gas, np.random.SeedSequence(0, spawn_key=(0,))).run(collisions=1)
+        _load(study, few)
+
+
+def _load(study: Study, gases: Sequence[Gas]) -> None:
+    """Load or compile the kernels of some gases."""
+    for gas in gases:
+        study.start(gas, np.random.SeedSequence(0, spawn_key=(0,))).run(collisions=1)
 
 
 def conduct(
@@ -369,7 +387,8 @@ def conduct(
     _compile(study, gases, screen)
     ready = time.perf_counter()
     with out.running(study) as shelf:
-        replicas, recorded = run_study(study, screen, shelf, shelf.folder, record)
+        spent: list[float] = []
+        replicas, recorded = run_study(study, screen, shelf, shelf.folder, record, spent)
         ran = time.perf_counter()
         answers = [study.answer(gas, own) for gas, own in zip(gases, replicas, strict=True)]
         out.write_csv(f"{study.table}.csv", tidy(answers))
@@ -386,6 +405,8 @@ def conduct(
                 path.write_text(replay.html, encoding="utf-8")
         summary = Summary(summary_of(study, answers, replicas, out))
         summary["seconds"] = seconds_taken(began, ready, ran)
+        if spent:  # not all of it was there before
+            summary["seconds"]["workers_busy"] = sum(spent) / (summary["workers"] * (ran - ready))
         verdict = [conclude(summary)] if conclude is not None else []
         with screen.working("writing the report"):
             write_report(

@@ -15,6 +15,9 @@ import warnings
 from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
 from contextlib import nullcontext
+from functools import partial
+from multiprocessing.connection import wait
+from multiprocessing.context import BaseContext
 from multiprocessing.process import BaseProcess
 from typing import Any, TypeVar
 
@@ -25,7 +28,7 @@ from studies.running.journal import Shelf
 from studies.running.resuming import perform
 from studies.running.stopping import STOPPING
 
-__all__ = ["available_cores", "replica_seeds", "run_replicas", "spawned_processes"]
+__all__ = ["available_cores", "prepare_workers", "replica_seeds", "run_replicas", "worker_processes"]
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -61,9 +64,51 @@ def available_cores() -> int:
     return os.cpu_count() or 1
 
 
+def prepare_workers(workers: int | None, load: Callable[[], object]) -> None:
+    """Begin to load what worker processes will need, while this process does something else.
+
+    Without effect where nothing can be loaded beforehand: workers then load it themselves.
+
+    Parameters
+    ----------
+    workers : int or None
+        As in `run_replicas`.
+    load : callable
+        Called without arguments in a process that workers are made from, before they are; can be pickled.
+        It may call kernels: those that are in the cache are loaded, and it ends where one would be compiled.
+
+    Raises
+    ------
+    SimulationError
+        If the system refuses a process.
+    """
+    count = available_cores() if workers is None else workers
+    if count < 2 or not _can_be_forked():
+        return
+    from studies.running import forking
+
+    with _starting(count):
+        forking.server(None if _needs_main(load) else load)
+
+
+def _can_be_forked() -> bool:
+    """Return whether workers can be forks of a process that has loaded libraries: not those of macOS."""
+    return sys.platform != "darwin" and "forkserver" in multiprocessing.get_all_start_methods()
+
+
+def _context() -> BaseContext:
+    if not _can_be_forked():
+        return multiprocessing.get_context("spawn")
+    from studies.running import forking
+
+    return forking.Context()
+
+
 @contextlib.contextmanager
-def spawned_processes(workers: int) -> Iterator[Executor]:
-    """Yield a pool of spawned worker processes, none of which outlives the context or this process.
+def worker_processes(workers: int) -> Iterator[Executor]:
+    """Yield a pool of worker processes, none of which outlives the context or this process.
+
+    They are forks of a process that has loaded what they need, see `prepare_workers`; fresh ones elsewhere.
 
     Ctrl-C and the end of a terminal reach this process alone: workers ignore them, and are asked by this
     process to save their state and to end. A worker that has not ended after `PATIENCE` is killed.
@@ -74,9 +119,8 @@ def spawned_processes(workers: int) -> Iterator[Executor]:
         How many processes.
     """
     before = set(multiprocessing.active_children())
-    context = multiprocessing.get_context("spawn")
     with _starting(workers):
-        pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_prepare_worker)
+        pool = ProcessPoolExecutor(workers, mp_context=_context(), initializer=_prepare_worker)
     try:
         yield pool
     except BaseException:
@@ -100,8 +144,10 @@ def _starting(workers: int | None) -> Iterator[None]:
         yield
     except BrokenExecutor:
         raise
-    except (OSError, RuntimeError, ImportError) as error:  # a thread; semaphores, where there are none
+    except (OSError, EOFError, RuntimeError, ImportError) as error:  # a thread; semaphores, where are none
         reason = getattr(error, "strerror", None) or error
+        if isinstance(error, EOFError):
+            reason = "the process that starts them ended"
         raise SimulationError(
             f"{workers or 'the'} worker processes cannot be started: {reason}; ask for fewer with --workers, "
             "or raise the limits (ulimit -n, ulimit -u)"
@@ -110,9 +156,9 @@ def _starting(workers: int | None) -> Iterator[None]:
         mask(getattr(signal, "SIG_SETMASK", 0), before)
 
 
-def _needs_main(task: object, items: Sequence[object]) -> bool:
+def _needs_main(work: object) -> bool:
     """Return whether workers need what the program's main module defines."""
-    return b"__main__" in pickle.dumps((task, list(items)))
+    return b"__main__" in pickle.dumps(work)
 
 
 @contextlib.contextmanager
@@ -129,13 +175,16 @@ def _without_main() -> Iterator[None]:
 def _prepare_worker() -> None:
     for number in STOPPING:  # it is the parent that terminates
         signal.signal(number, signal.SIG_DFL if number == signal.SIGTERM else signal.SIG_IGN)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
+    parent, forking = multiprocessing.parent_process(), sys.modules.get("studies.running.forking")
     if parent is not None:
-        parent.join()
+        server = getattr(forking, "server_ended", None)  # who could tell the parent of our end
+        wait([parent.sentinel] if server is None else [parent.sentinel, server])
         os._exit(1)
 
 
@@ -158,6 +207,7 @@ def run_replicas(
     done: Callable[[], None] | None = None,
     shelf: Shelf | None = None,
     note: Callable[[str], object] = warnings.warn,
+    spent: list[float] | None = None,
 ) -> list[Result]:
     """Apply a task to every item and return the results in the order of the items.
 
@@ -181,6 +231,8 @@ def run_replicas(
         continues from its saved state.
     note : callable
         Is told in a sentence why there are no workers, where the task is defined in no file.
+    spent : list, optional
+        Takes the seconds that each item took where it was computed.
 
     Returns
     -------
@@ -203,9 +255,9 @@ def run_replicas(
     jobs = [(task, items[index], shelf, index) for index, found in enumerate(kept) if found is None]
     for _ in range(len(items) - len(jobs)):
         told()
-    fresh: list[Result] = []
+    fresh: list[tuple[Result, float]] = []
     several = executor is None and min(count, len(jobs)) > 1
-    main = several and _needs_main(task, items)
+    main = several and _needs_main((task, list(items)))
     if main and not os.path.isfile(getattr(sys.modules["__main__"], "__file__", None) or ""):
         note(NOT_IN_A_FILE)
         several = False
@@ -213,7 +265,8 @@ def run_replicas(
         fresh = _collect(executor, jobs, told, cancel=True)
     elif several:
         try:
-            with spawned_processes(min(count, len(jobs))) as pool:
+            prepare_workers(count, partial(_import, task))
+            with worker_processes(min(count, len(jobs))) as pool:
                 fresh = _collect(pool, jobs, told, cancel=False, hidden=not main)  # the pool is ended instead
         except SimulationError as error:
             if main:
@@ -221,10 +274,21 @@ def run_replicas(
             raise
     else:
         for job in jobs:
-            fresh.append(perform(*job))
+            fresh.append(_timed(*job))
             told()
-    results = iter(fresh)
+    if spent is not None:
+        spent += [seconds for _, seconds in fresh]
+    results = (result for result, _ in fresh)
     return [next(results) if found is None else found[0] for found in kept]
+
+
+def _timed(*job: Any) -> tuple[Any, float]:
+    began = time.perf_counter()
+    return perform(*job), time.perf_counter() - began
+
+
+def _import(task: object) -> None:
+    """Do nothing: where the task has arrived, what it needs is imported."""
 
 
 def _collect(
@@ -239,7 +303,7 @@ def _collect(
         count = getattr(executor, "_max_workers", None)
         with _starting(count), _without_main() if hidden else nullcontext():
             for job in jobs:
-                futures.append(executor.submit(perform, *job))
+                futures.append(executor.submit(_timed, *job))
         for future in as_completed(futures):
             future.result()
             told()
