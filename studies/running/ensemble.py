@@ -93,7 +93,8 @@ def prepare_workers(workers: int | None, load: Callable[[], object]) -> None:
 
 def _can_be_forked() -> bool:
     """Return whether workers can be forks of a process that has loaded libraries: not those of macOS."""
-    return sys.platform != "darwin" and "forkserver" in multiprocessing.get_all_start_methods()
+    known = sys.version_info < (3, 14)  # whose fork server asks for a key
+    return known and sys.platform != "darwin" and "forkserver" in multiprocessing.get_all_start_methods()
 
 
 def _context() -> BaseContext:
