@@ -302,7 +302,7 @@ def say_checks(screen: Screen, summary: Mapping[str, Any], out: OutputFolder) ->
         f"collisions per second and core: {known}{_round(study)} of the study, gases and measurements "
         "included"
     )
-    if summary["workers"] > 1 and "workers_busy" in summary["seconds"]:
+    if (summary["workers"] or 0) > 1 and "workers_busy" in summary["seconds"]:
         busy = summary["seconds"]["workers_busy"]
         screen.say(f"{summary['workers']} workers, busy {100 * busy:.0f} % of the time")
     for failure in checks["failures"]:

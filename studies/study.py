@@ -11,6 +11,7 @@ import hashlib
 import time
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -22,7 +23,7 @@ import numpy as np
 import hardspheres as hs
 from studies.answer import Answer, Gas, curve_files, heading, marks_of, names_of, notes_of, tidy, write_tables
 from studies.fluid import broken, representatives
-from studies.options import options_of, runs, seed, workers
+from studies.options import WITHOUT_INFLUENCE, executor, options_of, runs, seed, workers
 from studies.page import write_report
 from studies.program import Program
 from studies.recording import Recorder
@@ -38,7 +39,8 @@ from studies.report import (
     say_checks,
     seconds_taken,
 )
-from studies.running.ensemble import available_cores, prepare_workers, run_replicas
+from studies.running.ensemble import prepare_workers, run_replicas
+from studies.running.executors import executor_of, number_of_workers
 from studies.running.ownership import REPORT, SUMMARY
 from studies.running.resuming import Resumable
 
@@ -140,6 +142,7 @@ class Study(Program):
     replicas: int = runs(2)
     seed: int = seed()
     workers: int | None = workers()
+    executor: str | Executor | None = executor()
 
     def conduct(self, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:
         """Run it, print its results and write its files, see `conduct`."""
@@ -173,8 +176,10 @@ class Study(Program):
         study = self.prepared(screen.note)
         gases = study.gases()
         _compile(study, gases, screen)
+        with executor_of(study.executor, study.workers, screen.note) as pool:
+            replicas, _ = run_study(study, screen, executor=pool)
         found = []
-        for gas, own in zip(gases, run_study(study, screen)[0], strict=True):
+        for gas, own in zip(gases, replicas, strict=True):
             answer = study.answer(gas, own)
             broken_ones = [f"replica {k}: {run.failure}" for k, run in enumerate(own) if run.failure]
             found.append(replace(answer, failures=[*broken_ones, *answer.failures]))
@@ -286,6 +291,7 @@ def run_study(
     folder: Path = Path(),
     record: bool = False,
     spent: list[float] | None = None,
+    executor: Executor | None = None,
 ) -> tuple[list[list[Replica]], Replica | None]:
     """Run all replicas of all gases of a study.
 
@@ -303,6 +309,8 @@ def run_study(
         Whether the first replica is run once more, watched by the study's recorders.
     spent : list, optional
         Takes the seconds of each run, as in `run_replicas`.
+    executor : Executor, optional
+        What runs them, as in `run_replicas`.
 
     Returns
     -------
@@ -319,9 +327,10 @@ def run_study(
     # the run that is watched
     with screen.progress("runs", len(runs)) as advance:
         found = run_replicas(
-            _Running(study, folder),
+            _Running(replace(study, executor=None), folder),  # which cannot go to a worker
             runs[::-1],
             workers=study.workers,
+            executor=executor,
             done=advance,
             shelf=shelf,
             note=screen.note,
@@ -334,7 +343,8 @@ def run_study(
 def _compile(study: Study, gases: Sequence[Gas], screen: Screen) -> None:
     """Compile all that the gases of a study need, while what its workers are made from is loaded."""
     few = representatives(gases)
-    prepare_workers(study.workers, partial(_load, study, [gas for gas in few if gas.n <= SOON_MADE]))
+    if study.executor in (None, "processes"):
+        prepare_workers(study.workers, partial(_load, study, [gas for gas in few if gas.n <= SOON_MADE]))
     with screen.compiling("; ".join(dict.fromkeys(gas.kind for gas in gases))):
         _load(study, few)
 
@@ -386,10 +396,10 @@ def conduct(
     out.check(study)
     _compile(study, gases, screen)
     ready = time.perf_counter()
-    with out.running(study) as shelf:
+    with executor_of(study.executor, study.workers, screen.note) as pool, out.running(study) as shelf:
         spent: list[float] = []
-        replicas, recorded = run_study(study, screen, shelf, shelf.folder, record, spent)
-        ran = time.perf_counter()
+        replicas, recorded = run_study(study, screen, shelf, shelf.folder, record, spent, pool)
+        ran, count = time.perf_counter(), number_of_workers(pool, study.workers)
         answers = [study.answer(gas, own) for gas, own in zip(gases, replicas, strict=True)]
         out.write_csv(f"{study.table}.csv", tidy(answers))
         for name, columns in curve_files(answers).items():
@@ -403,10 +413,10 @@ def conduct(
         if (replay := study.replay()) is not None:
             with screen.working("running a gas to be watched"), out.partial("gas.html") as path:
                 path.write_text(replay.html, encoding="utf-8")
-        summary = Summary(summary_of(study, answers, replicas, out))
+        summary = Summary(summary_of(study, answers, replicas, out) | {"workers": count})
         summary["seconds"] = seconds_taken(began, ready, ran)
-        if spent:  # not all of it was there before
-            summary["seconds"]["workers_busy"] = sum(spent) / (summary["workers"] * (ran - ready))
+        if spent and count:  # not all of it was there before
+            summary["seconds"]["workers_busy"] = sum(spent) / (count * (ran - ready))
         verdict = [conclude(summary)] if conclude is not None else []
         with screen.working("writing the report"):
             write_report(
@@ -444,9 +454,11 @@ def summary_of(
         **study.made(),
         "seed": study.seed,
         "options": {
-            each.name: getattr(study, each.name) for each, _ in options_of(study) if each.name != "workers"
+            each.name: getattr(study, each.name)
+            for each, _ in options_of(study)
+            if each.name not in WITHOUT_INFLUENCE
         },
-        "workers": available_cores() if study.workers is None else study.workers,
+        "workers": study.workers,
         "n": answers[0].gas.n,
         "dim": answers[0].gas.dim,
         "states": [answer.summary() for answer in answers],

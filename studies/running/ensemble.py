@@ -24,6 +24,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from hardspheres.errors import SimulationError
+from studies.running.elsewhere import gather
 from studies.running.journal import Shelf
 from studies.running.resuming import perform
 from studies.running.stopping import STOPPING
@@ -263,12 +264,12 @@ def run_replicas(
         note(NOT_IN_A_FILE)
         several = False
     if executor is not None:
-        fresh = _collect(executor, jobs, told, cancel=True)
+        fresh = gather(executor, jobs, told)
     elif several:
         try:
             prepare_workers(count, partial(_import, task))
             with worker_processes(min(count, len(jobs))) as pool:
-                fresh = _collect(pool, jobs, told, cancel=False, hidden=not main)  # the pool is ended instead
+                fresh = _collect(pool, jobs, told, hidden=not main)
         except SimulationError as error:
             if main:
                 error.add_note(UNGUARDED)
@@ -296,7 +297,6 @@ def _collect(
     executor: Executor,
     jobs: Sequence[tuple[Any, ...]],
     told: Callable[[], None],
-    cancel: bool,
     hidden: bool = False,
 ) -> list[Any]:
     futures: list[Future[Any]] = []
@@ -313,7 +313,3 @@ def _collect(
         raise SimulationError(
             "a worker process was killed, perhaps out of memory; use fewer workers"
         ) from error
-    except BaseException:
-        for future in futures if cancel else ():
-            future.cancel()
-        raise
