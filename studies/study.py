@@ -278,6 +278,10 @@ class _Running(Resumable[_Run, Replica, Replica]):
                     open_files.enter_context(each.recording(self.folder))
             yield from self.study.advance(item.gas, state)
 
+    def writes(self, item: _Run) -> bool:
+        """Return whether it is recorded."""
+        return item.recording
+
     def result(self, item: _Run, state: Replica, seconds: float) -> Replica:
         """Return the replica, without its gas."""
         state.finish(seconds)

@@ -3,7 +3,8 @@
 Workers that see the folder of the run keep results and states there, as those of this machine do; what others
 return is kept by the process that conducts the study. A worker knows the folder by the token in it, which is
 there while that process waits for results: where it has gone, the worker ends its work and writes nothing, so
-that what is left of an old run cannot get into a new one.
+that what is left of an old run cannot get into a new one. An item whose work writes files of its own is done
+by the process that conducts the study.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from typing import Any
 import hardspheres as hs
 from hardspheres.errors import SimulationError
 from studies.running.journal import Shelf
-from studies.running.resuming import perform
+from studies.running.resuming import Resumable, perform
 from studies.running.stopping import asked_by, signals_held
 
 __all__ = ["gather"]
@@ -113,11 +114,11 @@ def gather(
     """
     stop = threading.Event() if isinstance(executor, ThreadPoolExecutor) else None
     shelf: Shelf | None = jobs[0][2] if jobs else None
-    futures: list[Future[tuple[Any, float, bool]]] = []
+    futures: dict[Future[tuple[Any, float, bool]], int] = {}
     found: dict[int, tuple[Any, float]] = {}
 
-    def take(which: int) -> None:
-        result, seconds, kept = futures[which].result()
+    def take(future: Future[tuple[Any, float, bool]]) -> None:
+        which, (result, seconds, kept) = futures[future], future.result()
         if shelf is not None and not kept:
             with signals_held():
                 shelf.store(jobs[which][3], result)
@@ -126,12 +127,16 @@ def gather(
     with contextlib.ExitStack() as stack:
         seen = shelf if shelf is None or stop else stack.enter_context(shelf.shared())
         try:
-            for task, item, _, index in jobs:
-                # a job without arguments: Dask would look into them for results of its own
-                futures.append(executor.submit(Job(task, item, seen, index, stop.is_set if stop else None)))
-            number = {future: which for which, future in enumerate(futures)}
+            for which, (task, item, _, index) in enumerate(jobs):
+                if stop or not _writes(task, item):
+                    # a job without arguments: Dask would look into them for results of its own
+                    job = Job(task, item, seen, index, stop.is_set if stop else None)
+                    futures[executor.submit(job)] = which
+            for which in sorted({*range(len(jobs))} - {*futures.values()}):
+                found[which] = Job(*jobs[which])()[:2]
+                told()
             for future in as_completed(futures):
-                take(number[future])
+                take(future)
                 told()
         except BaseException as error:
             if stop:
@@ -140,14 +145,18 @@ def gather(
                 future.cancel()
             if stop:
                 wait([future for future in futures if not future.cancelled()])
-            for which, future in enumerate(futures):
+            for future, which in futures.items():
                 if which not in found and future.done() and not _failed(future):
                     with contextlib.suppress(OSError):
-                        take(which)
+                        take(future)
             if (sentence := _lost(error)) is not None:
                 raise SimulationError(sentence) from error
             raise
     return [found[which] for which in range(len(jobs))]
+
+
+def _writes(task: object, item: Any) -> bool:
+    return isinstance(task, Resumable) and task.writes(item)
 
 
 def _failed(future: Future[Any]) -> bool:
@@ -162,9 +171,11 @@ def _lost(error: BaseException) -> str | None:
         return "the workers gave the runs up: their scheduler was lost, or somebody has cancelled them"
     if isinstance(error, ImportError):
         return (
-            f"a worker cannot import what it is to run ({error}); install hardspheres, and what it needs, "
-            "where the workers are"
+            f"the workers cannot import what they are to run ({error}); install it where they are, and where "
+            "their scheduler is"
         )
+    if isinstance(error, RuntimeError) and isinstance(error.__cause__, ImportError):  # of a scheduler
+        return _lost(error.__cause__)
     if type(error).__module__.partition(".")[0] != "distributed":
         return None
     if type(error).__name__ == "KilledWorker":

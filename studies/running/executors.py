@@ -103,7 +103,7 @@ def _dask(address: str, note: Callable[[str], object]) -> Iterator[Executor]:
     if from_file and not os.path.isfile(address):
         raise OptionError(f"--executor dask:{address}: there is no such file of a scheduler")
     try:
-        from_file or dask.comm.get_address_host_port(address, strict=True)
+        from_file or dask.comm.get_address_host_port(address)
     except ValueError as error:
         raise OptionError(
             f"--executor dask:{address} has no address of a scheduler ({error}); give the one that "
