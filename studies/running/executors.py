@@ -80,8 +80,9 @@ def number_of_workers(executor: Executor | None, workers: int | None) -> int | N
 
 @contextlib.contextmanager
 def _silence() -> Iterator[None]:
-    """Keep what Dask logs from the screen: what fails is told in a sentence."""
-    names = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]
+    """Keep what Dask, and what it is made of, log from the screen: what fails is told in a sentence."""
+    own = {"distributed", "tornado", "asyncio"}
+    names = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] in own]
     heard = [log for log in map(logging.getLogger, names) if not log.disabled]
     for log in heard:
         log.disabled = True

@@ -387,7 +387,7 @@ def test_a_cluster_of_one_worker_gives_the_same_bytes(cluster, alone, tmp_path, 
         run_replicas(task, [1, 2], executor=pool)
 
 
-LONG = ["thermalise", "--n", "2000", "--replicas", "24", "--collisions-per-particle", "100", "--frames", "3"]
+LONG = ["thermalise", "--n", "2000", "--replicas", "16", "--collisions-per-particle", "100", "--frames", "3"]
 
 
 def start(*options):
@@ -452,7 +452,7 @@ def test_a_run_that_kills_every_worker_is_a_sentence(cluster):
     """Dask gives it up after four of them."""
     dask = cluster(1)  # with a nanny, which starts a worker again
     given_up = pytest.raises(SimulationError, match="several workers died one after another at the same run")
-    with opened(dask.name) as pool, given_up:
+    with executor_of(dask.name, None, print) as pool, given_up:
         run_replicas(os._exit, [1], executor=pool)
 
 
