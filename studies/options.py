@@ -414,10 +414,10 @@ def executor() -> Any:
     """Return the field for what runs the replicas."""
     return option(
         None,
-        "What runs the replicas, on this machine or elsewhere; the results do not depend on it.",
+        "What runs the replicas: processes, threads, dask:ADDRESS or mpi; the results do not depend on it.",
         shown="processes",
         parser=executor_named,
-        metavar="processes|threads|dask:ADDRESS|mpi",
+        metavar="WORD",
         autocompletion=lambda: ["processes", "threads", "dask:tcp://", "mpi"],
     )
 
