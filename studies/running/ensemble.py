@@ -26,7 +26,7 @@ import numpy as np
 from hardspheres.errors import SimulationError
 from studies.running.journal import Shelf
 from studies.running.resuming import perform
-from studies.running.stopping import STOPPING
+from studies.running.stopping import STOPPING, signals_held
 
 __all__ = ["available_cores", "prepare_workers", "replica_seeds", "run_replicas", "worker_processes"]
 
@@ -137,24 +137,32 @@ def _starting(workers: int | None) -> Iterator[None]:
     """Start processes with all signals but SIGTERM blocked; turn failures of the system into one sentence.
 
     A terminal sends its signals to all, also to workers that do not yet ignore them, and to the process that
-    cleans up after them.
+    cleans up after them. Other threads of this process heed them: they take effect when all are started, as
+    what is half started cannot be ended.
     """
     mask = getattr(signal, "pthread_sigmask", lambda *_: ())
-    before = mask(getattr(signal, "SIG_BLOCK", 0), set(STOPPING) - {signal.SIGTERM})  # which children inherit
-    try:
-        yield
-    except BrokenExecutor:
-        raise
-    except (OSError, EOFError, RuntimeError, ImportError) as error:  # a thread; semaphores, where are none
-        reason = getattr(error, "strerror", None) or error
-        if isinstance(error, EOFError):
-            reason = "the process that starts them ended"
-        raise SimulationError(
-            f"{workers or 'the'} worker processes cannot be started: {reason}; ask for fewer with --workers, "
-            "or raise the limits (ulimit -n, ulimit -u)"
-        ) from error
-    finally:
-        mask(getattr(signal, "SIG_SETMASK", 0), before)
+    masked = set(STOPPING) - {signal.SIGTERM}  # which children inherit
+    with signals_held():
+        before = mask(getattr(signal, "SIG_BLOCK", 0), masked)
+        try:
+            yield
+        except BrokenExecutor:
+            raise
+        except (
+            OSError,
+            EOFError,
+            RuntimeError,
+            ImportError,
+        ) as error:  # threads; semaphores, if there are none
+            reason = getattr(error, "strerror", None) or error
+            if isinstance(error, EOFError):
+                reason = "the process that starts them ended"
+            raise SimulationError(
+                f"{workers or 'the'} worker processes cannot be started: {reason}; ask for fewer with "
+                "--workers, or raise the limits (ulimit -n, ulimit -u)"
+            ) from error
+        finally:
+            mask(getattr(signal, "SIG_SETMASK", 0), before)
 
 
 def _needs_main(work: object) -> bool:

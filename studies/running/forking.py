@@ -36,6 +36,8 @@ from multiprocessing.spawn import get_preparation_data
 from multiprocessing.util import Finalize
 from typing import Any
 
+from studies.running.stopping import STOPPING
+
 __all__ = ["Context", "ours", "server", "server_ended"]
 
 VARIABLE = "HARDSPHERES_FORK_SERVER"
@@ -66,7 +68,7 @@ class _Server(ForkServer):
         ensure_running()  # the process that cleans up: starting it unblocks signals
         # of the signals to a whole group, as batch systems send them, the server heeds none; workers heed
         # SIGTERM as soon as they can
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
         try:
             with _environment(_told(load)):
                 self.ensure_running()
@@ -255,6 +257,16 @@ def _load(load: bytes) -> None:
         pickle.loads(load)()
 
 
+def _tell(kind: type[BaseException], error: BaseException, trace: types.TracebackType | None) -> None:
+    """In a worker that cannot begin: say why, unless it was given up, of which the process that asked tells.
+
+    What it was to read is then incomplete, or semaphores have gone, which are no files and have no name.
+    """
+    given_up = isinstance(error, EOFError | pickle.UnpicklingError | FileNotFoundError)
+    if not given_up or getattr(error, "filename", None) is not None:
+        sys.__excepthook__(kind, error, trace)
+
+
 def _serve(told: str) -> None:
     """Load what workers need, in the server, before any of them is forked."""
     global server_ended
@@ -265,7 +277,7 @@ def _serve(told: str) -> None:
 
     def in_worker() -> None:
         os.close(kept)
-        sys.excepthook = sys.__excepthook__
+        sys.excepthook = _tell
 
     os.register_at_fork(after_in_child=in_worker)
     atexit.register(os._exit, 0)  # nothing is to be tidied up, which would take a second
