@@ -12,7 +12,7 @@ import threading
 import time
 import types
 import warnings
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
 from contextlib import nullcontext
 from functools import partial
@@ -27,7 +27,7 @@ from hardspheres.errors import SimulationError
 from studies.running.elsewhere import gather
 from studies.running.journal import Shelf
 from studies.running.resuming import perform
-from studies.running.stopping import STOPPING
+from studies.running.stopping import STOPPING, signals_held
 
 __all__ = ["available_cores", "prepare_workers", "replica_seeds", "run_replicas", "worker_processes"]
 
@@ -86,24 +86,15 @@ def prepare_workers(workers: int | None, load: Callable[[], object]) -> None:
     count = available_cores() if workers is None else workers
     if count < 2 or not _can_be_forked():
         return
-    from studies.running import forking
+    from studies.running.forking import prepare
 
-    with _starting(count):
-        forking.server(None if _needs_main(load) else load)
+    with starting(count):
+        prepare(load)
 
 
 def _can_be_forked() -> bool:
     """Return whether workers can be forks of a process that has loaded libraries: not those of macOS."""
-    known = sys.version_info < (3, 14)  # whose fork server asks for a key
-    return known and sys.platform != "darwin" and "forkserver" in multiprocessing.get_all_start_methods()
-
-
-def _context() -> BaseContext:
-    if not _can_be_forked():
-        return multiprocessing.get_context("spawn")
-    from studies.running import forking
-
-    return forking.Context()
+    return sys.platform != "darwin" and "fork" in multiprocessing.get_all_start_methods()
 
 
 @contextlib.contextmanager
@@ -120,9 +111,22 @@ def worker_processes(workers: int) -> Iterator[Executor]:
     workers : int
         How many processes.
     """
+    if _can_be_forked():
+        from studies.running.forking import Pool
+
+        with Pool(workers) as forks:
+            yield forks
+    else:
+        with pool_of_processes(workers, multiprocessing.get_context("spawn")) as pool:
+            yield pool
+
+
+@contextlib.contextmanager
+def pool_of_processes(workers: int, context: BaseContext) -> Iterator[Executor]:
+    """Yield a pool of children of this process."""
     before = set(multiprocessing.active_children())
-    with _starting(workers):
-        pool = ProcessPoolExecutor(workers, mp_context=_context(), initializer=_prepare_worker)
+    with starting(workers):
+        pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_prepare_worker)
     try:
         yield pool
     except BaseException:
@@ -134,37 +138,44 @@ def worker_processes(workers: int) -> Iterator[Executor]:
 
 
 @contextlib.contextmanager
-def _starting(workers: int | None) -> Iterator[None]:
+def starting(workers: int | None) -> Iterator[None]:
     """Start processes with all signals but SIGTERM blocked; turn failures of the system into one sentence.
 
     A terminal sends its signals to all, also to workers that do not yet ignore them, and to the process that
-    cleans up after them.
+    cleans up after them. Other threads of this process heed them: they take effect when all are started, as
+    what is half started cannot be ended.
     """
+    with signals_held(), masked(set(STOPPING) - {signal.SIGTERM}):
+        try:
+            yield
+        except BrokenExecutor:
+            raise
+        except (OSError, RuntimeError, ImportError) as error:  # a thread; semaphores, where are none
+            reason = getattr(error, "strerror", None) or error
+            raise SimulationError(
+                f"{workers or 'the'} worker processes cannot be started: {reason}; ask for fewer with "
+                "--workers, or raise the limits (ulimit -n, ulimit -u)"
+            ) from error
+
+
+@contextlib.contextmanager
+def masked(signals: Iterable[int]) -> Iterator[None]:
+    """Block signals in this thread, and so in processes that it starts, which may unblock them."""
     mask = getattr(signal, "pthread_sigmask", lambda *_: ())
-    before = mask(getattr(signal, "SIG_BLOCK", 0), set(STOPPING) - {signal.SIGTERM})  # which children inherit
+    before = mask(getattr(signal, "SIG_BLOCK", 0), signals)
     try:
         yield
-    except BrokenExecutor:
-        raise
-    except (OSError, EOFError, RuntimeError, ImportError) as error:  # a thread; semaphores, where are none
-        reason = getattr(error, "strerror", None) or error
-        if isinstance(error, EOFError):
-            reason = "the process that starts them ended"
-        raise SimulationError(
-            f"{workers or 'the'} worker processes cannot be started: {reason}; ask for fewer with --workers, "
-            "or raise the limits (ulimit -n, ulimit -u)"
-        ) from error
     finally:
         mask(getattr(signal, "SIG_SETMASK", 0), before)
 
 
-def _needs_main(work: object) -> bool:
-    """Return whether workers need what the program's main module defines."""
-    return b"__main__" in pickle.dumps(work)
+def needs_main(work: object) -> bool:
+    """Return whether workers need what the program's main module defines; work may be pickled already."""
+    return b"__main__" in (work if isinstance(work, bytes) else pickle.dumps(work))
 
 
 @contextlib.contextmanager
-def _without_main() -> Iterator[None]:
+def without_main() -> Iterator[None]:
     """Start processes that do not import the program's main module, which would run a script once more."""
     main = sys.modules["__main__"]
     sys.modules["__main__"] = types.ModuleType("__main__")
@@ -183,10 +194,9 @@ def _prepare_worker() -> None:
 
 
 def _end_with_parent() -> None:
-    parent, forking = multiprocessing.parent_process(), sys.modules.get("studies.running.forking")
+    parent = multiprocessing.parent_process()
     if parent is not None:
-        server = getattr(forking, "server_ended", None)  # who could tell the parent of our end
-        wait([parent.sentinel] if server is None else [parent.sentinel, server])
+        wait([parent.sentinel])
         os._exit(1)
 
 
@@ -259,7 +269,7 @@ def run_replicas(
         told()
     fresh: list[tuple[Result, float]] = []
     several = executor is None and min(count, len(jobs)) > 1
-    main = several and _needs_main((task, list(items)))
+    main = several and needs_main((task, list(items)))
     if main and not os.path.isfile(getattr(sys.modules["__main__"], "__file__", None) or ""):
         note(NOT_IN_A_FILE)
         several = False
@@ -267,7 +277,7 @@ def run_replicas(
         fresh = gather(executor, jobs, told)
     elif several:
         try:
-            prepare_workers(count, partial(_import, task))
+            prepare_workers(min(count, len(jobs)), partial(_import, (task, items)))
             with worker_processes(min(count, len(jobs))) as pool:
                 fresh = _collect(pool, jobs, told, hidden=not main)
         except SimulationError as error:
@@ -302,7 +312,7 @@ def _collect(
     futures: list[Future[Any]] = []
     try:
         count = getattr(executor, "_max_workers", None)
-        with _starting(count), _without_main() if hidden else nullcontext():
+        with starting(count), without_main() if hidden else nullcontext():
             for job in jobs:
                 futures.append(executor.submit(_timed, *job))
         for future in as_completed(futures):

@@ -1,161 +1,125 @@
-"""A server process that imports what workers need once, and forks them: they are ready at once.
+"""A process that loads what workers need once, and forks them: they are ready at once.
 
-It is Python's own fork server, one of ours beside any that a program may have. What it is to load is told to
-it in a variable of its environment, as Python hands it nothing but names of modules; workers never see the
-variable. It ends with the process that started it, and with the workers.
+This process starts a server afresh, the server forks the workers: `multiprocessing` as documented. Jobs and
+results pass through the server as bytes that it does not read. But for a connection, server and workers need
+nothing that belongs to this process, so that they end quietly whenever it ends.
 
-A new one replaces it where workers would differ from fresh processes: when the environment or the allowed
-processors have changed, or a file of a loaded module was edited.
+A new server replaces an old one where workers would differ from fresh processes: when the environment, the
+folder or the allowed processors have changed, or a file of a loaded module was edited.
 """
 
 from __future__ import annotations
 
 import atexit
-import base64
 import contextlib
-import importlib
-import io
 import multiprocessing
 import os
 import pickle
+import queue
 import signal
 import sys
 import threading
-import time
+import traceback
 import types
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable
+from concurrent.futures import BrokenExecutor, Executor, Future, InvalidStateError
 from functools import partial
-from multiprocessing import reduction
-from multiprocessing.context import ForkServerContext, ForkServerProcess, set_spawning_popen
-from multiprocessing.forkserver import ForkServer, read_signed
-from multiprocessing.popen_forkserver import Popen
-from multiprocessing.process import BaseProcess
+from multiprocessing.connection import Connection
 from multiprocessing.resource_tracker import ensure_running
-from multiprocessing.spawn import get_preparation_data
-from multiprocessing.util import Finalize
 from typing import Any
 
-__all__ = ["Context", "ours", "server", "server_ended"]
+from hardspheres.errors import SimulationError
+from studies.running.ensemble import (
+    PATIENCE,
+    masked,
+    needs_main,
+    pool_of_processes,
+    starting,
+    without_main,
+)
+from studies.running.stopping import STOPPING
 
-VARIABLE = "HARDSPHERES_FORK_SERVER"
-LONGEST = 90_000  # characters: Linux takes 131072 in a variable
-WAIT = 2.0  # seconds
-OTHERS = ("PYTHONPATH", "PYTHONSAFEPATH")  # by which the server is told, too
+__all__ = ["Pool", "prepare"]
 
-server_ended: int | None = None
-"""In a worker: a file descriptor that reads end-of-file when the server has ended."""
+BEGUN, ENDED = "begun", "ended"  # what a server says besides results
+FINISH, STOP = "finish", "stop"  # what it is told besides jobs
 
 
-class _Server(ForkServer):
-    """A fork server that has loaded something.
+class _Server:
+    """A process that forks workers, for one pool at a time.
 
     Parameters
     ----------
-    load : callable
-        Called in the server, without arguments; can be pickled. An error there means that less is loaded.
+    main : bool
+        Whether it imports the program's main module.
     """
 
-    _forkserver_pid: int
-    _forkserver_alive_fd: int
+    def __init__(self, main: bool) -> None:
+        self.main, self._surroundings, self._files = main, _surroundings(), _files()
+        fresh = multiprocessing.get_context("spawn")
+        self.connection, its = fresh.Pipe()
+        self.process = fresh.Process(target=_serve, args=(its,))
+        ensure_running()  # the process that cleans up after processes: when it starts, it unblocks signals
+        with contextlib.nullcontext() if main else without_main(), masked(STOPPING):
+            self.process.start()
+        its.close()
 
-    def __init__(self, load: Callable[[], object]) -> None:
-        super().__init__()
-        self.set_forkserver_preload([__name__])
-        self._surroundings, self._files = _surroundings(), _files()
-        ensure_running()  # the process that cleans up: starting it unblocks signals
-        # of the signals to a whole group, as batch systems send them, the server heeds none; workers heed
-        # SIGTERM as soon as they can
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
-        try:
-            with _environment(_told(load)):
-                self.ensure_running()
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-    def usable(self) -> bool:
+    def usable(self, main: bool) -> bool:
         """Return whether it runs, and its workers are as fresh processes would be."""
-        edited = self._files != _files(self._files)
-        return self._surroundings == _surroundings() and not edited and not _has_ended(self._forkserver_pid)
+        if not self.process.is_alive() or self._surroundings != _surroundings() or main > self.main:
+            return False
+        return self._files == _files(self._files)
 
-    def leave(self) -> int:
-        """Let it end with its last worker, and return its process id."""
-        os.close(self._forkserver_alive_fd)
-        return self._forkserver_pid
+    def load(self, load: bytes) -> None:
+        """Let it call something, before the next pool."""
+        self._files = {**_files(), **self._files}
+        self.connection.send(load)
 
-
-_current: _Server | None = None
-_leaving: list[int] = []  # servers that have not ended yet
-_lock = threading.Lock()
-
-
-def ours() -> Callable[[], object]:
-    """Return what imports the modules of this project that are loaded here, none of the program's own."""
-    packages = {"hardspheres", "analysis", "studies"}
-    return partial(_import, [name for name in sys.modules if name.partition(".")[0] in packages])
+    def end(self) -> None:
+        """End it at once; its workers notice."""
+        self.process.kill()
+        self.process.join()
 
 
-def _import(names: Sequence[str]) -> None:
-    for name in names:
-        importlib.import_module(name)
+_free: list[_Server] = []
 
 
-def server(load: Callable[[], object] | None = None) -> _Server:
-    """Return the server; start one that loads something, if there is none that can be used.
+def _take(main: bool) -> _Server:
+    """Return a server that can be used and is in no pool."""
+    while _free:
+        server = _free.pop()
+        if server.usable(main):
+            return server
+        server.end()
+    return _Server(main)
 
-    Parameters
-    ----------
-    load : callable, optional
-        By default `ours`.
 
-    Raises
-    ------
-    OSError
-        If the system refuses.
-    """
-    global _current
-    with _lock:
-        if _current is not None and not _current.usable():
-            _leaving.append(_current.leave())
-            _current = None
-        _leaving[:] = [pid for pid in _leaving if not _has_ended(pid)]
-        if _current is None:
-            _current = _Server(load or ours())
-        return _current
+@atexit.register
+def _end() -> None:
+    while _free:
+        _free.pop().end()
 
 
 def _forget() -> None:
-    """In a fork of this process: leave the server to this process."""
-    global _current
-    if _current is not None:
-        _current.leave()
-    _current = None
-    _leaving.clear()
+    """In a fork of this process: leave servers to this process."""
+    while _free:
+        _free.pop().connection.close()
 
 
 os.register_at_fork(after_in_child=_forget)
 
 
-@atexit.register
-def _wait() -> None:
-    """Let the server end with this process, which is then told how much processor time all took."""
-    if _current is not None:
-        _leaving.append(_current.leave())
-    deadline = time.monotonic() + WAIT
-    while not all(map(_has_ended, _leaving)) and time.monotonic() < deadline:
-        time.sleep(0.002)
-
-
-def _has_ended(pid: int) -> bool:
-    try:
-        return os.waitpid(pid, os.WNOHANG)[0] != 0
-    except ChildProcessError:  # somebody else has asked before
-        return True
+def prepare(load: Callable[[], object]) -> None:
+    """Begin to load what workers need, see `prepare_workers`."""
+    server = _take(needs_main(load))
+    _free.append(server)
+    server.load(pickle.dumps(load))
 
 
 def _surroundings() -> tuple[Any, ...]:
     allowed = getattr(os, "sched_getaffinity", lambda _: ())
-    return dict(os.environ), set(allowed(0))
+    return dict(os.environ), os.getcwd(), list(sys.path), set(allowed(0))
 
 
 def _files(paths: Iterable[str] | None = None) -> dict[str, int]:
@@ -170,72 +134,134 @@ def _files(paths: Iterable[str] | None = None) -> dict[str, int]:
     return found
 
 
-def _told(load: Callable[[], object]) -> dict[str, str]:
-    """Return the variables of the environment that tell the server what to load, and from where."""
-    before = {name: os.environ.get(name) for name in OTHERS}
-    path = [each or os.getcwd() for each in sys.path]
-    for each in (load, ours()):
-        told = base64.b64encode(pickle.dumps((before, path, pickle.dumps(each)))).decode()
-        if len(told) < LONGEST:
-            break
-    # a folder of our name where the program was started is not ours
-    return {VARIABLE: told, "PYTHONPATH": os.pathsep.join(path), "PYTHONSAFEPATH": "1"}
+class Pool(Executor):
+    """Worker processes that a server forks when there is something to do.
 
+    Parameters
+    ----------
+    workers : int
+        How many.
+    """
 
-@contextlib.contextmanager
-def _environment(variables: dict[str, str]) -> Iterator[None]:
-    before = {name: os.environ.get(name) for name in variables}
-    os.environ.update(variables)
-    try:
-        yield
-    finally:
-        _restore(before)
+    def __init__(self, workers: int) -> None:
+        self._max_workers = workers
+        self._server: _Server | None = None
+        self._messages: queue.SimpleQueue[Any] = queue.SimpleQueue()  # an interrupt never halves one
+        self._futures: dict[int, Future[Any]] = {}
+        self._begun = threading.Event()
+        self._lost: BaseException | None = None
+        self._threads: list[threading.Thread] = []
 
+    def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Have a function called in a worker."""
+        work, number, future = pickle.dumps((function, args, kwargs)), len(self._futures), Future[Any]()
+        if self._server is None:
+            self._server = _take(needs_main(work))
+            for target in (self._read, self._write):
+                thread = threading.Thread(target=target, args=(self._server.connection,), daemon=True)
+                thread.start()
+                self._threads.append(thread)
+            self._messages.put(self._max_workers)
+        self._futures[number] = future
+        self._messages.put((number, work))
+        if self._lost is not None:
+            _lose(future, self._lost)
+        return future
 
-def _restore(variables: dict[str, str | None]) -> None:
-    for name, value in variables.items():
-        os.environ.pop(name, None)
-        if value is not None:
-            os.environ[name] = value
+    def _write(self, connection: Connection) -> None:
+        message = None
+        with contextlib.suppress(OSError):  # of the server's end the reader tells
+            while message not in (FINISH, STOP):
+                message = self._messages.get()
+                connection.send(message)
 
-
-def _close(*descriptors: int) -> None:
-    for each in descriptors:
-        os.close(each)
-
-
-class _Popen(Popen):
-    """A process that our server forks: `_launch` is Python's, but for the server."""
-
-    _fds: list[int]
-
-    def _launch(self, process_obj: BaseProcess) -> None:
-        data = io.BytesIO()
-        set_spawning_popen(self)
+    def _read(self, connection: Connection) -> None:
         try:
-            reduction.dump(get_preparation_data(process_obj.name), data)
-            reduction.dump(process_obj, data)
+            while (message := connection.recv()) != ENDED:
+                if message == BEGUN:
+                    self._begun.set()
+                elif isinstance(message, SimulationError):
+                    raise message
+                else:
+                    number, found = message
+                    _tell(self._futures[number], found)
+        except (EOFError, OSError, SimulationError) as error:
+            unknown = BrokenExecutor("the process that forks workers has ended")
+            self._lost = error if isinstance(error, SimulationError) else unknown
+            for future in list(self._futures.values()):
+                _lose(future, self._lost)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Wait for the end of all work, or end the workers: they save their states, see `PATIENCE`."""
+        if self._server is None:
+            return
+        server, self._server = self._server, None
+        self._messages.put(STOP if cancel_futures else FINISH)
+        ended = False
+        try:
+            if self._begun.is_set() or not cancel_futures:
+                ended = self._ended(PATIENCE + 1.0 if cancel_futures else None)
         finally:
-            set_spawning_popen(None)
-        self.sentinel, written = (_current or server()).connect_to_new_process(self._fds)
-        self.finalizer = Finalize(self, _close, (os.dup(written), self.sentinel))
-        with open(written, "wb") as pipe:
-            pipe.write(data.getbuffer())
-        self.pid = read_signed(self.sentinel)
+            if ended and self._lost is None:
+                _free.append(server)
+            else:
+                server.end()
+                self._ended(1.0)  # no worker is left then, either
+
+    def _ended(self, timeout: float | None) -> bool:
+        """Wait for what was said to be the last, and return whether it was said."""
+        for thread in self._threads:
+            thread.join(timeout)
+        return not any(thread.is_alive() for thread in self._threads)
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        """Shut it down, at once after an error."""
+        self.shutdown(cancel_futures=kind is not None)
 
 
-class Worker(ForkServerProcess):
-    """A process that our server forks."""
+def _tell(future: Future[Any], found: bytes | BaseException) -> None:
+    """Complete a future with what a worker or the server has found."""
+    if not future.set_running_or_notify_cancel():
+        return
+    try:
+        result, error, trace = pickle.loads(found) if isinstance(found, bytes) else (None, found, "")
+    except Exception as broken:  # noqa: BLE001  what cannot be read fails in its own way
+        result, error, trace = None, broken, ""
+    if error is None:
+        future.set_result(result)
+    else:
+        error.__cause__ = error.__cause__ or (RuntimeError(f"\n{trace}") if trace else None)
+        future.set_exception(error)
 
-    @staticmethod
-    def _Popen(process_obj: BaseProcess) -> Popen:
-        return _Popen(process_obj)
+
+def _lose(future: Future[Any], error: BaseException) -> None:
+    with contextlib.suppress(InvalidStateError):  # it is complete
+        future.set_exception(error)
 
 
-class Context(ForkServerContext):
-    """Where a pool gets its processes from: our server."""
+# In the server and its workers.
 
-    Process = Worker
+
+def _serve(connection: Connection) -> None:
+    """Load what is to be loaded and hold pools, until the program ends."""
+    for number in STOPPING:
+        signal.signal(number, signal.SIG_IGN)
+    # threads of libraries take no harm from a fork
+    warnings.filterwarnings("ignore", ".*fork", DeprecationWarning)
+    while True:
+        message = _next(connection)
+        if isinstance(message, bytes):
+            with contextlib.suppress(Exception), warnings.catch_warnings(action="ignore"):
+                _load(message)
+        else:
+            _hold(connection, message)
+
+
+def _next(connection: Connection) -> Any:
+    try:
+        return connection.recv()
+    except (EOFError, OSError):  # the program has ended; to tidy up would take a second
+        os._exit(0)
 
 
 def _load(load: bytes) -> None:
@@ -255,24 +281,46 @@ def _load(load: bytes) -> None:
         pickle.loads(load)()
 
 
-def _serve(told: str) -> None:
-    """Load what workers need, in the server, before any of them is forked."""
-    global server_ended
-    before, sys.path[:], load = pickle.loads(base64.b64decode(told))
-    _restore({VARIABLE: None, **before})
-    server_ended, kept = os.pipe()
-    sys.excepthook = lambda *_: None  # the process that asks for a worker tells it in a sentence
-
-    def in_worker() -> None:
-        os.close(kept)
-        sys.excepthook = sys.__excepthook__
-
-    os.register_at_fork(after_in_child=in_worker)
-    atexit.register(os._exit, 0)  # nothing is to be tidied up, which would take a second
-    with contextlib.suppress(Exception), warnings.catch_warnings(action="ignore"):
-        _load(load)
-    os.chdir(os.sep)  # no folder is kept in use
+class _Stopped(Exception):
+    """The program wants workers to end now."""
 
 
-if VARIABLE in os.environ and multiprocessing.parent_process() is None:
-    _serve(os.environ[VARIABLE])
+def _hold(connection: Connection, workers: int) -> None:
+    """Hold a pool of forked workers until it is to end."""
+    one_at_a_time = threading.Lock()
+
+    def say(message: object) -> None:
+        with one_at_a_time, contextlib.suppress(OSError):  # the program has ended
+            connection.send(message)
+
+    def done(number: int, future: Future[bytes]) -> None:
+        if not future.cancelled():
+            say((number, future.exception() or future.result()))
+
+    try:
+        with pool_of_processes(workers, multiprocessing.get_context("fork")) as pool:
+            while (message := _next(connection)) != FINISH:
+                if message == STOP:
+                    raise _Stopped
+                number, work = message
+                try:
+                    with starting(workers):
+                        pool.submit(_call, work).add_done_callback(partial(done, number))
+                except BrokenExecutor as error:
+                    say((number, error))
+                say(BEGUN)
+    except _Stopped:
+        pass
+    except SimulationError as error:  # no workers
+        say(error)
+        os._exit(0)
+    say(ENDED)
+
+
+def _call(work: bytes) -> bytes:
+    """In a worker: call what was pickled; return result, error and its traceback, pickled."""
+    try:
+        function, args, kwargs = pickle.loads(work)
+        return pickle.dumps((function(*args, **kwargs), None, ""))
+    except Exception as error:  # noqa: BLE001  whatever the task raises
+        return pickle.dumps((None, error, traceback.format_exc()))

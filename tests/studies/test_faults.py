@@ -115,8 +115,8 @@ def children(pid, word):
 
 def workers_of(pid):
     """Process ids of the workers of a process, and last of the server that they are forks of."""
-    (server,) = children(pid, "multiprocessing.forkserver")
-    return [*children(server, "multiprocessing.forkserver"), server]
+    (server,) = children(pid, "spawn_main")
+    return [*children(server, "spawn_main"), server]
 
 
 @pytest.mark.usefixtures("heard")

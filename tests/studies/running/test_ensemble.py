@@ -1,5 +1,6 @@
 """Replicas: the same results in the same order whoever computes them, and nothing left running."""
 
+import contextlib
 import errno
 import importlib
 import itertools
@@ -20,11 +21,13 @@ import pytest
 from hardspheres import SimulationError
 from studies.running import ensemble
 from studies.running.ensemble import (
-    _starting,
     available_cores,
+    pool_of_processes,
     prepare_workers,
     replica_seeds,
     run_replicas,
+    starting,
+    without_main,
     worker_processes,
 )
 from studies.running.resuming import perform
@@ -32,7 +35,27 @@ from studies.running.stopping import STOPPING
 from studies.study import _load, _Run, _Running
 from studies.thermalisation import Thermalisation
 
+if ensemble._can_be_forked():
+    from studies.running import forking
+
 forked = pytest.mark.skipif(not ensemble._can_be_forked(), reason="workers are fresh processes here")
+
+
+def children(pid):
+    found = []
+    for entry in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            state, parent = entry.read_text().rpartition(")")[2].split()[:2]
+            found += [int(entry.parent.name)] if int(parent) == pid and state != "Z" else []
+    return found
+
+
+def nobody_works():
+    """Whether nothing runs but servers that wait."""
+    servers = [each.process for each in forking._free] if ensemble._can_be_forked() else []
+    return set(multiprocessing.active_children()) <= set(servers) and not any(
+        children(each.pid) for each in servers
+    )
 
 
 def draw(seed):
@@ -75,13 +98,13 @@ def test_every_finished_item_is_told():
 def test_an_error_comes_through_and_no_process_stays(workers):
     with pytest.raises(ArithmeticError, match="three"):
         run_replicas(fail_at_three, list(range(50)), workers=workers)
-    assert not multiprocessing.active_children()
+    assert nobody_works()
 
 
 def test_a_worker_that_is_killed_is_reported():
     with pytest.raises(SimulationError, match="a worker process was killed"):
         run_replicas(die, [1, 2, 3], workers=2)
-    assert not multiprocessing.active_children()
+    assert nobody_works()
 
 
 REFUSALS = [OSError(errno.EMFILE, "Too many open files"), OSError(errno.ENOMEM, "Cannot allocate memory")]
@@ -92,8 +115,8 @@ REFUSALS += [
 
 
 @pytest.mark.parametrize("refusal", REFUSALS, ids=str)
-@pytest.mark.parametrize("allowed", [0, 1])
-def test_workers_that_cannot_be_started_are_told_in_a_sentence(refusal, allowed, monkeypatch):
+@pytest.mark.parametrize(("fork", "allowed"), [(True, 0), (False, 0), (False, 1)])
+def test_workers_that_cannot_be_started_are_told_in_a_sentence(refusal, fork, allowed, monkeypatch):
     start, calls = BaseProcess.start, itertools.count()
 
     def limited(process):
@@ -101,19 +124,23 @@ def test_workers_that_cannot_be_started_are_told_in_a_sentence(refusal, allowed,
             raise refusal
         start(process)
 
+    if fork:
+        monkeypatch.setenv("OF_THIS_TEST", str(refusal))  # so that it needs a server of its own
+    else:
+        monkeypatch.setattr(ensemble, "_can_be_forked", lambda: False)
     monkeypatch.setattr(BaseProcess, "start", limited)
     reason = getattr(refusal, "strerror", None) or str(refusal)
     with pytest.raises(
         SimulationError, match=f"3 worker processes cannot be started: {reason}; ask for fewer"
     ):
         run_replicas(abs, [1, 2, 3], workers=4)
-    assert not multiprocessing.active_children()
+    assert nobody_works()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="limits of processes")
-@pytest.mark.parametrize(("limit", "enough"), [(12, False), (18, False), (64, True)])
+@pytest.mark.parametrize(("limit", "enough"), [(12, False), (20, False), (64, True)])
 def test_few_open_files(limit, enough):
-    """The real limit, in a process of its own."""
+    """The real limit, in a process of its own; the second one stops not this process, but what forks workers."""
     program = (
         f"import resource, studies.running.ensemble as e; resource.setrlimit(resource.RLIMIT_NOFILE, ({limit},) * 2)\n"
         "try: print(e.run_replicas(abs, [-1, -2, -3, -4], workers=4))\n"
@@ -121,8 +148,7 @@ def test_few_open_files(limit, enough):
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     assert done.returncode == 0 and done.stderr == ""
-    why = "Too many open files" if limit < 18 else "the process that starts them ended"
-    sentence = f"4 worker processes cannot be started: {why}; ask for fewer with --workers, or"
+    sentence = "4 worker processes cannot be started: Too many open files; ask for fewer with --workers, or"
     assert done.stdout.startswith("[1, 2, 3, 4]" if enough else sentence)
 
 
@@ -135,17 +161,14 @@ def heeded(_):
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
 @pytest.mark.usefixtures("heard")
 def test_of_the_signals_of_a_terminal_workers_heed_none(monkeypatch):
-    """Not even before they ignore them: blocked from their first moment on. The parent heeds all, as before.
-
-    One that is forked heeds SIGTERM as soon as it is prepared: the process that forks it heeds none.
-    """
+    """Not even before they ignore them: blocked from their first moment on. The parent heeds all, as before."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, [])
     assert run_replicas(heeded, [1, 2], workers=2) == [[signal.SIGTERM]] * 2
-    with worker_processes(1) as pool, monkeypatch.context() as patch:
+    with pool_of_processes(1, multiprocessing.get_context("spawn")) as pool, monkeypatch.context() as patch:
         patch.setattr(pool, "_initializer", None)
-        with _starting(1):
+        with starting(1):
             early = pool.submit(heeded, 1)
-        assert early.result() == ([] if ensemble._can_be_forked() else [signal.SIGTERM])
+        assert early.result() == [signal.SIGTERM]
     assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == before
 
 
@@ -154,14 +177,51 @@ def leave_a_file(path):
     path.touch()
 
 
-def test_an_interrupt_leaves_no_work_to_a_worker_that_is_just_starting(tmp_path, monkeypatch):
+@pytest.mark.parametrize("method", ["spawn", pytest.param("fork", marks=forked)])
+def test_an_interrupt_leaves_no_work_to_a_worker_that_is_just_starting(method, tmp_path, monkeypatch):
     """Such a worker is not yet among the children that can be ended."""
     monkeypatch.setattr(multiprocessing, "active_children", list)
+    monkeypatch.setattr(ensemble, "_can_be_forked", lambda: method == "fork")
     with pytest.raises(KeyboardInterrupt), worker_processes(2) as pool:
         for k in range(500):
             pool.submit(leave_a_file, tmp_path / str(k))
         raise KeyboardInterrupt
     assert len(list(tmp_path.iterdir())) < 100
+
+
+SLOW = """
+import time
+from functools import partial
+from studies.exits import run_program
+from studies.running.ensemble import prepare_workers, run_replicas
+def main():
+    prepare_workers(2, partial(time.sleep, 1.0))
+    print("begun", flush=True)
+    run_replicas(time.sleep, [100.0] * 2, workers=2)
+if __name__ == "__main__":
+    run_program(main)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
+@pytest.mark.usefixtures("heard")
+@pytest.mark.parametrize("times", [1, 2])
+@pytest.mark.parametrize(
+    ("number", "code", "sentence"),
+    [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")],
+)
+def test_a_signal_while_workers_start_ends_all_with_one_sentence(number, code, sentence, times, tmp_path):
+    """To all processes, once or by an impatient person; what workers are made from is loading meanwhile."""
+    (tmp_path / "program.py").write_text(SLOW)
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    run = subprocess.Popen([sys.executable, tmp_path / "program.py"], start_new_session=True, **pipes)
+    assert run.stdout.readline() == "begun\n"
+    for _ in range(times):
+        time.sleep(0.05)
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(run.pid, number)
+    assert run.communicate(timeout=60) == ("", f"{sentence}\n")  # no process of it holds a pipe any more
+    assert run.returncode == code
 
 
 def test_workers_are_counted():
@@ -205,7 +265,7 @@ def test_workers_import_and_compile_nothing(loaded, monkeypatch):
     gases = study.gases()
     _load(study, gases)
     prepare_workers(2, partial(_load, study, gases) if loaded else bool)
-    with worker_processes(1) as pool, ensemble._without_main():
+    with worker_processes(1) as pool, without_main():
         before = [pool.submit(eval, each).result() for each in (LOADED, KERNELS)]
         replica = pool.submit(perform, _Running(study, Path()), _Run(gases[0], 0)).result()
         modules, kernels = (pool.submit(eval, each).result() for each in (LOADED, KERNELS))
@@ -217,8 +277,6 @@ def test_workers_import_and_compile_nothing(loaded, monkeypatch):
 @forked
 def test_the_server_compiles_nothing():
     """That would take as long as in the process that compiles. Sibling: what needs no compilation is called."""
-    from studies.running import forking
-
     with pytest.raises(RuntimeError, match="not in the cache"):
         forking._load(pickle.dumps(call_a_kernel))
     forking._load(pickle.dumps(bool))
@@ -231,9 +289,8 @@ def call_a_kernel():
 
 
 def about(name):
-    """Parent process, working folder, what was asked for, and what the server alone is told."""
-    told = [key for key in os.environ if key.startswith("HARDSPHERES") or key == "PYTHONSAFEPATH"]
-    return os.getppid(), os.getcwd(), os.environ.get(name), told, sys.modules["studies"].__file__
+    """Parent process, working folder, what was asked for, and which package is ours."""
+    return os.getppid(), os.getcwd(), os.environ.get(name), sys.modules["studies"].__file__
 
 
 @forked
@@ -248,7 +305,7 @@ def test_workers_have_the_environment_of_now(tmp_path, monkeypatch):
     for value in ("one", "one", "two"):
         monkeypatch.setenv("OF_THIS_TEST", value)
         first, second = run_replicas(about, ["OF_THIS_TEST"] * 2, workers=2)
-        assert first == second and first[1:] == (str(tmp_path), value, [], studies.__file__)
+        assert first == second and first[1:] == (str(tmp_path), value, studies.__file__)
         found.append(first[0])
     assert found[0] == found[1] != found[2] and os.getpid() not in found
 
