@@ -4,7 +4,7 @@
     DIR/checkpoint/manifest.json     study, version and options; there is something to resume while it exists
     DIR/checkpoint/done-0007.npz     the result of item 7
     DIR/checkpoint/running-0007.npz  the state of item 7, saved at an interval
-    DIR/checkpoint/token             by which workers elsewhere know the run, see `studies.running.elsewhere`
+    DIR/checkpoint/token-HEX         by which workers elsewhere know the run, see `studies.running.elsewhere`
 
 Every file is written atomically, so that `kill -9` loses only the work since the last one. When the study has
 finished they are removed, the manifest first and the lock last, and the folder if it is then empty.
@@ -38,7 +38,9 @@ from studies.running.ownership import is_ordinary, load_object
 __all__ = ["FOLDER", "Journal", "OutputError", "Shelf", "about", "elsewhere", "not_written", "require_same"]
 
 FOLDER = "checkpoint"
-REMOVED = re.compile(rf"(done|running)-\d{{4,}}\.npz|token|\.?trajectory\.xyz(\.\w+)?|{NAME.pattern}")
+REMOVED = re.compile(
+    rf"(done|running)-\d{{4,}}\.npz|token-[0-9a-f]{{32}}|\.?trajectory\.xyz(\.\w+)?|{NAME.pattern}"
+)
 NOT_COMPARED = WITHOUT_INFLUENCE
 
 
@@ -74,8 +76,8 @@ class Shelf:
     every : float
         Seconds of wall time between two states of an item that is running.
     token : str
-        Where workers may be elsewhere, or go on when the run has ended: what `shared` has put into the
-        folder. Nothing is written where it is not found.
+        Where workers may be elsewhere, or go on when the run has ended: the file that `shared` has put into
+        the folder. Nothing is written where it is not found.
     """
 
     folder: Path
@@ -85,9 +87,10 @@ class Shelf:
     @contextlib.contextmanager
     def shared(self) -> Iterator[Shelf]:
         """Yield the shelf for workers elsewhere; it is theirs while the context lasts."""
-        path, token = self.folder / "token", secrets.token_hex(16)
-        with not_written(), replacing(path) as temporary:
-            temporary.write_text(token, encoding="ascii")
+        token = f"token-{secrets.token_hex(16)}"
+        path = self.folder / token
+        with not_written():
+            path.touch()
         try:
             yield replace(self, token=token)
         finally:
@@ -96,11 +99,8 @@ class Shelf:
 
     def reachable(self) -> bool:
         """Return whether this process can write here, for a run that goes on."""
-        try:
-            found = self.token and (self.folder / "token").read_text(encoding="ascii")
-        except (OSError, ValueError):
-            return False
-        return found == self.token and (not found or os.access(self.folder, os.W_OK))
+        there = os.path.exists(self.folder / self.token) and os.access(self.folder, os.W_OK)
+        return there or not self.token
 
     def _path(self, what: str, index: int) -> Path:
         return self.folder / f"{what}-{index:04d}.npz"
