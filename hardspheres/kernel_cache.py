@@ -1,7 +1,10 @@
 """The disk cache of compiled kernels. No kernel is compiled from this file: editing it recompiles none.
 
-    ROOT/hardspheres/DIGEST/KIND     kernels for one kind of scene, from sources with this digest
+    ROOT/hardspheres/DIGEST/KIND     kernels for one kind of scene; digest of sources and kind of processor
     ROOT/hardspheres/DIGEST/lock     held, shared, by every process that uses them
+
+Machines of several kinds may share ROOT, and any number of processes may start on it at once. Numba alone
+would keep kernels for two processors under one name, where both were compiled at once.
 
 Cached kernels are executed. A folder is used only if no other user can have put them there: it is ours, and
 every folder on the way to it belongs to us or to the system and is writable by no other user. ROOT is the
@@ -26,6 +29,7 @@ from typing import Any
 
 import numba
 import platformdirs
+from numba.core.registry import cpu_target
 
 try:
     import fcntl
@@ -103,7 +107,8 @@ def _pinned(home: Path) -> Path:
 
 def _digest() -> str:
     here = Path(__file__).parent
-    digest = hashlib.sha256(numba.__version__.encode())
+    processor = cpu_target.target_context.codegen().magic_tuple()  # triple, name and features
+    digest = hashlib.sha256("\n".join([numba.__version__, *map(str, processor)]).encode())
     for source in [here / "collision.py", here / "growth.py", *sorted((here / "kernel").rglob("*.py"))]:
         digest.update(source.relative_to(here).as_posix().encode() + source.read_bytes())
     return digest.hexdigest()[:16]
@@ -165,7 +170,11 @@ def _require_own(folder: Path) -> None:
         return
     with os.scandir(folder) as entries:
         for entry in entries:
-            if entry.is_symlink() or entry.stat(follow_symlinks=False).st_uid != os.getuid():
+            try:
+                owner = entry.stat(follow_symlinks=False).st_uid
+            except FileNotFoundError:  # another process has just given the file its name, or removed it
+                continue
+            if entry.is_symlink() or owner != os.getuid():
                 raise _Unsafe(f"{entry.path} is a link or belongs to another user")
             if entry.is_dir():
                 _require_own(Path(entry.path))

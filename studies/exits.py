@@ -15,6 +15,7 @@ from typing import NoReturn
 
 from hardspheres.errors import HardSpheresError
 from studies.layout import wrapped
+from studies.running.stopping import STOPPING
 
 __all__ = ["run_program"]
 
@@ -43,7 +44,9 @@ def run_program(program: Callable[[], object]) -> None:
 
 
 def _leave(code: int, sentence: str) -> NoReturn:
-    """Print the reason, wrapped to the terminal if there still is one, and exit."""
+    """Print the reason, wrapped to the terminal if there still is one, and exit, whatever signals follow."""
+    for number in STOPPING:
+        signal.signal(number, signal.SIG_IGN)
     width = shutil.get_terminal_size().columns if sys.stderr.isatty() else None
     try:
         print("\n".join(wrapped(sentence, width)), file=sys.stderr, flush=True)

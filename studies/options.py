@@ -390,7 +390,39 @@ def seed() -> Any:
 
 def workers() -> Any:
     """Return the field for the number of processes."""
-    return option(None, "Processes; the results do not depend on it.", at_least=1, shown="all cores")
+    return option(
+        None, "Processes or threads; the results do not depend on it.", at_least=1, shown="all cores"
+    )
+
+
+WITHOUT_INFLUENCE = {"workers", "executor"}
+"""Options that change no result."""
+
+
+def executor_named(text: str) -> str:
+    """Return the name of an executor, see `studies.running.executors`; OptionError where there is none."""
+    kind, _, address = text.partition(":")
+    if kind == "dask" and not address.strip():
+        raise OptionError(
+            f"--executor {text} lacks the address of a scheduler, as in dask:tcp://host:8786, or its file"
+        )
+    if text not in ("processes", "threads", "mpi") and kind != "dask":
+        raise OptionError(
+            f"--executor {text} is not known; it can be processes, threads, dask:ADDRESS or mpi"
+        )
+    return text
+
+
+def executor() -> Any:
+    """Return the field for what runs the replicas."""
+    return option(
+        None,
+        "What runs the replicas: processes, threads, dask:ADDRESS or mpi; the results do not depend on it.",
+        shown="processes",
+        parser=executor_named,
+        metavar="WORD",
+        autocompletion=lambda: ["processes", "threads", "dask:tcp://", "mpi"],
+    )
 
 
 def dimension() -> Any:
@@ -425,16 +457,13 @@ PANELS = {
     "What and how long": "collisions collisions_per_particle relaxation_times discard replicas runs "
     "transits reverse_after cells until_error suite rounds known quick size only against",
     "Results": "out force json figure_format frames animate",
-    "The run itself": "config sweep seed workers checkpoint_every resume keep",
+    "The run itself": "config sweep seed workers executor checkpoint_every resume keep",
 }
 _PANEL_OF = {name: panel for panel, names in PANELS.items() for name in names.split()}
-_KIND_OF = {
-    "source": "FILE",
-    "known": "FILE",
-    "units": "WORD",
-    "velocities_are": "WORD",
-    "box": "NUMBERS",
-}  # others: NUMBER
+_WORDS, _FILES = ("units", "velocities_are", "executor"), ("source", "known")
+_KIND_OF = (
+    {"box": "NUMBERS"} | dict.fromkeys(_WORDS, "WORD") | dict.fromkeys(_FILES, "FILE")
+)  # others: NUMBER
 _SAME = {"packing-fractions": "packing-fraction"}  # old spellings of options
 
 

@@ -303,6 +303,9 @@ def say_checks(screen: Screen, summary: Mapping[str, Any], out: OutputFolder, ea
         f"collisions per second and core: {known}{_round(study)} of the study, gases and measurements "
         "included"
     )
+    if (summary["workers"] or 0) > 1 and "workers_busy" in summary["seconds"]:
+        busy = summary["seconds"]["workers_busy"]
+        screen.say(f"{summary['workers']} workers, busy {100 * busy:.0f} % of the time")
     for failure in checks["failures"]:
         screen.say(f"CHECK FAILED, {failure}")
     screen.say(f"written to {out.path}: {', '.join(summary['files'])}")

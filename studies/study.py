@@ -11,8 +11,10 @@ import hashlib
 import time
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -21,7 +23,7 @@ import numpy as np
 import hardspheres as hs
 from studies.answer import Answer, Gas, curve_files, heading, marks_of, names_of, notes_of, tidy, write_tables
 from studies.fluid import broken, representatives
-from studies.options import runs, seed, workers
+from studies.options import executor, runs, seed, workers
 from studies.page import write_report
 from studies.program import Program
 from studies.recording import Recorder
@@ -37,7 +39,8 @@ from studies.report import (
     say_checks,
     seconds_taken,
 )
-from studies.running.ensemble import available_cores, run_replicas
+from studies.running.ensemble import prepare_workers, run_replicas
+from studies.running.executors import executor_of, number_of_workers
 from studies.running.ownership import REPORT, SUMMARY
 from studies.running.resuming import Resumable
 
@@ -47,6 +50,8 @@ if TYPE_CHECKING:
     from studies.viewer.replay import Replay
 
 __all__ = ["Replica", "Study", "conduct", "results", "show_results"]
+
+SOON_MADE = 20_000  # particles: a larger gas takes longer to make than its kernels to load
 
 
 @dataclass
@@ -143,6 +148,7 @@ class Study(Program):
     replicas: int = runs(2)
     seed: int = seed()
     workers: int | None = workers()
+    executor: str | Executor | None = executor()
 
     @property
     def not_extendable(self) -> str:
@@ -184,8 +190,10 @@ class Study(Program):
         study = self.prepared(screen.note)
         gases = study.gases()
         _compile(study, gases, screen)
+        with executor_of(study.executor, study.workers, screen.note) as pool:
+            replicas, _ = run_study(study, screen, executor=pool)
         found = []
-        for gas, own in zip(gases, run_study(study, screen)[0], strict=True):
+        for gas, own in zip(gases, replicas, strict=True):
             answer = study.answer(gas, own)
             broken_ones = [f"replica {k}: {run.failure}" for k, run in enumerate(own) if run.failure]
             found.append(replace(answer, failures=[*broken_ones, *answer.failures]))
@@ -295,6 +303,10 @@ class _Running(Resumable[_Run, Replica, Replica]):
                     open_files.enter_context(each.recording(self.folder))
             yield from self.study.advance(item.gas, state)
 
+    def writes(self, item: _Run) -> bool:
+        """Return whether it is recorded."""
+        return item.recording
+
     def result(self, item: _Run, state: Replica, seconds: float) -> Replica:
         """Return the replica, without its gas."""
         state.finish(seconds)
@@ -302,7 +314,13 @@ class _Running(Resumable[_Run, Replica, Replica]):
 
 
 def run_study(
-    study: Study, screen: Screen, shelf: Any = None, folder: Path = Path(), record: bool = False
+    study: Study,
+    screen: Screen,
+    shelf: Any = None,
+    folder: Path = Path(),
+    record: bool = False,
+    spent: list[float] | None = None,
+    executor: Executor | None = None,
 ) -> tuple[list[list[Replica]], Replica | None]:
     """Run all replicas of all gases of a study.
 
@@ -318,6 +336,10 @@ def run_study(
         Where recorders write.
     record : bool, default False
         Whether the first replica is run once more, watched by the study's recorders.
+    spent : list, optional
+        Takes the seconds of each run, as in `run_replicas`.
+    executor : Executor, optional
+        What runs them, as in `run_replicas`.
 
     Returns
     -------
@@ -336,23 +358,33 @@ def run_study(
     # the run that is watched
     with screen.progress("runs", len(runs)) as advance:
         found = run_replicas(
-            _Running(study, folder),
+            _Running(replace(study, executor=None), folder),  # which cannot go to a worker
             runs[::-1],
             numbers=numbers[::-1],
             workers=study.workers,
+            executor=executor,
             done=advance,
             shelf=shelf,
             note=screen.note,
+            spent=spent,
         )[::-1]
     recorded = found.pop() if runs[-1].recording else None
     return [found[k * count : (k + 1) * count] for k in range(len(gases))], recorded
 
 
 def _compile(study: Study, gases: Sequence[Gas], screen: Screen) -> None:
-    """Compile all that the gases of a study need, before its workers start."""
+    """Compile all that the gases of a study need, while what its workers are made from is loaded."""
+    few = representatives(gases)
+    if study.executor in (None, "processes"):
+        prepare_workers(study.workers, partial(_load, study, [gas for gas in few if gas.n <= SOON_MADE]))
     with screen.compiling("; ".join(dict.fromkeys(gas.kind for gas in gases))):
-        for gas in representatives(gases):
-            study.start(gas, np.random.SeedSequence(0, spawn_key=(0,))).run(collisions=1)
+        _load(study, few)
+
+
+def _load(study: Study, gases: Sequence[Gas]) -> None:
+    """Load or compile the kernels of some gases."""
+    for gas in gases:
+        study.start(gas, np.random.SeedSequence(0, spawn_key=(0,))).run(collisions=1)
 
 
 def conduct(
@@ -396,13 +428,22 @@ def conduct(
     out.check(study)
     _compile(study, gases, screen)
     ready = time.perf_counter()
-    with out.running(study) as shelf:
+    with executor_of(study.executor, study.workers, screen.note) as pool, out.running(study) as shelf:
         if out.there:
             screen.note(f"{out.there} of {study.replicas} replicas were there")
-        replicas, recorded = run_study(study, screen, shelf, shelf.folder, record)
-        times = (began, ready, time.perf_counter())
+        spent: list[float] = []
+        replicas, recorded = run_study(study, screen, shelf, shelf.folder, record, spent, pool)
         found = results(
-            study, replicas, out, screen, times, recorded=recorded, replay=study.replay, conclude=conclude
+            study,
+            replicas,
+            out,
+            screen,
+            (began, ready, time.perf_counter()),
+            workers=number_of_workers(pool, study.workers),
+            spent=sum(spent),
+            recorded=recorded,
+            replay=study.replay,
+            conclude=conclude,
         )
         not_kept = out.keep_replicas(study, len(gases), shelf)
     show_results(study, found, out, screen, earlier=out.resume or out.there > 0)
@@ -437,6 +478,8 @@ def results(
     screen: Screen,
     times: tuple[float, float, float],
     *,
+    workers: int | None = None,
+    spent: float = 0.0,
     recorded: Replica | None = None,
     replay: Callable[[], Replay | None] = lambda: None,
     conclude: Callable[[dict[str, Any]], str] | None = None,
@@ -451,6 +494,10 @@ def results(
         Of each gas.
     times : (float, float, float)
         When the study began, when all was compiled, when the replicas were there: as in `seconds_taken`.
+    workers : int, optional
+        How many there were, where that is known.
+    spent : float
+        Seconds that they worked.
     recorded : Replica, optional
         The first run, watched by the study's recorders.
     replay : callable
@@ -470,8 +517,10 @@ def results(
     if (watched := replay()) is not None:
         with screen.working("running a gas to be watched"), out.partial("gas.html") as path:
             path.write_text(watched.html, encoding="utf-8")
-    summary = Summary(summary_of(study, answers, replicas, out))
+    summary = Summary(summary_of(study, answers, replicas, out) | {"workers": workers})
     summary["seconds"] = seconds_taken(*times)
+    if spent and workers:  # not all of it was there before
+        summary["seconds"]["workers_busy"] = spent / (workers * (times[2] - times[1]))
     verdict = [conclude(summary)] if conclude is not None else []
     with screen.working("writing the report"):
         write_report(
@@ -505,7 +554,7 @@ def summary_of(
     return {
         **study.made(),
         "seed": study.seed,
-        "workers": available_cores() if study.workers is None else study.workers,
+        "workers": study.workers,
         "n": answers[0].gas.n,
         "dim": answers[0].gas.dim,
         "states": [answer.summary() for answer in answers],

@@ -54,6 +54,7 @@ __all__ = ["Point", "Swept", "conduct_sweep", "points_of", "sweep", "values_of"]
 REFUSED = {
     "seed": "a seed is no quantity, and independent runs are what --replicas are",
     "workers": "no number depends on it",
+    "executor": "no number depends on it",
 }
 MOST = 1000  # values
 TOLD = 8  # values that are told one by one

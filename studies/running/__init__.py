@@ -3,6 +3,9 @@
 In reading order:
 
 - `ensemble`: seeds, worker processes, results in order;
+- `forking`: the process that workers are forks of;
+- `executors`: threads, Dask and MPI by name;
+- `elsewhere`: replicas over these, or any other executor;
 - `resuming`: a replica that saves its state at intervals, and resumes from it;
 - `stopping`: signals, deferred while something is saved;
 - `journal`: the checkpoint folder of a study;

@@ -12,20 +12,24 @@ import threading
 import time
 import types
 import warnings
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
 from contextlib import nullcontext
+from functools import partial
+from multiprocessing.connection import wait
+from multiprocessing.context import BaseContext
 from multiprocessing.process import BaseProcess
 from typing import Any, TypeVar
 
 import numpy as np
 
 from hardspheres.errors import SimulationError
+from studies.running.elsewhere import gather
 from studies.running.journal import Shelf
 from studies.running.resuming import perform
-from studies.running.stopping import STOPPING
+from studies.running.stopping import STOPPING, signals_held
 
-__all__ = ["available_cores", "replica_seeds", "run_replicas", "spawned_processes"]
+__all__ = ["available_cores", "prepare_workers", "replica_seeds", "run_replicas", "worker_processes"]
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -61,9 +65,43 @@ def available_cores() -> int:
     return os.cpu_count() or 1
 
 
+def prepare_workers(workers: int | None, load: Callable[[], object]) -> None:
+    """Begin to load what worker processes will need, while this process does something else.
+
+    Without effect where nothing can be loaded beforehand: workers then load it themselves.
+
+    Parameters
+    ----------
+    workers : int or None
+        As in `run_replicas`.
+    load : callable
+        Called without arguments in a process that workers are made from, before they are; can be pickled.
+        It may call kernels: those that are in the cache are loaded, and it ends where one would be compiled.
+
+    Raises
+    ------
+    SimulationError
+        If the system refuses a process.
+    """
+    count = available_cores() if workers is None else workers
+    if count < 2 or not _can_be_forked():
+        return
+    from studies.running.forking import prepare
+
+    with starting(count):
+        prepare(load)
+
+
+def _can_be_forked() -> bool:
+    """Return whether workers can be forks of a process that has loaded libraries: not those of macOS."""
+    return sys.platform != "darwin" and "fork" in multiprocessing.get_all_start_methods()
+
+
 @contextlib.contextmanager
-def spawned_processes(workers: int) -> Iterator[Executor]:
-    """Yield a pool of spawned worker processes, none of which outlives the context or this process.
+def worker_processes(workers: int) -> Iterator[Executor]:
+    """Yield a pool of worker processes, none of which outlives the context or this process.
+
+    They are forks of a process that has loaded what they need, see `prepare_workers`; fresh ones elsewhere.
 
     Ctrl-C and the end of a terminal reach this process alone: workers ignore them, and are asked by this
     process to save their state and to end. A worker that has not ended after `PATIENCE` is killed.
@@ -73,9 +111,21 @@ def spawned_processes(workers: int) -> Iterator[Executor]:
     workers : int
         How many processes.
     """
+    if _can_be_forked():
+        from studies.running.forking import Pool
+
+        with Pool(workers) as forks:
+            yield forks
+    else:
+        with pool_of_processes(workers, multiprocessing.get_context("spawn")) as pool:
+            yield pool
+
+
+@contextlib.contextmanager
+def pool_of_processes(workers: int, context: BaseContext) -> Iterator[Executor]:
+    """Yield a pool of children of this process."""
     before = set(multiprocessing.active_children())
-    context = multiprocessing.get_context("spawn")
-    with _starting(workers):
+    with starting(workers):
         pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_prepare_worker)
     try:
         yield pool
@@ -88,35 +138,44 @@ def spawned_processes(workers: int) -> Iterator[Executor]:
 
 
 @contextlib.contextmanager
-def _starting(workers: int | None) -> Iterator[None]:
+def starting(workers: int | None) -> Iterator[None]:
     """Start processes with all signals but SIGTERM blocked; turn failures of the system into one sentence.
 
     A terminal sends its signals to all, also to workers that do not yet ignore them, and to the process that
-    cleans up after them.
+    cleans up after them. Other threads of this process heed them: they take effect when all are started, as
+    what is half started cannot be ended.
     """
+    with signals_held(), masked(set(STOPPING) - {signal.SIGTERM}):
+        try:
+            yield
+        except BrokenExecutor:
+            raise
+        except (OSError, RuntimeError, ImportError) as error:  # a thread; semaphores, where are none
+            reason = getattr(error, "strerror", None) or error
+            raise SimulationError(
+                f"{workers or 'the'} worker processes cannot be started: {reason}; ask for fewer with "
+                "--workers, or raise the limits (ulimit -n, ulimit -u)"
+            ) from error
+
+
+@contextlib.contextmanager
+def masked(signals: Iterable[int]) -> Iterator[None]:
+    """Block signals in this thread, and so in processes that it starts, which may unblock them."""
     mask = getattr(signal, "pthread_sigmask", lambda *_: ())
-    before = mask(getattr(signal, "SIG_BLOCK", 0), set(STOPPING) - {signal.SIGTERM})  # which children inherit
+    before = mask(getattr(signal, "SIG_BLOCK", 0), signals)
     try:
         yield
-    except BrokenExecutor:
-        raise
-    except (OSError, RuntimeError, ImportError) as error:  # a thread; semaphores, where there are none
-        reason = getattr(error, "strerror", None) or error
-        raise SimulationError(
-            f"{workers or 'the'} worker processes cannot be started: {reason}; ask for fewer with --workers, "
-            "or raise the limits (ulimit -n, ulimit -u)"
-        ) from error
     finally:
         mask(getattr(signal, "SIG_SETMASK", 0), before)
 
 
-def _needs_main(task: object, items: Sequence[object]) -> bool:
-    """Return whether workers need what the program's main module defines."""
-    return b"__main__" in pickle.dumps((task, list(items)))
+def needs_main(work: object) -> bool:
+    """Return whether workers need what the program's main module defines; work may be pickled already."""
+    return b"__main__" in (work if isinstance(work, bytes) else pickle.dumps(work))
 
 
 @contextlib.contextmanager
-def _without_main() -> Iterator[None]:
+def without_main() -> Iterator[None]:
     """Start processes that do not import the program's main module, which would run a script once more."""
     main = sys.modules["__main__"]
     sys.modules["__main__"] = types.ModuleType("__main__")
@@ -129,13 +188,15 @@ def _without_main() -> Iterator[None]:
 def _prepare_worker() -> None:
     for number in STOPPING:  # it is the parent that terminates
         signal.signal(number, signal.SIG_DFL if number == signal.SIGTERM else signal.SIG_IGN)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _end_with_parent() -> None:
     parent = multiprocessing.parent_process()
     if parent is not None:
-        parent.join()
+        wait([parent.sentinel])
         os._exit(1)
 
 
@@ -159,6 +220,7 @@ def run_replicas(
     done: Callable[[], None] | None = None,
     shelf: Shelf | None = None,
     note: Callable[[str], object] = warnings.warn,
+    spent: list[float] | None = None,
 ) -> list[Result]:
     """Apply a task to every item and return the results in the order of the items.
 
@@ -184,6 +246,8 @@ def run_replicas(
         continues from its saved state.
     note : callable
         Is told in a sentence why there are no workers, where the task is defined in no file.
+    spent : list, optional
+        Takes the seconds that each item took where it was computed.
 
     Returns
     -------
@@ -211,43 +275,54 @@ def run_replicas(
     ]
     for _ in range(len(items) - len(jobs)):
         told()
-    fresh: list[Result] = []
+    fresh: list[tuple[Result, float]] = []
     several = executor is None and min(count, len(jobs)) > 1
-    main = several and _needs_main(task, items)
+    main = several and needs_main((task, list(items)))
     if main and not os.path.isfile(getattr(sys.modules["__main__"], "__file__", None) or ""):
         note(NOT_IN_A_FILE)
         several = False
     if executor is not None:
-        fresh = _collect(executor, jobs, told, cancel=True)
+        fresh = gather(executor, jobs, told)
     elif several:
         try:
-            with spawned_processes(min(count, len(jobs))) as pool:
-                fresh = _collect(pool, jobs, told, cancel=False, hidden=not main)  # the pool is ended instead
+            prepare_workers(min(count, len(jobs)), partial(_import, (task, items)))
+            with worker_processes(min(count, len(jobs))) as pool:
+                fresh = _collect(pool, jobs, told, hidden=not main)
         except SimulationError as error:
             if main:
                 error.add_note(UNGUARDED)
             raise
     else:
         for job in jobs:
-            fresh.append(perform(*job))
+            fresh.append(_timed(*job))
             told()
-    results = iter(fresh)
+    if spent is not None:
+        spent += [seconds for _, seconds in fresh]
+    results = (result for result, _ in fresh)
     return [next(results) if found is None else found[0] for found in kept]
+
+
+def _timed(*job: Any) -> tuple[Any, float]:
+    began = time.perf_counter()
+    return perform(*job), time.perf_counter() - began
+
+
+def _import(task: object) -> None:
+    """Do nothing: where the task has arrived, what it needs is imported."""
 
 
 def _collect(
     executor: Executor,
     jobs: Sequence[tuple[Any, ...]],
     told: Callable[[], None],
-    cancel: bool,
     hidden: bool = False,
 ) -> list[Any]:
     futures: list[Future[Any]] = []
     try:
         count = getattr(executor, "_max_workers", None)
-        with _starting(count), _without_main() if hidden else nullcontext():
+        with starting(count), without_main() if hidden else nullcontext():
             for job in jobs:
-                futures.append(executor.submit(perform, *job))
+                futures.append(executor.submit(_timed, *job))
         for future in as_completed(futures):
             future.result()
             told()
@@ -256,7 +331,3 @@ def _collect(
         raise SimulationError(
             "a worker process was killed, perhaps out of memory; use fewer workers"
         ) from error
-    except BaseException:
-        for future in futures if cancel else ():
-            future.cancel()
-        raise

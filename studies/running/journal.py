@@ -4,6 +4,7 @@
     DIR/checkpoint/manifest.json     study, version and options; there is something to resume while it exists
     DIR/checkpoint/done-0007.npz     the result of item 7
     DIR/checkpoint/running-0007.npz  the state of item 7, saved at an interval
+    DIR/checkpoint/token-HEX         by which workers elsewhere know the run, see `studies.running.elsewhere`
 
 Every file is written atomically, so that `kill -9` loses only the work since the last one. When the study has
 finished they are removed, the manifest first and the lock last, and the folder if it is then empty.
@@ -19,15 +20,17 @@ import hashlib
 import json
 import os
 import re
+import secrets
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import hardspheres as hs
 from hardspheres.errors import CheckpointError, HardSpheresError
 from hardspheres.temporary import NAME, replacing
+from studies.options import WITHOUT_INFLUENCE
 from studies.running.encoding import read, write
 from studies.running.locking import Lock
 from studies.running.ownership import is_ordinary, load_object
@@ -47,8 +50,10 @@ __all__ = [
 ]
 
 FOLDER = "checkpoint"
-REMOVED = re.compile(rf"(done|running)-\d{{4,}}\.npz|\.?trajectory\.xyz(\.\w+)?|{NAME.pattern}")
-NOT_COMPARED = {"workers"}  # an option without influence on the results
+REMOVED = re.compile(
+    rf"(done|running)-\d{{4,}}\.npz|token-[0-9a-f]{{32}}|\.?trajectory\.xyz(\.\w+)?|{NAME.pattern}"
+)
+NOT_COMPARED = WITHOUT_INFLUENCE
 
 
 class OutputError(HardSpheresError, OSError):
@@ -84,11 +89,33 @@ class Shelf:
         Seconds of wall time between two states of an item that is running.
     earlier : Path, optional
         Another folder, with results of a run that this one extends.
+    token : str
+        Where workers may be elsewhere, or go on when the run has ended: the file that `shared` has put into
+        the folder. Nothing is written where it is not found.
     """
 
     folder: Path
     every: float = 60.0
     earlier: Path | None = None
+    token: str = ""
+
+    @contextlib.contextmanager
+    def shared(self) -> Iterator[Shelf]:
+        """Yield the shelf for workers elsewhere; it is theirs while the context lasts."""
+        token = f"token-{secrets.token_hex(16)}"
+        path = self.folder / token
+        with not_written():
+            path.touch()
+        try:
+            yield replace(self, token=token)
+        finally:
+            with contextlib.suppress(OSError):  # it is removed with the rest
+                path.unlink()
+
+    def reachable(self) -> bool:
+        """Return whether this process can write here, for a run that goes on."""
+        there = os.path.exists(self.folder / self.token) and os.access(self.folder, os.W_OK)
+        return there or not self.token
 
     def _path(self, what: str, index: int) -> Path:
         return self.folder / f"{what}-{index:04d}.npz"
@@ -105,6 +132,8 @@ class Shelf:
 
     def store(self, index: int, result: Any) -> None:
         """Save the result of an item; its state is no longer needed."""
+        if not self.reachable():
+            return
         # there are many, and the checksum reveals a torn one
         write(self._path("done", index), result, durable=False)
         with contextlib.suppress(OSError):  # it is not read any more, and is removed in the end
@@ -116,7 +145,8 @@ class Shelf:
 
     def save(self, index: int, state: Any) -> None:
         """Save the state of a running item, replacing the one before."""
-        write(self._path("running", index), state)
+        if self.reachable():
+            write(self._path("running", index), state)
 
 
 def _whole(path: Path) -> tuple[Any] | None:

@@ -16,7 +16,7 @@ import os
 import re
 import shutil
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -153,7 +153,7 @@ class Kept:
                     except OSError:  # a file system without hard links
                         shutil.copyfile(path, temporary)
             with contextlib.suppress(NotStorable):
-                write(self.folder / STUDY, study)
+                write(self.folder / STUDY, replace(study, executor=None))
             write_sealed(self.folder / MANIFEST, {**content, "replicas": study.replicas})
 
     def remove(self) -> None:

@@ -40,6 +40,10 @@ class Resumable(ABC, Generic[Item, State, Result]):
     def result(self, item: Item, state: State, seconds: float) -> Result:
         """Return the result, given the last state and the wall time that it took."""
 
+    def writes(self, item: Item) -> bool:
+        """Return whether the work on an item writes files of its own, which a worker elsewhere cannot."""
+        return False
+
     def __call__(self, item: Item) -> Result:
         """Do all the work, without saving."""
         return perform(self, item)

@@ -8,11 +8,31 @@ import threading
 from collections.abc import Callable, Iterator
 from typing import Any
 
-__all__ = ["STOPPING", "signals_held"]
+__all__ = ["STOPPING", "asked_by", "signals_held"]
 
 STOPPING = [
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 ]  # which end a program
+
+
+_own = threading.local()
+
+
+@contextlib.contextmanager
+def asked_by(asks: Callable[[], bool]) -> Iterator[None]:
+    """Let this thread be asked to stop by more than signals, which reach none but the main thread.
+
+    Parameters
+    ----------
+    asks : callable
+        Returns whether to stop; `signals_held` then says that a signal is pending.
+    """
+    before = getattr(_own, "asks", None)
+    _own.asks = asks
+    try:
+        yield
+    finally:
+        _own.asks = before
 
 
 @contextlib.contextmanager
@@ -25,11 +45,12 @@ def signals_held() -> Iterator[Callable[[], bool]]:
     Yields
     ------
     callable
-        Returns whether a signal is pending.
+        Returns whether a signal is pending, or the thread is asked to stop, see `asked_by`.
     """
     waiting: list[int] = []
+    asks = getattr(_own, "asks", None) or (lambda: False)
     if threading.current_thread() is not threading.main_thread():
-        yield lambda: False
+        yield asks
         return
 
     def hold(number: int, frame: Any) -> None:
@@ -43,7 +64,7 @@ def signals_held() -> Iterator[Callable[[], bool]]:
     for number in before:
         signal.signal(number, hold)
     try:
-        yield lambda: bool(waiting)
+        yield lambda: bool(waiting) or asks()
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

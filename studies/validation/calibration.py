@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,11 +20,12 @@ import hardspheres as hs
 from analysis.calibration import Calibration, calibrate
 from analysis.statistics import Estimate
 from studies.answer import Section, Table, say_sections
-from studies.options import MANY, option, seed, workers
+from studies.options import MANY, executor, option, seed, workers
 from studies.page import Report, write_page
 from studies.program import Program
 from studies.report import OutputFolder, Screen, seconds_taken
-from studies.running.ensemble import available_cores, replica_seeds, run_replicas
+from studies.running.ensemble import replica_seeds, run_replicas
+from studies.running.executors import executor_of, number_of_workers
 from studies.running.ownership import REPORT, SUMMARY
 from studies.validation import calibration_runs
 
@@ -56,6 +58,7 @@ class Calibrations(Program):
     runs: int = option(200, "Independent short runs of each estimator.", at_most=MANY)
     seed: int = seed()
     workers: int | None = workers()
+    executor: str | Executor | None = executor()
     families: tuple[str, ...] = tuple(calibration_runs.FAMILIES)
 
     def conduct(self, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:
@@ -141,7 +144,7 @@ def _calibrate(study: Calibrations, out: OutputFolder, screen: Screen) -> tuple[
         for name in study.families:
             calibration_runs.FAMILIES[name].load()
     ready = time.perf_counter()
-    with out.running(study) as shelf:
+    with executor_of(study.executor, study.workers, screen.note) as pool, out.running(study) as shelf:
         seeds = replica_seeds(study.seed, study.runs * len(study.families))
         items = [
             (name, seeds[k * study.runs + r])
@@ -150,9 +153,14 @@ def _calibrate(study: Calibrations, out: OutputFolder, screen: Screen) -> tuple[
         ]
         with screen.progress("runs", len(items)) as advance:
             results = run_replicas(
-                calibration_runs.measure, items, workers=study.workers, done=advance, shelf=shelf
+                calibration_runs.measure,
+                items,
+                workers=study.workers,
+                executor=pool,
+                done=advance,
+                shelf=shelf,
             )
-        ran = time.perf_counter()
+        ran, count = time.perf_counter(), number_of_workers(pool, study.workers)
         rows = [
             row
             for k, name in enumerate(study.families)
@@ -168,7 +176,7 @@ def _calibrate(study: Calibrations, out: OutputFolder, screen: Screen) -> tuple[
         summary: dict[str, Any] = {
             **study.made(),
             "seed": study.seed,
-            "workers": available_cores() if study.workers is None else study.workers,
+            "workers": count,
             "families": {name: calibration_runs.FAMILIES[name].text for name in study.families},
             "rows": [_row_summary(row) for row in rows],
             "checks": {"passed": not failures, "failures": failures},

@@ -11,6 +11,7 @@ import numpy as np
 
 import hardspheres as hs
 from analysis import theory
+from analysis.lyapunov import lyapunov_exponent
 from analysis.statistics import Estimate, TheoryCheck, estimate_from_replicas
 from analysis.structure import PairDistribution
 from studies.answer import Answer
@@ -22,7 +23,6 @@ from studies.report import Screen
 from studies.study import Study, run_study
 from studies.thermalisation import RelaxingGas, Thermalisation
 from studies.validation.hard_cases.exactly_solved import in_equilibrium
-from studies.validation.hard_cases.tangent import largest_exponent
 
 __all__ = ["MEASURED", "QUICK", "Crystal", "Measured", "measure"]
 
@@ -350,8 +350,7 @@ def _lyapunov(eta: float, n: int, expected: tuple[float, float], length: float, 
 
     def checks(seed: int) -> Checks:
         scene, settle = hs.random_gas(n=n, packing_fraction=eta, seed=seed), 20.0
-        value, error = largest_exponent(scene, settle, length)
-        measured = Estimate(value, error, 10.0, 9.0)
+        measured = lyapunov_exponent(scene, length, settle).per_collision
         check = TheoryCheck("Lyapunov exponent, per s", "independent program", measured, *expected)
         return [check], collisions_at(settle + length, n)
 

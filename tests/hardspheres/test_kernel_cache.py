@@ -1,5 +1,6 @@
 """Kernels found in a cache are executed: nobody else may be able to put them there. And old ones are removed, no more."""
 
+import contextlib
 import fcntl
 import importlib.util
 import os
@@ -12,6 +13,7 @@ from pathlib import Path
 
 import numba
 import pytest
+from numba.core.caching import IndexDataCacheFile
 
 from hardspheres import kernel_cache
 from hardspheres.kernel_cache import cache_folder, cached_in
@@ -189,6 +191,58 @@ def test_a_planted_kernel_is_not_loaded(root):
     assert not executed.exists()
     compiled(source, folder)
     assert executed.exists()
+
+
+# Several machines and processes.
+
+
+def test_every_kind_of_processor_has_kernels_of_its_own(root, monkeypatch):
+    """Though both begin with an empty cache. Sibling: in one folder Numba keeps one of the two, for both."""
+    source = root.parent / "planted.py"
+    source.write_text("def double(x):\n    return 2 * x\n")
+    by_hand = root.parent / "by_hand"
+    codegen, found = kernel_cache.cpu_target.target_context.codegen(), []
+    triple, processor, features = codegen.magic_tuple()
+    monkeypatch.setattr(IndexDataCacheFile, "_load_index", lambda self: {})  # as it was when both began
+    for kind in ((triple, processor, features), (triple, "generic", ""), (triple, processor, "-avx2")):
+        monkeypatch.setattr(codegen, "magic_tuple", lambda kind=kind: kind)
+        found.append(cache_folder("3d"))
+        assert cache_folder("3d") == found[-1]
+        compiled(source, found[-1])
+        compiled(source, by_hand)
+    assert len(set(found)) == len({folder.parent for folder in found}) == 3
+    assert [len(list(folder.rglob("*.nbc"))) for folder in (*found, by_hand)] == [1, 1, 1, 1]
+
+
+def test_a_file_that_another_process_has_just_renamed_is_no_danger(root, monkeypatch):
+    """Numba writes under another name first. Sibling: one that stays, of another user."""
+    folder, scandir = cache_folder("3d"), os.scandir
+
+    class Written:
+        path = str(folder / "loop.run-150.py311.1.nbc.tmp.0f")
+        owner = None
+
+        def stat(self, follow_symlinks):
+            if self.owner is None:
+                raise FileNotFoundError(self.path)
+            return os.stat_result([0o600, 0, 0, 1, self.owner, 0, 0, 0, 0, 0])
+
+        def is_symlink(self):
+            return False
+
+        is_dir = is_symlink
+
+    @contextlib.contextmanager
+    def with_it(path):
+        with scandir(path) as entries:
+            yield [*entries, Written()] if Path(path) == folder else entries
+
+    monkeypatch.setattr(kernel_cache.os, "scandir", with_it)
+    with warnings.catch_warnings(action="error"):
+        assert cache_folder("3d") == folder
+    monkeypatch.setattr(Written, "owner", os.getuid() + 1)
+    with pytest.warns(RuntimeWarning, match="is a link or belongs to another user"):
+        assert cache_folder("3d") is None
 
 
 # Old kernels.

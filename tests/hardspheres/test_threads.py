@@ -200,9 +200,10 @@ print(json.dumps([hs.__file__, hashlib.sha256(sim._engine.rows.tobytes()).hexdig
 """
 
 
-def child(cache, path, prelude=""):
+def child(cache, path, prelude="", **more):
     env = {key: value for key, value in os.environ.items() if not key.startswith("NUMBA_")}
     env |= {"XDG_CACHE_HOME": str(cache), "HOME": str(cache), "PYTHONPATH": str(path), "PYTHONSAFEPATH": "1"}
+    env |= more
     command = [sys.executable, "-B", "-c", PROGRAM.format(prelude=prelude)]
     return subprocess.Popen(command, env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
@@ -236,8 +237,17 @@ def test_an_install_folder_that_is_read_only_and_nowhere_to_write(tmp_path):
 
 @pytest.mark.slow
 def test_processes_that_compile_at_once(tmp_path):
-    """Three begin with an empty cache; all are right, and the next one finds a kernel that is."""
-    results = [result(process) for process in [child(tmp_path, PACKAGE.parent) for _ in range(3)]]
+    """Four begin with an empty cache, for two kinds of processors; all are right.
+
+    The next one of each kind finds a kernel that is, and that was made for it.
+    """
+    kinds = [{}, {"NUMBA_CPU_NAME": "generic"}]
+    started = [child(tmp_path, PACKAGE.parent, **kind) for kind in kinds * 2]
+    results = [result(process) for process in started]
     assert len({digest for _, digest, _, _ in results}) == 1
-    _, digest, hits, misses = result(child(tmp_path, PACKAGE.parent))
-    assert (digest, hits, misses) == (results[0][1], 1, 0)
+    assert [(hits, misses) for *_, hits, misses in results] == [(0, 1)] * 4
+    for kind in kinds:
+        _, digest, hits, misses = result(child(tmp_path, PACKAGE.parent, **kind))
+        assert (digest, hits, misses) == (results[0][1], 1, 0)
+    assert len(list(tmp_path.rglob("lock"))) == len(kinds)
+    assert not list(tmp_path.rglob("*.tmp.*"))

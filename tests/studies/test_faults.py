@@ -101,17 +101,23 @@ def undisturbed(tmp_path_factory):
     return of
 
 
-def workers_of(pid):
-    """Process ids of the workers of a process."""
+def children(pid, word):
+    """Process ids of the children of a process that were started with a word in their command."""
     found = []
     for entry in Path("/proc").iterdir():
         try:
             parent = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
-            if parent == pid and "spawn_main" in (entry / "cmdline").read_text():
+            if parent == pid and word in (entry / "cmdline").read_text():
                 found.append(int(entry.name))
         except (OSError, ValueError):
             continue
     return found
+
+
+def workers_of(pid):
+    """Process ids of the workers of a process, and last of the server that they are forks of."""
+    (server,) = children(pid, "spawn_main")
+    return [*children(server, "spawn_main"), server]
 
 
 @pytest.mark.usefixtures("heard")
@@ -274,7 +280,7 @@ def test_a_killed_worker_is_told_and_a_killed_parent_takes_its_workers_along(vic
     run = start(*options)
     wait_for((out / "checkpoint" / "running-0006.npz").exists)
     workers = workers_of(run.pid)
-    assert len(workers) == 2
+    assert len(workers) == 3
     os.kill(run.pid if victim == "parent" else workers[0], signal.SIGKILL)
     errors = run.communicate(timeout=60)[1]
     if victim == "worker":
@@ -292,20 +298,25 @@ def test_a_killed_worker_is_told_and_a_killed_parent_takes_its_workers_along(vic
 @pytest.mark.usefixtures("heard")
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("number", "code", "word"),
-    [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated"), (signal.SIGHUP, 129, HUNG_UP)],
+    ("number", "code", "word", "to_all"),
+    [
+        (signal.SIGINT, 130, "interrupted", True),
+        (signal.SIGTERM, 143, "terminated", False),
+        (signal.SIGTERM, 143, "terminated", True),
+        (signal.SIGHUP, 129, HUNG_UP, True),
+    ],
 )
-def test_workers_save_what_they_have_before_they_end(number, code, word, undisturbed, tmp_path):
+def test_workers_save_what_they_have_before_they_end(number, code, word, to_all, undisturbed, tmp_path):
     """At an interval of one minute, so that only the signal makes them save."""
     out = tmp_path / "out"
     options = [*THERMALISE, "--out", str(out)]
     run = start(*options)
     wait_for((out / "checkpoint" / "trajectory.xyz").exists)
     workers = workers_of(run.pid)
-    if number == signal.SIGTERM:
-        run.send_signal(number)
-    else:  # as a terminal does, to workers too
+    if to_all:  # as a terminal does, or a batch system
         os.killpg(run.pid, number)
+    else:
+        run.send_signal(number)
     errors = run.communicate(timeout=60)[1]
     assert run.returncode == code
     assert errors == f"{word}; what was done is kept in {out / 'checkpoint'}: {KEPT}\n"

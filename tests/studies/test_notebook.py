@@ -146,7 +146,7 @@ def test_what_a_cell_defines_runs_without_workers(monkeypatch):
     """Workers cannot import it; a sentence says so. Sibling: a function of a module, which they can."""
     square, notes = in_a_cell(monkeypatch), []
     with monkeypatch.context() as patch:
-        patch.setattr(ensemble, "spawned_processes", None)
+        patch.setattr(ensemble, "worker_processes", None)
         assert run_replicas(square, [1, 2, 3], workers=2, note=notes.append) == [1, 4, 9]
         with pytest.warns(UserWarning, match="cannot import what is defined in a notebook or at a prompt"):
             run_replicas(square, [1, 2, 3], workers=2)
@@ -157,7 +157,7 @@ def test_what_a_cell_defines_runs_without_workers(monkeypatch):
 
 @pytest.mark.parametrize(("task", "imported"), [(abs, False), ("square", True)])
 def test_workers_import_the_main_module_only_where_it_defines_their_work(task, imported, monkeypatch):
-    """What spawned processes are told, at the moment when they start; sibling: a task of the script's own."""
+    """What worker processes are told, at the moment when they start; sibling: a task of the script's own."""
     main = sys.modules["__main__"]
     square = in_a_cell(monkeypatch, __file__=__file__)
     script, told = sys.modules["__main__"], []
@@ -167,7 +167,7 @@ def test_workers_import_the_main_module_only_where_it_defines_their_work(task, i
             told.append(get_preparation_data("worker"))
             return super().submit(*work)
 
-    monkeypatch.setattr(ensemble, "spawned_processes", Pool)
+    monkeypatch.setattr(ensemble, "worker_processes", Pool)
     assert run_replicas(square if task == "square" else task, [1, 2], workers=2)[0] == 1
     assert [("init_main_from_path" in each) for each in told] == [imported] * 2
     assert sys.modules["__main__"] is script is not main

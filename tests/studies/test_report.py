@@ -45,6 +45,7 @@ def test_the_rate_of_the_engine_stands_beside_that_of_the_study(capsys):
     summary = {
         "collisions": 1000,
         "seconds": {"total": 2.0},
+        "workers": 1,
         "collisions_per_second_and_core": 12_345.0,
         "engine_collisions_per_second": 1_234_567.0,
         "checks": {"worst_energy_drift": 1e-16, "late_events": 0, "failures": []},
@@ -56,6 +57,24 @@ def test_the_rate_of_the_engine_stands_beside_that_of_the_study(capsys):
     say_checks(Screen(), summary | {"engine_collisions_per_second": math.nan}, OutputFolder("x"))
     told = capsys.readouterr().out
     assert "engine" not in told and "collisions per second and core: 12 000 of the study" in told
+
+
+def test_workers_are_told_how_busy_they_were(capsys):
+    """Siblings: one worker, and a run that was finished before, of which nothing is known."""
+    summary = {
+        "collisions": 1000,
+        "seconds": {"total": 2.0, "workers_busy": 0.934},
+        "workers": 2,
+        "collisions_per_second_and_core": 12_345.0,
+        "engine_collisions_per_second": math.nan,
+        "checks": {"worst_energy_drift": 1e-16, "late_events": 0, "failures": []},
+        "files": ["summary.json"],
+    }
+    say_checks(Screen(), summary, OutputFolder("x"))
+    assert "\n2 workers, busy 93 % of the time\n" in capsys.readouterr().out
+    for other in ({"workers": 1}, {"seconds": {"total": 2.0}}):
+        say_checks(Screen(), summary | other, OutputFolder("x"))
+        assert "busy" not in capsys.readouterr().out
 
 
 def test_the_engine_s_rate_is_of_all_runs_that_were_timed():
