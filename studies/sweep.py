@@ -86,7 +86,7 @@ class Point:
         return f"{name}={self.text}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Swept:
     """What a sweep gave: iterating gives each value with its answers.
 
@@ -106,6 +106,12 @@ class Swept:
     name: str
     points: Sequence[Point]
     answers: Sequence[Sequence[Answer]]
+
+    def __repr__(self) -> str:
+        """Return the study, the values, and what was measured."""
+        span = f"{self.points[0].text} to {self.points[-1].text}"
+        shown = ", ".join(self.quantities)
+        return f"<Swept: {self.study.name} at {len(self.points)} values of {self.name}, {span}: {shown}>"
 
     def __iter__(self) -> Iterator[tuple[Any, Sequence[Answer]]]:
         """Yield each value with its answers."""

@@ -37,7 +37,7 @@ from studies.thermalisation import Thermalisation
 LONGEST = 300  # characters
 MANY = r"Array|ndarray|list|dict|Mapping|Sequence|deque"  # types of any length
 # What has nothing to tell, or is no object that a person is handed.
-SILENT = {"Screen", "Moving", "App", "Studies", "Option", "Notices", "Table", "Section", "Report"}
+SILENT = {"Screen", "Quiet", "Moving", "App", "Studies", "Option", "Notices", "Table", "Section", "Report"}
 
 
 def public():

@@ -352,6 +352,11 @@ def test_what_is_measured_at_the_end_is_one_quantity():
         assert found.columns()["quantity"] == [f"a2 at s = {end:g}" for end in ends]
 
 
+def test_a_prompt_shows_it_in_a_line():
+    told = "<Swept: thermalise at 3 values of velocities, maxwell to beams: " + ", ".join(LONG[:2]) + ">"
+    assert repr(FIGURES["words"]) == told
+
+
 def test_one_seed_for_all_values_would_give_errors_that_are_not_independent():
     """Gases from one seed start alike: their first velocities are the same; sibling: seeds of the values."""
     _, _, points = points_of(FreePaths(packing_fractions=(0.1,)), "n", (64, 100))
