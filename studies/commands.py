@@ -53,6 +53,26 @@ Force = Annotated[
 Json = Annotated[
     bool, typer.Option("--json", help="Print summary.json on standard output, the rest on standard error.")
 ]
+
+
+def _shard(text: str) -> Any:
+    """Return the shard that a text names."""
+    from studies.running.shards import Shard
+
+    return Shard.parsed(text)
+
+
+OfAShard = Annotated[
+    Any,
+    typer.Option(
+        "--shard",
+        help="Run the k-th of n parts of the study into the folder, beside the other parts, and write no "
+        "results: --resume gathers them.",
+        show_default="all of it",
+        parser=_shard,
+        metavar="k/n",
+    ),
+]
 UntilError = Annotated[
     float | None,
     typer.Option(
@@ -105,6 +125,7 @@ def function_of(kind: type[Program]) -> Callable[..., None]:
         until_error: float | None = None,
         checkpoint_every: float = 60.0,
         resume: bool = False,
+        shard: Any = None,
         **given: Any,
     ) -> None:
         from studies.report import Screen
@@ -112,8 +133,10 @@ def function_of(kind: type[Program]) -> Callable[..., None]:
         values = {name: tuple(v) if isinstance(v, list) else v for name, v in given.items() if v is not None}
         program = kind(**values)
         screen = Screen(json)
+        if shard is not None:
+            shard.require_alone(resume=resume, force=force, json=json, until_error=until_error is not None)
         folder = program.folder(out, checkpoint_every, resume, force)
-        folder.figure_format = figure_format
+        folder.figure_format, folder.shard = figure_format, shard
         program = program.prepared(screen.note)
         if until_error is None:
             summary, sound = program.conduct(folder, screen)
@@ -152,6 +175,8 @@ def function_of(kind: type[Program]) -> Callable[..., None]:
         parameters |= OF_FIGURES
     if kind.resumable:
         parameters |= OF_LONG_RUNS
+    if kind.in_shards:
+        parameters["shard"] = (OfAShard, None)
     if kind.to_an_error:
         parameters["until_error"] = (UntilError, None)
     keyword = inspect.Parameter.KEYWORD_ONLY

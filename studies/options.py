@@ -422,7 +422,7 @@ PANELS = {
     "What and how long": "collisions collisions_per_particle relaxation_times discard replicas runs "
     "transits reverse_after cells until_error suite quick size only against",
     "Results": "out force json figure_format frames animate",
-    "The run itself": "seed workers checkpoint_every resume",
+    "The run itself": "seed workers checkpoint_every resume shard",
 }
 _PANEL_OF = {name: panel for panel, names in PANELS.items() for name in names.split()}
 _KIND_OF = {"source": "FILE", "units": "WORD", "velocities_are": "WORD", "box": "NUMBERS"}  # others: NUMBER

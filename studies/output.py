@@ -37,6 +37,8 @@ from studies.running.ownership import (
     files_of_finished_run,
     is_ordinary,
 )
+from studies.running.presence import announce, renewing
+from studies.running.shards import Shard, SharedShelf
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -86,6 +88,8 @@ class OutputFolder:
         The folder.
     figure_format : str
         Of figures.
+    shard : Shard or None
+        The part of the study that is run beside others, see `shared`; by default all is run, alone.
     files : list of str
         Names of the files written so far.
     """
@@ -104,6 +108,7 @@ class OutputFolder:
         self.figure_format = figure_format
         self.path, self._place = Path(path), Path(path).absolute()
         self.checkpoint_every, self.resume, self.force = checkpoint_every, resume, force
+        self.shard: Shard | None = None
         self.files: list[str] = []
         self._names: tuple[str, ...] = ()  # that the study writes beside its summary, figures as .png
         self._own: set[str] | None = None  # names of files that may be replaced
@@ -139,7 +144,7 @@ class OutputFolder:
         """
         self._require_writable()
         if study is not None and resumable:
-            with self._journal.held(make=False):
+            with self._journal.held(make=False, shared=self.shard is not None):
                 self._agree(study)
         elif self._journal.unfinished():
             raise self._unfinished()
@@ -184,6 +189,44 @@ class OutputFolder:
                 raise
             finally:
                 self._manifest = None
+
+    @contextlib.contextmanager
+    def shared(self, study: Any) -> Iterator[SharedShelf]:
+        """Make the folder, and hold it together with other shards of the study, while the context lasts.
+
+        What is kept stays, to be gathered by a run with `resume`.
+
+        Parameters
+        ----------
+        study : dataclass
+            Options of the study.
+
+        Yields
+        ------
+        SharedShelf
+            Where `run_part` keeps its results.
+
+        Raises
+        ------
+        OutputError, CheckpointError
+            As `check` does.
+        """
+        assert self.shard is not None
+        self.create()
+        with self._journal.held(make=True, shared=True):
+            self._journal.begin({**about(study), "own": sorted(self._agree(study))})
+            self._agree(study)  # with the one that was first
+            try:
+                with not_written():
+                    presence = announce(self.checkpoints, self.shard.number, str(self.shard))
+                with renewing(presence):
+                    yield SharedShelf(self.checkpoints, self.checkpoint_every, self.shard, presence)
+            except BaseException as error:
+                error.add_note(
+                    f"what was done is kept in {self.path / FOLDER}: the same command goes on, and so does "
+                    "the one with --resume that gathers"
+                )
+                raise
 
     def create(self) -> None:
         """Make the folder and its parents."""
@@ -253,7 +296,7 @@ class OutputFolder:
     def _agree(self, study: Any) -> set[str]:
         """Return the files that a run may replace; refuse what is in its way, or not what it resumes."""
         self._names, before = files_of(study), self._journal.unfinished()
-        if not self.resume:
+        if not (self.resume or (self.shard and before)):
             if before and not self.force:
                 raise self._unfinished()
             return self._claim(before["own"] if before else ())
@@ -276,6 +319,11 @@ class OutputFolder:
     def _claim(self, unfinished: Iterable[str] = ()) -> set[str]:
         """Return the files that may be replaced; refuse others, and a finished run without force."""
         old = files_of_finished_run(self._place, self._known)
+        if old is not None and self.shard:
+            raise OutputError(
+                f"{self.path} holds a finished run, so there is nothing left for a shard to do; give another "
+                "folder with --out"
+            )
         if old is not None and not self.force:
             raise OutputError(
                 f"{self.path} holds a finished run; give another folder with --out, or --force to replace it"

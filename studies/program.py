@@ -39,6 +39,8 @@ class Program(ABC):
         Whether it keeps checkpoints.
     to_an_error : bool
         Whether --until-error may decide the number of its replicas.
+    in_shards : bool
+        Whether --shard may run a part of it.
     only_if_asked : bool
         Whether it writes nothing, but for summary.json where --out names a folder.
     page : str
@@ -52,6 +54,7 @@ class Program(ABC):
     reports: ClassVar[bool] = False
     resumable: ClassVar[bool] = True
     to_an_error: ClassVar[bool] = False
+    in_shards: ClassVar[bool] = False
     only_if_asked: ClassVar[bool] = False
     page: ClassVar[str] = ""
 

@@ -40,6 +40,7 @@ from studies.report import (
 from studies.running.ensemble import available_cores, run_replicas
 from studies.running.ownership import REPORT, SUMMARY
 from studies.running.resuming import Resumable
+from studies.running.shards import SharedShelf, run_part
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -132,6 +133,7 @@ class Study(Program):
 
     reports = True
     to_an_error = True
+    in_shards = True
     table: ClassVar[str]
 
     replicas: int = runs(2)
@@ -300,6 +302,8 @@ def run_study(
         Of each gas.
     recorded : Replica or None
         The second run of the first one.
+
+    A shard gets neither: what it runs stays on its shelf.
     """
     gases, count = study.gases(), study.replicas
     runs = [_Run(gas, k * count + r) for k, gas in enumerate(gases) for r in range(count)]
@@ -307,6 +311,10 @@ def run_study(
         runs.append(_Run(gases[0], 0, recording=True))
     # what takes longest is last here and runs first, so that all workers finish together: dense gases, and
     # the run that is watched
+    if isinstance(shelf, SharedShelf):
+        numbered = list(enumerate(runs[::-1]))
+        run_part(_Running(study, folder), numbered, shelf, screen, workers=study.workers)
+        return [], None
     with screen.progress("runs", len(runs)) as advance:
         found = run_replicas(
             _Running(study, folder),
@@ -353,7 +361,7 @@ def conduct(
     Returns
     -------
     summary : dict
-        The content of summary.json.
+        The content of summary.json; nothing for a shard, which only runs its part.
     sound : bool
         Whether no check failed: invariants in every replica, and what the study itself demands.
 
@@ -368,6 +376,10 @@ def conduct(
     out.check(study)
     _compile(study, gases, screen)
     ready = time.perf_counter()
+    if out.shard is not None:
+        with out.shared(study) as shelf:
+            run_study(study, screen, shelf, shelf.folder, record)
+        return {}, True
     with out.running(study) as shelf:
         replicas, recorded = run_study(study, screen, shelf, shelf.folder, record)
         ran = time.perf_counter()
