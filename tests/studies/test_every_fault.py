@@ -197,6 +197,51 @@ def test_every_operation_fails(study, name, forever, tmp_path):
     sweep(study, STUDIES[name], tmp_path, 1, forever)
 
 
+SHARDS = (["--shard", "1/2"], ["--shard", "2/2"])
+
+
+def try_shards(study, out, fails):
+    """Run two shards one after the other while operations fail; what they did, and how they ended."""
+    faults = Faults(out)
+    faults.fails = fails
+    with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        faults.install(patch)
+        return faults.done, [study(*PRESSURE, "--out", out, *shard) for shard in SHARDS]
+
+
+def sweep_shards(study, tmp_path, every, forever):
+    """A shard of which something failed says so, goes on when it is started again, and is gathered to the same bytes."""
+    done, ends = try_shards(study, tmp_path / "whole", lambda _: False)
+    assert [code for code, _ in ends] == [0, 0] and len(done) > 30
+    assert {"unlink checkpoint/shard", "link checkpoint/.partial"} <= {line[:24].rstrip("-") for line in done}
+    assert study(*PRESSURE, "--out", tmp_path / "whole", "--resume")[0] == 0
+    right = contents(tmp_path / "whole")
+    assert right == operations(study, PRESSURE, tmp_path / "alone")[1]
+    for number in range(1, len(done) + 1, every):
+        out = tmp_path / f"out-{number}"
+        _, ends = try_shards(study, out, lambda n, number=number: n == number or (forever and n > number))
+        which = f"{number}: {done[number - 1]}: {ends}"
+        for left in out.glob("checkpoint/shard-*"):  # of this process: a shard's would have ended
+            left.unlink()
+        for shard, (code, errors) in zip(SHARDS, ends, strict=True):
+            assert (code == 0 and errors == "") or (code == 2 and "No space left" in errors), which
+            assert code == 0 or (errors.startswith("error: ") and errors.count("\n") == 1), which
+            assert code == 0 or study(*PRESSURE, "--out", out, *shard) == (0, ""), which
+        assert study(*PRESSURE, "--out", out, "--resume") == (0, ""), which
+        assert contents_without_leftovers(out) == right, which
+
+
+def test_some_operations_of_shards_fail(study, tmp_path):
+    sweep_shards(study, tmp_path, 19, forever=True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("forever", [False, True], ids=["once", "from then on"])
+def test_every_operation_of_shards_fails(study, forever, tmp_path):
+    sweep_shards(study, tmp_path, 1, forever)
+
+
 def test_a_manifest_that_is_written_in_its_place_is_found_out(study, tmp_path, monkeypatch):
     """Sibling: not beside it and then renamed, so that a write that fails leaves half of one."""
     monkeypatch.setattr("studies.running.journal.replacing", contextlib.nullcontext)
