@@ -11,6 +11,7 @@ import io
 import itertools
 import json
 import os
+import subprocess
 import sys
 import warnings
 
@@ -19,6 +20,7 @@ from matplotlib.figure import Figure
 
 from studies import cli
 from studies.pressure import EquationOfState
+from studies.recording import Trajectory
 from studies.running.journal import Shelf
 from studies.thermalisation import Thermalisation
 
@@ -240,6 +242,34 @@ def test_some_operations_of_shards_fail(study, tmp_path):
 @pytest.mark.parametrize("forever", [False, True], ids=["once", "from then on"])
 def test_every_operation_of_shards_fails(study, forever, tmp_path):
     sweep_shards(study, tmp_path, 1, forever)
+
+
+class Killed(BaseException):
+    """What ends a shard without a word."""
+
+
+def test_three_shards_of_which_one_is_killed_give_the_same_bytes(study, tmp_path, monkeypatch):
+    """While it writes the trajectory; in real processes in test_faults."""
+    right, out = operations(study, THERMALISE, tmp_path / "whole")[1], tmp_path / "out"
+
+    def add(trajectory, frame):
+        if trajectory.written == 2:
+            raise Killed
+        whole(trajectory, frame)
+
+    whole = Trajectory.add
+    with monkeypatch.context() as patch, subprocess.Popen([sys.executable, "-c", ""]) as ended:
+        patch.setattr(os, "getpid", lambda: ended.pid)
+        patch.setattr("studies.output.renewing", lambda _: contextlib.nullcontext())  # nothing is tidied up
+        patch.setattr(Trajectory, "add", add)
+        with pytest.raises(Killed):
+            study(*THERMALISE, "--out", out, "--shard", "1/3")
+    names = {path.name for path in (out / "checkpoint").iterdir()}
+    assert names >= {"trajectory.xyz", "running-0000.npz", "claim-0000"} and "done-0000.npz" not in names
+    for last in (["--shard", "3/3"], ["--shard", "2/3"], ["--resume"]):
+        assert not (out / "summary.json").exists()
+        assert study(*THERMALISE, "--out", out, *last) == (0, "")
+    assert contents(out) == right
 
 
 def test_a_manifest_that_is_written_in_its_place_is_found_out(study, tmp_path, monkeypatch):

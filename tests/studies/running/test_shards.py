@@ -6,6 +6,7 @@ import math
 import subprocess
 import sys
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -116,24 +117,17 @@ def test_shards_one_after_the_other(tmp_path, capsys):
 
 
 def test_shards_that_start_at_once_in_an_empty_folder(tmp_path):
-    """Threads, each with a lock of its own, as processes have: a manifest, and everything done once."""
+    """Threads, each with a lock of its own, as processes have: a manifest, and everything is done."""
     for turn in range(10):
-        path, failed, barrier = tmp_path / str(turn), [], threading.Barrier(4)
-        tasks = [Counting() for _ in range(4)]
+        path, barrier, tasks = tmp_path / str(turn), threading.Barrier(4), [Counting() for _ in range(4)]
 
-        def start(k, path=path, failed=failed, barrier=barrier, tasks=tasks):
-            try:
-                barrier.wait()
-                run(path, f"{max(k, 1)}/3", tasks[k])  # the first one twice
-            except Exception as error:
-                failed.append(error)
+        def start(k, path=path, barrier=barrier, tasks=tasks):
+            barrier.wait()
+            run(path, f"{max(k, 1)}/3", tasks[k])  # the first one twice
 
-        threads = [threading.Thread(target=start, args=(k,)) for k in range(4)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-        assert failed == [] and results(path) == SUMS
+        with ThreadPoolExecutor(4) as pool:
+            assert list(pool.map(start, range(4))) == [None] * 4
+        assert results(path) == SUMS
         assert sum(len(task.begun) for task in tasks) >= len(ITEMS)
 
 
