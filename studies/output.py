@@ -220,7 +220,9 @@ class OutputFolder:
                 with not_written():
                     presence = announce(self.checkpoints, self.shard.number, str(self.shard))
                 with renewing(presence):
-                    yield SharedShelf(self.checkpoints, self.checkpoint_every, self.shard, presence)
+                    yield SharedShelf(
+                        self.checkpoints, self.checkpoint_every, shard=self.shard, presence=presence
+                    )
             except BaseException as error:
                 error.add_note(
                     f"what was done is kept in {self.path / FOLDER}: the same command goes on, and so does "

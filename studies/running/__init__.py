@@ -7,6 +7,7 @@ In reading order:
 - `stopping`: signals, deferred while something is saved;
 - `journal`: the checkpoint folder of a study;
 - `encoding`: values to a file and back, bit for bit;
-- `locking`: at most one run writes into a folder;
+- `locking`: at most one run writes into a folder, or several shards of one;
+- `shards`: processes that each run a part of a study into one folder; `presence`: whether they still run;
 - `ownership`: which files a run may replace.
 """

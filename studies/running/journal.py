@@ -34,13 +34,15 @@ from hardspheres.temporary import NAME, placing, replacing
 from studies.running.encoding import read, write
 from studies.running.locking import Lock
 from studies.running.ownership import is_ordinary, load_object
-from studies.running.presence import NAMED, present_in
+from studies.running.presence import NAMED, STALE, present_in
 
 __all__ = ["FOLDER", "Journal", "OutputError", "Shelf", "about", "elsewhere", "not_written", "require_same"]
 
 FOLDER = "checkpoint"
-OF_A_RUN = rf"(done|running)-\d{{4,}}\.npz|\.?trajectory\.xyz(\.\w+)?|claim-\d{{4,}}|{NAMED.pattern}"
-REMOVED = re.compile(f"{OF_A_RUN}|{NAME.pattern}")
+OF_A_RUN = re.compile(
+    rf"(done|running)-\d{{4,}}\.npz|\.?trajectory\.xyz(\.\w+)?|claim-\d{{4,}}|{NAMED.pattern}"
+)
+REMOVED = re.compile(f"{OF_A_RUN.pattern}|{NAME.pattern}")
 NOT_COMPARED = {"workers"}  # an option without influence on the results
 
 
@@ -256,10 +258,10 @@ class Journal:
     def begin(self, content: Mapping[str, Any]) -> None:
         """Write the manifest unless there is one, after everything of runs before has been removed."""
         with not_written():
-            left = [path for path in self.folder.iterdir() if re.fullmatch(OF_A_RUN, path.name)]
+            left = [path for path in self.folder.iterdir() if OF_A_RUN.fullmatch(path.name)]
             if self._manifest.exists():  # looked for after them: they may be of a shard that has begun
                 return
-            for path in left:
+            for path in filter(is_ordinary, left):
                 path.unlink(missing_ok=True)
             with placing(self._manifest) as temporary:
                 _write_sealed(temporary, content)
@@ -302,7 +304,10 @@ class Journal:
                 )
             self._require_ours()
         for shard in [] if shared else present_in(self.folder, self._lock.path):
-            if shard.goes_on(self._lock.path):  # where there are no locks, or each host has its own
+            # where there are no locks, or each host has its own
+            what = f"{shard} did not say that it has ended; waiting up to {STALE:.0f} s for a sign of it"
+            warnings.warn(what, stacklevel=2)
+            if shard.goes_on(self._lock.path):
                 raise self._shared_with(shard)
 
     def _shared_with(self, shard: object) -> OutputError:

@@ -21,7 +21,7 @@ from pathlib import Path
 
 from hardspheres.temporary import neighbourhood, placing, still_runs
 
-__all__ = ["NAMED", "Presence", "announce", "present_in", "renewing"]
+__all__ = ["NAMED", "STALE", "Presence", "announce", "present_in", "renewing"]
 
 NAMED = re.compile(r"shard-\d{4,}-[0-9a-f]{8}")
 BEAT = 10.0  # seconds between two renewals

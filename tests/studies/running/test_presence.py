@@ -2,6 +2,7 @@
 
 import json
 import os
+import platform
 import subprocess
 import sys
 import threading
@@ -41,7 +42,7 @@ def test_it_names_host_and_process_while_it_lasts(tmp_path):
     assert NAMED.fullmatch(path.name)
     with renewing(path):
         (found,) = present_in(tmp_path, path)
-        assert str(found) == f"shard 2/3 (host {os.uname().nodename}, process {os.getpid()})"
+        assert str(found) == f"shard 2/3 (host {platform.node()}, process {os.getpid()})"
     assert not list(tmp_path.iterdir())
 
 

@@ -12,13 +12,16 @@ from pathlib import Path
 
 import pytest
 
+import hardspheres as hs
 from hardspheres.errors import CheckpointError
+from hardspheres.temporary import placing, temporary_beside
 from studies.options import OptionError
 from studies.output import OutputFolder
 from studies.pressure import EquationOfState
+from studies.recording import Trajectory
 from studies.report import Screen
 from studies.running import locking, presence
-from studies.running.journal import OutputError, Shelf
+from studies.running.journal import Journal, OutputError, Shelf
 from studies.running.presence import announce
 from studies.running.shards import Shard, SharedShelf, run_part
 
@@ -131,20 +134,23 @@ def test_shards_that_start_at_once_in_an_empty_folder(tmp_path):
         assert sum(len(task.begun) for task in tasks) >= len(ITEMS)
 
 
-def test_what_a_shard_does_while_another_begins_is_not_removed(tmp_path, monkeypatch):
-    """One has looked at the folder for leftovers when the other begins, and even finishes."""
+@pytest.mark.parametrize("late", [False, True])
+def test_what_a_shard_does_while_another_begins_is_not_removed(late, tmp_path, monkeypatch):
+    """One looks at the folder for leftovers when the other begins, and even finishes."""
     run(tmp_path, "2/3")
     left = {path.name: path.read_bytes() for path in (tmp_path / "checkpoint").glob("done-*")}
     (tmp_path / "checkpoint" / "manifest.json").unlink()  # as of a run that was killed while it tidied up
+    half = temporary_beside(tmp_path / "checkpoint" / "done-0000.npz")  # what another one is just writing
+    half.touch()
     out = folder(tmp_path, "3/3")
     listed, looked = Path.iterdir, []
 
     def looking(self):
-        found = list(listed(self))
-        if self.name == "checkpoint" and not looked and not (self / "manifest.json").exists():
+        before = list(listed(self))
+        if self.name == "checkpoint" and not looked:
             looked.append(1)
             run(tmp_path, "1/3")
-        return iter(found)
+        return iter(before if late else list(listed(self)))
 
     out.create()
     with out._journal.held(make=True, shared=True), monkeypatch.context() as patch:
@@ -153,7 +159,7 @@ def test_what_a_shard_does_while_another_begins_is_not_removed(tmp_path, monkeyp
     assert looked and results(tmp_path) == {
         k: SUMS[k] for k in (0, 3, 6)
     }  # nor are leftovers taken for results
-    assert left.keys() == {"done-0001.npz", "done-0004.npz"}
+    assert half.exists() and left.keys() == {"done-0001.npz", "done-0004.npz"}
 
 
 def test_another_study_is_refused_whoever_was_first(tmp_path, monkeypatch):
@@ -163,18 +169,37 @@ def test_another_study_is_refused_whoever_was_first(tmp_path, monkeypatch):
     with pytest.raises(CheckpointError, match="unfinished run with --seed 4, not 5"):
         run(tmp_path / "one", "2/3", study=other)
     out = folder(tmp_path / "two", "2/3")
-    begin = type(out._journal).begin
     with monkeypatch.context() as patch:
 
-        def late(journal, content):
+        def late(target):
             patch.undo()
             run(tmp_path / "two", "1/3")
-            begin(journal, content)
+            return placing(target)
 
-        patch.setattr(type(out._journal), "begin", late)
+        patch.setattr("studies.running.journal.placing", late)
         with pytest.raises(CheckpointError, match="unfinished run with --seed 4, not 5"):
             out.shared(other).__enter__()
     assert results(tmp_path / "two") == {k: SUMS[k] for k in (0, 3, 6)}
+
+
+@pytest.mark.parametrize("look", range(5))
+def test_another_shard_may_begin_after_any_look_at_the_manifest(look, tmp_path, monkeypatch):
+    unfinished, looks = Journal.unfinished, []
+
+    def looking(journal):
+        found = unfinished(journal)
+        looks.append(found)
+        if len(looks) == look + 1:
+            monkeypatch.setattr(Journal, "unfinished", unfinished)
+            run(tmp_path, "1/3")
+        return found
+
+    monkeypatch.setattr(Journal, "unfinished", looking)
+    run(tmp_path, "2/3")
+    monkeypatch.setattr(Journal, "unfinished", unfinished)
+    run(tmp_path, "3/3")
+    run(tmp_path, "1/3")
+    assert results(tmp_path) == SUMS and None in looks
 
 
 def test_a_finished_run_is_nothing_for_a_shard(tmp_path):
@@ -217,15 +242,15 @@ def test_where_there_are_no_locks_a_shard_is_known_by_its_file(runs, tmp_path, m
     run(tmp_path, "1/3")
     path = announce(tmp_path / "checkpoint", 2, "2/3")
     path.write_text(json.dumps(json.loads(path.read_text()) | {"where": "elsewhere", "host": "node7"}))
-    out = folder(tmp_path, resume=True)
-    if not runs:
-        out.check(STUDY)
-        return
+    refused = pytest.raises(OutputError, match=r"shard 2/3 \(host node7, process \d+\) still writes into")
     with (
-        presence.renewing(path),
-        pytest.raises(OutputError, match=r"shard 2/3 \(host node7, process \d+\) still"),
+        presence.renewing(path) if runs else contextlib.nullcontext(),
+        pytest.warns(
+            UserWarning, match=r"shard 2/3 \(host node7, process \d+\) did not say that it has ended"
+        ),
+        refused if runs else contextlib.nullcontext(),
     ):
-        out.check(STUDY)
+        folder(tmp_path, resume=True).check(STUDY)
 
 
 def test_items_of_a_killed_shard_go_on_from_their_state(tmp_path):
@@ -240,9 +265,7 @@ def test_items_of_a_killed_shard_go_on_from_their_state(tmp_path):
             assert results(path) == {1: SUMS[1], 4: SUMS[4]}
         else:
             with folder(path, resume=True).running(STUDY) as shelf:
-                run_part(
-                    task, ITEMS, SharedShelf(shelf.folder, 1.0, Shard(1, 1), path / "none"), Screen(True)
-                )
+                run_part(task, ITEMS, SharedShelf(shelf.folder, 1.0, presence=path / "none"), Screen(True))
                 assert results(path) == SUMS
         assert 123456 not in task.begun
         assert list(path.glob("*")) == ([path / "checkpoint"] if again else [])
@@ -277,6 +300,27 @@ def test_the_first_result_stays_and_one_whose_claim_was_taken_over_stores_nothin
         fast.store(0, "again")
         slow.store(0, "slow")
         assert fast.result(0) == ("fast",) and not fast.claim(0) and not slow.claim(0)
+
+
+def test_a_process_that_was_taken_for_dead_writes_no_frame_into_the_trajectory_of_another(tmp_path):
+    scenes = [hs.lattice_gas(n=8, packing_fraction=0.1, seed=k) for k in range(4)]
+    whole = Trajectory()
+    with whole.recording(tmp_path):
+        for scene in scenes:
+            whole.add(scene)
+    right = (tmp_path / Trajectory.FILE).read_bytes()
+    slow = Trajectory()
+    with slow.recording(tmp_path):
+        slow.add(scenes[0])
+        slow.add(scenes[1])
+        fast = Trajectory(written=1)  # from the state saved by the other
+        with fast.recording(tmp_path):
+            fast.add(scenes[1])
+            slow.add(scenes[2])
+            for scene in scenes[2:]:
+                fast.add(scene)
+        slow.add(scenes[3])
+    assert (tmp_path / Trajectory.FILE).read_bytes() == right
 
 
 def test_a_claim_that_is_damaged_or_was_made_to_deceive_falls(tmp_path):
