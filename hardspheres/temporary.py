@@ -13,7 +13,15 @@ import stat
 from collections.abc import Iterator
 from pathlib import Path
 
-__all__ = ["remove_leftovers", "replacing", "temporarily", "temporary_beside"]
+__all__ = [
+    "neighbourhood",
+    "placing",
+    "remove_leftovers",
+    "replacing",
+    "still_runs",
+    "temporarily",
+    "temporary_beside",
+]
 
 OLD = 86400.0  # seconds since a file was last written, after which no process can still be writing it
 NAME = re.compile(r"\.partial-([0-9a-f]{16})-(\d{1,10})-[0-9a-f]{8}(\.\w{1,10})?")
@@ -22,7 +30,7 @@ NAME = re.compile(r"\.partial-([0-9a-f]{16})-(\d{1,10})-[0-9a-f]{8}(\.\w{1,10})?
 def temporary_beside(target: Path) -> Path:
     """Return a name that no other file has, in the same folder and with the same extension."""
     suffix = target.suffix if re.fullmatch(r"\.\w{1,10}", target.suffix) else ""
-    return target.parent / f".partial-{_neighbourhood()}-{os.getpid()}-{secrets.token_hex(4)}{suffix}"
+    return target.parent / f".partial-{neighbourhood()}-{os.getpid()}-{secrets.token_hex(4)}{suffix}"
 
 
 @contextlib.contextmanager
@@ -47,6 +55,20 @@ def replacing(target: Path) -> Iterator[Path]:
         os.replace(temporary, target)
 
 
+@contextlib.contextmanager
+def placing(target: Path) -> Iterator[Path]:
+    """Yield a temporary name; its file becomes the target when the context ends, if there is none by then."""
+    with temporarily(target) as temporary:
+        yield temporary
+        try:
+            os.link(temporary, target)  # whole or not at all, and in nobody's place
+        except FileExistsError:
+            pass
+        except OSError:  # a file system without hard links
+            if not os.path.lexists(target):
+                os.replace(temporary, target)
+
+
 def remove_leftovers(folder: Path, now: float) -> None:
     """Remove temporary files of ended processes from a folder.
 
@@ -58,18 +80,18 @@ def remove_leftovers(folder: Path, now: float) -> None:
         Time on the clock of the file system, which may be that of another machine: when a file was just
         written there.
     """
-    here = _neighbourhood()
+    here = neighbourhood()
     with contextlib.suppress(OSError):
         for path in folder.glob(".partial-*"):
             with contextlib.suppress(OSError):
                 name, found = NAME.fullmatch(path.name), path.lstat()
                 if name is None or not stat.S_ISREG(found.st_mode):
                     continue
-                if now - found.st_mtime > OLD or (name[1] == here and not _runs(int(name[2]))):
+                if now - found.st_mtime > OLD or (name[1] == here and not still_runs(int(name[2]))):
                     path.unlink()
 
 
-def _neighbourhood() -> str:
+def neighbourhood() -> str:
     """Return digits that are equal for two processes exactly if their ids are comparable."""
     try:
         boot = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii")
@@ -79,7 +101,8 @@ def _neighbourhood() -> str:
     return hashlib.sha256(f"{os.uname().nodename} {boot} {container}".encode()).hexdigest()[:16]
 
 
-def _runs(pid: int) -> bool:
+def still_runs(pid: int) -> bool:
+    """Return whether there is a process of this id; meaningful only within one `neighbourhood`."""
     try:
         os.kill(pid, 0)  # signal 0 only asks
     except (ProcessLookupError, OverflowError):

@@ -56,6 +56,26 @@ Force = Annotated[
 Json = Annotated[
     bool, typer.Option("--json", help="Print summary.json on standard output, the rest on standard error.")
 ]
+
+
+def _shard(text: str) -> Any:
+    """Return the shard that a text names."""
+    from studies.running.shards import Shard
+
+    return Shard.parsed(text)
+
+
+OfAShard = Annotated[
+    Any,
+    typer.Option(
+        "--shard",
+        help="Run the k-th of n parts of the study into the folder, beside the other parts, and write no "
+        "results: --resume gathers them.",
+        show_default="all of it",
+        parser=_shard,
+        metavar="k/n",
+    ),
+]
 UntilError = Annotated[
     float | None,
     typer.Option(
@@ -158,11 +178,22 @@ def function_of(kind: type[Program]) -> Callable[..., None]:
         config: Config | None = None,
         sweep: str | None = None,
         ctx: Any = None,
+        shard: Any = None,
         **given: Any,
     ) -> None:
         from studies.report import Screen
 
         screen = Screen(json)
+        if shard is not None:
+            shard.require_alone(
+                resume=resume,
+                force=force,
+                json=json,
+                until_error=until_error is not None,
+                keep=keep is not None,
+                sweep=sweep is not None,
+                executor=given.get("executor") not in (None, "processes"),
+            )
         for remark in config.remarks if config is not None else ():
             screen.note(remark)
         values = {name: tuple(v) if isinstance(v, list) else v for name, v in given.items() if v is not None}
@@ -174,7 +205,7 @@ def function_of(kind: type[Program]) -> Callable[..., None]:
                 option, swept = asked(program, parameters, ctx, sweep)
                 out = out or Path("runs") / f"{program.name}-over-{option}-{program.which}"
             folder = program.folder(out, checkpoint_every, resume, force)
-            folder.figure_format, folder.keep = figure_format, keep
+            folder.figure_format, folder.keep, folder.shard = figure_format, keep, shard
             if sweep is not None:
                 summary, sound = conduct_sweep(program, option, swept, folder, screen, until_error)
             elif until_error is None:
@@ -217,6 +248,8 @@ def function_of(kind: type[Program]) -> Callable[..., None]:
         parameters |= OF_LONG_RUNS
     if kind.keeps:
         parameters |= OF_REPLICAS
+    if kind.in_shards:
+        parameters["shard"] = (OfAShard, None)
     if kind.to_an_error:
         parameters["until_error"] = (UntilError, None)
     parameters["config"] = _config(kind, parameters)

@@ -40,6 +40,8 @@ from studies.running.ownership import (
     files_of_finished_run,
     is_ordinary,
 )
+from studies.running.presence import announce, renewing
+from studies.running.shards import Shard, SharedShelf
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -92,6 +94,8 @@ class OutputFolder:
         The folder.
     figure_format : str
         Of figures.
+    shard : Shard or None
+        The part of the study that is run beside others, see `shared`; by default all is run, alone.
     files : list of str
         Names of the files written so far.
     there : int
@@ -114,6 +118,7 @@ class OutputFolder:
         self.path, self._place = Path(path), Path(path).absolute()
         self.checkpoint_every, self.resume, self.force = checkpoint_every, resume, force
         self.keep, self.there = keep, 0
+        self.shard: Shard | None = None
         self.files: list[str] = []
         self._names: tuple[str, ...] = ()  # that the study writes beside its summary, figures as .png
         self._own: set[str] | None = None  # names of files that may be replaced
@@ -162,7 +167,7 @@ class OutputFolder:
         """
         self._require_writable()
         if study is not None and resumable:
-            with self._journal.held(make=False):
+            with self._journal.held(make=False, shared=self.shard is not None):
                 self._agree(study, replicas)
         elif self._journal.unfinished():
             raise self._unfinished()
@@ -230,6 +235,46 @@ class OutputFolder:
         else:
             return f"the replicas take {size / 1e6:.0f} MB and were not kept; --keep keeps them"
         return ""
+
+    @contextlib.contextmanager
+    def shared(self, study: Any) -> Iterator[SharedShelf]:
+        """Make the folder, and hold it together with other shards of the study, while the context lasts.
+
+        What is kept stays, to be gathered by a run with `resume`.
+
+        Parameters
+        ----------
+        study : dataclass
+            Options of the study.
+
+        Yields
+        ------
+        SharedShelf
+            Where `run_part` keeps its results.
+
+        Raises
+        ------
+        OutputError, CheckpointError
+            As `check` does.
+        """
+        assert self.shard is not None
+        self.create()
+        with self._journal.held(make=True, shared=True):
+            self._journal.begin({**about(study), "own": sorted(self._agree(study))})
+            self._agree(study)  # with the one that was first
+            try:
+                with not_written():
+                    presence = announce(self.checkpoints, self.shard.number, str(self.shard))
+                with renewing(presence):
+                    yield SharedShelf(
+                        self.checkpoints, self.checkpoint_every, shard=self.shard, presence=presence
+                    )
+            except BaseException as error:
+                error.add_note(
+                    f"what was done is kept in {self.path / FOLDER}: the same command goes on, and so does "
+                    "the one with --resume that gathers"
+                )
+                raise
 
     def create(self) -> None:
         """Make the folder and its parents."""
@@ -304,7 +349,7 @@ class OutputFolder:
         keeps = getattr(study, "keeps", False)
         if keeps and self.keep is not False:
             self._kept.require_ours()
-        if not self.resume:
+        if not (self.resume or (self.shard and before)):
             if before and not self.force:
                 raise self._unfinished()
             if keeps and not self.force:
@@ -334,6 +379,11 @@ class OutputFolder:
     def _claim(self, unfinished: Iterable[str] = ()) -> set[str]:
         """Return the files that may be replaced; refuse others, and a finished run without force."""
         old = files_of_finished_run(self._place, self._known)
+        if old is not None and self.shard:
+            raise OutputError(
+                f"{self.path} holds a finished run, so there is nothing left for a shard to do; give another "
+                "folder with --out"
+            )
         if old is not None and not self.force and not self.there:
             raise OutputError(
                 f"{self.path} holds a finished run; give another folder with --out, or --force to replace it"

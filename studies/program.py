@@ -43,6 +43,8 @@ class Program(ABC):
         Whether --until-error may decide the number of its replicas.
     sweeps : bool
         Whether --sweep may run it at several values of an option.
+    in_shards : bool
+        Whether --shard may run a part of it.
     only_if_asked : bool
         Whether it writes nothing, but for summary.json where --out names a folder.
     page : str
@@ -58,6 +60,7 @@ class Program(ABC):
     keeps: ClassVar[bool] = False
     to_an_error: ClassVar[bool] = False
     sweeps: ClassVar[bool] = False
+    in_shards: ClassVar[bool] = False
     only_if_asked: ClassVar[bool] = False
     page: ClassVar[str] = ""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 import hardspheres as hs
 from analysis.brief import brief
 from analysis.velocities import reduced_velocities
+from hardspheres.temporary import replacing
 
 __all__ = ["Film", "Recorder", "Trajectory"]
 
@@ -56,7 +58,11 @@ class Trajectory(Recorder):
     @contextmanager
     def recording(self, folder: Path) -> Iterator[None]:
         """Hold the file open, after the frames that have been written."""
-        with hs.TrajectoryWriter(folder / self.FILE, keep=self.written) as self._writer:
+        path = folder / self.FILE
+        if self.written:  # a process that was taken for dead may write on into the old file
+            with replacing(path) as copy:
+                shutil.copyfile(path, copy)
+        with hs.TrajectoryWriter(path, keep=self.written) as self._writer:
             try:
                 yield
             finally:

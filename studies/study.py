@@ -43,6 +43,7 @@ from studies.running.ensemble import prepare_workers, run_replicas
 from studies.running.executors import executor_of, number_of_workers
 from studies.running.ownership import REPORT, SUMMARY
 from studies.running.resuming import Resumable
+from studies.running.shards import SharedShelf, run_part
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -143,6 +144,7 @@ class Study(Program):
     keeps = True
     to_an_error = True
     sweeps = True
+    in_shards = True
     table: ClassVar[str]
 
     replicas: int = runs(2)
@@ -347,6 +349,8 @@ def run_study(
         Of each gas.
     recorded : Replica or None
         The second run of the first one.
+
+    A shard gets neither: what it runs stays on its shelf.
     """
     gases, count = study.gases(), study.replicas
     runs = [_Run(gas, r, k) for k, gas in enumerate(gases) for r in range(count)]
@@ -356,6 +360,10 @@ def run_study(
         numbers.append(len(numbers))
     # what takes longest is last here and runs first, so that all workers finish together: dense gases, and
     # the run that is watched
+    if isinstance(shelf, SharedShelf):
+        numbered = list(zip(numbers[::-1], runs[::-1], strict=True))
+        run_part(_Running(study, folder), numbered, shelf, screen, workers=study.workers)
+        return [], None
     with screen.progress("runs", len(runs)) as advance:
         found = run_replicas(
             _Running(replace(study, executor=None), folder),  # which cannot go to a worker
@@ -413,7 +421,7 @@ def conduct(
     Returns
     -------
     summary : dict
-        The content of summary.json.
+        The content of summary.json; nothing for a shard, which only runs its part.
     sound : bool
         Whether no check failed: invariants in every replica, and what the study itself demands.
 
@@ -428,6 +436,10 @@ def conduct(
     out.check(study)
     _compile(study, gases, screen)
     ready = time.perf_counter()
+    if out.shard is not None:
+        with out.shared(study) as shelf:
+            run_study(study, screen, shelf, shelf.folder, record)
+        return {}, True
     with executor_of(study.executor, study.workers, screen.note) as pool, out.running(study) as shelf:
         if out.there:
             screen.note(f"{out.there} of {study.replicas} replicas were there")

@@ -11,6 +11,7 @@ In reading order:
 - `journal`: the checkpoint folder of a study;
 - `kept`: replicas that stay after a study is finished, to be extended or combined;
 - `encoding`: values to a file and back, bit for bit;
-- `locking`: at most one run writes into a folder;
+- `locking`: at most one run writes into a folder, or several shards of one;
+- `shards`: processes that each run a part of a study into one folder; `presence`: whether they still run;
 - `ownership`: which files a run may replace.
 """

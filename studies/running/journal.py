@@ -6,6 +6,8 @@
     DIR/checkpoint/running-0007.npz  the state of item 7, saved at an interval
     DIR/checkpoint/token-HEX         by which workers elsewhere know the run, see `studies.running.elsewhere`
 
+and those of `studies.running.shards`, where several processes run a study.
+
 Every file is written atomically, so that `kill -9` loses only the work since the last one. When the study has
 finished they are removed, the manifest first and the lock last, and the folder if it is then empty.
 
@@ -21,6 +23,7 @@ import json
 import os
 import re
 import secrets
+import stat
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
@@ -29,11 +32,12 @@ from typing import Any
 
 import hardspheres as hs
 from hardspheres.errors import CheckpointError, HardSpheresError
-from hardspheres.temporary import NAME, replacing
+from hardspheres.temporary import NAME, placing, replacing
 from studies.options import WITHOUT_INFLUENCE
 from studies.running.encoding import read, write
 from studies.running.locking import Lock
 from studies.running.ownership import is_ordinary, load_object
+from studies.running.presence import NAMED, STALE, present_in
 
 __all__ = [
     "FOLDER",
@@ -50,9 +54,11 @@ __all__ = [
 ]
 
 FOLDER = "checkpoint"
-REMOVED = re.compile(
-    rf"(done|running)-\d{{4,}}\.npz|token-[0-9a-f]{{32}}|\.?trajectory\.xyz(\.\w+)?|{NAME.pattern}"
+OF_A_RUN = re.compile(
+    r"(done|running)-\d{4,}\.npz|token-[0-9a-f]{32}|\.?trajectory\.xyz(\.\w+)?"
+    rf"|claim-\d{{4,}}|{NAMED.pattern}"
 )
+REMOVED = re.compile(f"{OF_A_RUN.pattern}|{NAME.pattern}")
 NOT_COMPARED = WITHOUT_INFLUENCE
 
 
@@ -210,6 +216,14 @@ def _seal(manifest: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(manifest, sort_keys=True).encode()).hexdigest()
 
 
+def _is_no_file(path: Path) -> bool:
+    """Return whether something is there that is not an ordinary file, nor removed by others meanwhile."""
+    try:
+        return not stat.S_ISREG(path.lstat().st_mode)
+    except FileNotFoundError:
+        return False
+
+
 def difference(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
     """Return in which way one manifest is not of the study of another; an empty text where it is."""
     for what in ("study", "version"):
@@ -240,8 +254,12 @@ def read_sealed(path: Path, **kinds: type) -> dict[str, Any] | None:
 def write_sealed(path: Path, content: Mapping[str, Any]) -> None:
     """Write a manifest."""
     with replacing(path) as temporary:
-        sealed = {**content, "sha256": _seal(content)}
-        temporary.write_text(json.dumps(sealed, indent=2), encoding="utf-8")
+        _write_sealed(temporary, content)
+
+
+def _write_sealed(path: Path, content: Mapping[str, Any]) -> None:
+    sealed = {**content, "sha256": _seal(content)}
+    path.write_text(json.dumps(sealed, indent=2), encoding="utf-8")
 
 
 class Journal:
@@ -264,15 +282,17 @@ class Journal:
         return read_sealed(self._manifest, study=str, version=str, options=dict, own=list)
 
     @contextlib.contextmanager
-    def held(self, make: bool) -> Iterator[None]:
+    def held(self, make: bool, shared: bool = False) -> Iterator[None]:
         """Hold the lock of the folder while the context lasts, and make it if need be.
 
-        At the end it is removed if there is nothing to resume, nor any other file.
+        At the end it is removed if there is nothing to resume, nor any other file, unless it is shared.
 
         Parameters
         ----------
         make : bool
             Whether to make the folder, and a lock in it, where there is none.
+        shared : bool, default False
+            Whether others that share it may hold it at the same time.
 
         Raises
         ------
@@ -284,11 +304,12 @@ class Journal:
                 if make and not os.path.lexists(self.folder):
                     self.folder.mkdir(exist_ok=True)
                 if os.path.lexists(self.folder):
-                    self._take(make)
+                    self._take(make, shared)
             yield
         finally:
             try:
-                if make and self._lock.is_held() and not self._manifest.exists():
+                alone = make and not shared
+                if alone and self._lock.is_held() and not self._manifest.exists():
                     self._remove_folder()
             finally:
                 self._lock.release()
@@ -297,6 +318,17 @@ class Journal:
         """Write the manifest."""
         with not_written():
             write_sealed(self._manifest, content)
+
+    def begin(self, content: Mapping[str, Any]) -> None:
+        """Write the manifest unless there is one, after everything of runs before has been removed."""
+        with not_written():
+            left = [path for path in self.folder.iterdir() if OF_A_RUN.fullmatch(path.name)]
+            if self._manifest.exists():  # looked for after them: they may be of a shard that has begun
+                return
+            for path in filter(is_ordinary, left):
+                path.unlink(missing_ok=True)
+            with placing(self._manifest) as temporary:
+                _write_sealed(temporary, content)
 
     def discard(self, finished: bool = False) -> None:
         """Remove results and states, first what makes the folder resumable; the lock marks it as ours.
@@ -321,18 +353,32 @@ class Journal:
                     what = f"the run is finished, but {path} cannot be removed: {error.strerror}"
                     warnings.warn(f"{what}; remove it by hand", stacklevel=2)
 
-    def _take(self, make: bool) -> None:
+    def _take(self, make: bool, shared: bool) -> None:
         """Take the lock of a folder that is ours."""
         if self.folder.is_symlink() or not self.folder.is_dir():
             what = "a link" if self.folder.is_symlink() else "a file"
             raise elsewhere(f"{self.folder} is {what}, not the folder of a run of hardspheres")
         there = os.path.lexists(self._lock.path)
         for ready in (there, make):  # a lock is made only in what is known to be ours
-            if ready and not self._lock.acquire():
+            if ready and not self._lock.acquire(shared):
+                for shard in present_in(self.folder, self._lock.path):
+                    raise self._shared_with(shard)
                 raise OutputError(
                     f"another run writes into {self.out}; give another folder with --out, or wait for it"
                 )
             self._require_ours()
+        for shard in [] if shared else present_in(self.folder, self._lock.path):
+            # where there are no locks, or each host has its own
+            what = f"{shard} did not say that it has ended; waiting up to {STALE:.0f} s for a sign of it"
+            warnings.warn(what, stacklevel=2)
+            if shard.goes_on(self._lock.path):
+                raise self._shared_with(shard)
+
+    def _shared_with(self, shard: object) -> OutputError:
+        return OutputError(
+            f"{shard} still writes into {self.out}; wait until it has ended, or give another folder "
+            "with --out"
+        )
 
     def _require_ours(self) -> None:
         """Refuse a folder with files but neither a manifest nor a lock of ours.
@@ -343,12 +389,12 @@ class Journal:
         found = list(self.folder.iterdir())
         for path in found:
             ours = REMOVED.fullmatch(path.name) or path in (self._lock.path, self._manifest)
-            if ours and os.path.lexists(path) and not is_ordinary(path):
+            if ours and _is_no_file(path):
                 what = "a link" if path.is_symlink() else "not a file"
                 raise elsewhere(f"{path} is {what}, so not of a run of hardspheres")
-        if self.unfinished():
-            return
-        if self._manifest.exists():
+        if self._manifest.exists():  # looked for first: another shard may be making it
+            if self.unfinished():
+                return
             raise elsewhere(
                 f"{self._manifest} cannot be understood, so {self.folder} is not of a run of hardspheres"
             )

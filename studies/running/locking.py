@@ -1,4 +1,4 @@
-"""One run at a time in a folder: a lock that the system releases however its holder ends, `kill -9` included.
+"""One run at a time in a folder, or several shards: a lock that ends with its holder, `kill -9` included.
 
 Where there is no `fcntl` (Windows), or the file system has no locks, no run is refused.
 """
@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from hardspheres.temporary import temporarily
+from hardspheres.temporary import placing
 from studies.running.ownership import is_ordinary
 
 try:
@@ -20,7 +20,7 @@ __all__ = ["Lock"]
 
 
 class Lock:
-    """The exclusive right to write into a folder.
+    """The right to write into a folder, alone or together with other shards.
 
     Parameters
     ----------
@@ -35,8 +35,8 @@ class Lock:
         self.path = path
         self._handle: int | None = None
 
-    def acquire(self) -> bool:
-        """Take the lock; return whether it was free, or held by this object already."""
+    def acquire(self, shared: bool = False) -> bool:
+        """Take the lock, alone or shared; return whether it was free, or held by this object already."""
         while self._handle is None:
             try:
                 handle = self._opened()  # not inherited by workers
@@ -46,7 +46,8 @@ class Lock:
                 continue
             try:
                 if fcntl is not None:
-                    fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    kind = fcntl.LOCK_SH if shared else fcntl.LOCK_EX
+                    fcntl.flock(handle, kind | fcntl.LOCK_NB)
                 if os.fstat(handle).st_ino == os.stat(self.path).st_ino:
                     self._handle = handle
             except FileNotFoundError:  # removed by its last holder
@@ -62,14 +63,8 @@ class Lock:
 
     def _opened(self) -> int:
         if not os.path.lexists(self.path):
-            with temporarily(self.path) as temporary:
+            with placing(self.path) as temporary:
                 temporary.write_bytes(self.MARK)
-                try:
-                    os.link(temporary, self.path)  # whole or not at all, and in nobody's place
-                except FileExistsError:  # made by another run meanwhile
-                    pass
-                except OSError:  # a file system without hard links
-                    os.replace(temporary, self.path)
         return os.open(self.path, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0))
 
     def is_held(self) -> bool:

@@ -12,6 +12,7 @@ import itertools
 import json
 import os
 import shutil
+import subprocess
 import sys
 import warnings
 
@@ -20,6 +21,7 @@ from matplotlib.figure import Figure
 
 from studies import cli
 from studies.pressure import EquationOfState
+from studies.recording import Trajectory
 from studies.running.journal import Shelf
 from studies.running.kept import finished_run
 from studies.thermalisation import Thermalisation
@@ -242,10 +244,83 @@ def test_some_operations_fail_while_a_run_is_extended(study, forever, tmp_path):
     extended(study, tmp_path, 13, forever)
 
 
+SHARDS = (["--shard", "1/2"], ["--shard", "2/2"])
+
+
+def try_shards(study, out, fails):
+    """Run two shards one after the other while operations fail; what they did, and how they ended."""
+    faults = Faults(out)
+    faults.fails = fails
+    with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        faults.install(patch)
+        return faults.done, [study(*PRESSURE, "--out", out, *shard) for shard in SHARDS]
+
+
+def sweep_shards(study, tmp_path, every, forever):
+    """A shard of which something failed says so, goes on when it is started again, and is gathered to the same bytes."""
+    done, ends = try_shards(study, tmp_path / "whole", lambda _: False)
+    assert [code for code, _ in ends] == [0, 0] and len(done) > 30
+    assert {"unlink checkpoint/shard", "link checkpoint/.partial"} <= {line[:24].rstrip("-") for line in done}
+    assert study(*PRESSURE, "--out", tmp_path / "whole", "--resume")[0] == 0
+    right = contents(tmp_path / "whole")
+    assert right == operations(study, PRESSURE, tmp_path / "alone")[1]
+    for number in range(1, len(done) + 1, every):
+        out = tmp_path / f"out-{number}"
+        _, ends = try_shards(study, out, lambda n, number=number: n == number or (forever and n > number))
+        which = f"{number}: {done[number - 1]}: {ends}"
+        for left in out.glob("checkpoint/shard-*"):  # of this process: a shard's would have ended
+            left.unlink()
+        for shard, (code, errors) in zip(SHARDS, ends, strict=True):
+            assert (code == 0 and errors == "") or (code == 2 and "No space left" in errors), which
+            assert code == 0 or (errors.startswith("error: ") and errors.count("\n") == 1), which
+            assert code == 0 or study(*PRESSURE, "--out", out, *shard) == (0, ""), which
+        assert study(*PRESSURE, "--out", out, "--resume") == (0, ""), which
+        assert contents_without_leftovers(out) == right, which
+
+
+def test_some_operations_of_shards_fail(study, tmp_path):
+    sweep_shards(study, tmp_path, 19, forever=True)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("forever", [False, True], ids=["once", "from then on"])
 def test_every_operation_fails_while_a_run_is_extended(study, forever, tmp_path):
     extended(study, tmp_path, 1, forever)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("forever", [False, True], ids=["once", "from then on"])
+def test_every_operation_of_shards_fails(study, forever, tmp_path):
+    sweep_shards(study, tmp_path, 1, forever)
+
+
+class Killed(BaseException):
+    """What ends a shard without a word."""
+
+
+def test_three_shards_of_which_one_is_killed_give_the_same_bytes(study, tmp_path, monkeypatch):
+    """While it writes the trajectory; in real processes in test_faults."""
+    right, out = operations(study, THERMALISE, tmp_path / "whole")[1], tmp_path / "out"
+
+    def add(trajectory, frame):
+        if trajectory.written == 2:
+            raise Killed
+        whole(trajectory, frame)
+
+    whole = Trajectory.add
+    with monkeypatch.context() as patch, subprocess.Popen([sys.executable, "-c", ""]) as ended:
+        patch.setattr(os, "getpid", lambda: ended.pid)
+        patch.setattr("studies.output.renewing", lambda _: contextlib.nullcontext())  # nothing is tidied up
+        patch.setattr(Trajectory, "add", add)
+        with pytest.raises(Killed):
+            study(*THERMALISE, "--out", out, "--shard", "1/3")
+    names = {path.name for path in (out / "checkpoint").iterdir()}
+    assert names >= {"trajectory.xyz", "running-0000.npz", "claim-0000"} and "done-0000.npz" not in names
+    for last in (["--shard", "3/3"], ["--shard", "2/3"], ["--resume"]):
+        assert not (out / "summary.json").exists()
+        assert study(*THERMALISE, "--out", out, *last) == (0, "")
+    assert contents(out) == right
 
 
 def test_a_manifest_that_is_written_in_its_place_is_found_out(study, tmp_path, monkeypatch):

@@ -339,7 +339,19 @@ OF_GASES = [
     (["--packing-fraction", "0.9"], "packing fraction 0.9 is above"),
     (["--until-error", "2"], "--until-error 2 must be between 0 and 1"),
 ]
-BAD_HERE = [(name, *row) for name in STUDIES for row in BAD + OF_GASES * study_named(name).to_an_error]
+OF_SHARDS = [
+    (["--shard", "4/3"], "--shard 4/3 is not understood; give k/n with k from 1 to n, as in 2/3"),
+    (["--shard", "1/3", "--resume"], "--shard 1/3 with --resume: a shard goes on by itself"),
+    (["--shard", "1/3", "--force"], "--shard 1/3 with --force: it would remove what other shards have done"),
+    (["--shard", "1/3", "--json"], "--shard 1/3 with --json: a shard has no results to print"),
+]
+OF_BOTH = [(["--shard", "1/3", "--until-error", "1e-3"], "with --until-error: its pilot would be run by")]
+BAD_HERE = [
+    (name, *row)
+    for name in STUDIES
+    for kind in [study_named(name)]
+    for row in BAD + OF_GASES * kind.to_an_error + (OF_SHARDS + OF_BOTH * kind.to_an_error) * kind.in_shards
+]
 
 
 @pytest.mark.parametrize(("name", "options", "sentence"), BAD_HERE)

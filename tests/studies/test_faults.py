@@ -3,6 +3,7 @@
 import json
 import os
 import random
+import re
 import select
 import shutil
 import signal
@@ -16,6 +17,7 @@ import pytest
 if sys.platform != "win32":
     import pty
 
+import studies
 from studies.running.locking import Lock
 
 from .pages import masked
@@ -325,6 +327,77 @@ def test_workers_save_what_they_have_before_they_end(number, code, word, to_all,
     code, errors = finish(*options, "--resume")
     assert code == 0, errors
     assert contents(out) == undisturbed(THERMALISE)[0]
+
+
+@pytest.mark.slow
+def test_three_shards_two_of_them_at_once_one_killed(undisturbed, tmp_path):
+    """The one that writes the trajectory, in its middle: meanwhile no other run may begin; then all is gathered."""
+    out, checkpoint = tmp_path / "out", tmp_path / "out" / "checkpoint"
+    options = [*ALONE, "--out", str(out)]
+    first, second = (start(*options, *OFTEN, "--shard", f"{k}/3") for k in (1, 2))
+    wait_for(lambda: (checkpoint / "running-0000.npz").exists() and (checkpoint / "claim-0001").exists())
+    first.send_signal(signal.SIGSTOP)
+    code, errors = finish(*options, "--resume")
+    assert code == 2 and errors.count("\n") == 1
+    assert f"process {first.pid}) still writes into {out}; wait until it has ended" in errors
+    first.kill()
+    first.communicate()
+    assert not (checkpoint / "done-0000.npz").exists()
+    _, errors = second.communicate(timeout=300)
+    assert second.returncode == 0 and errors == ""
+    code, errors = finish(*options, "--shard", "3/3")
+    assert code == 0, errors
+    done = sorted(int(path.stem[5:]) for path in checkpoint.glob("done-*"))
+    assert done == [1, 2, 4, 5] and not (out / "summary.json").exists()
+    code, errors = finish(*options, "--resume")
+    assert code == 0, errors
+    assert contents(out) == undisturbed(ALONE)[0]
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("heard")
+def test_shards_that_start_at_once_and_one_that_is_interrupted(undisturbed, tmp_path):
+    out = tmp_path / "out"
+    options = [*ALONE, "--out", str(out)]
+    shards = [start(*options, *OFTEN, "--shard", f"{k}/3") for k in (1, 2, 3)]
+    wait_for((out / "checkpoint" / "claim-0000").exists)
+    shards[0].send_signal(signal.SIGTERM)
+    errors = [shard.communicate(timeout=300)[1] for shard in shards]
+    assert [shard.returncode for shard in shards] == [143, 0, 0] and errors[1:] == ["", ""]
+    kept = f"what was done is kept in {out / 'checkpoint'}: the same command goes on, and so does"
+    assert errors[0].startswith(f"terminated; {kept}") and errors[0].count("\n") == 1
+    code, errors = finish(*options, "--shard", "1/3")
+    assert code == 0, errors
+    assert len(list((out / "checkpoint").glob("done-*"))) == 7
+    code, errors = finish(*options, "--resume")
+    assert code == 0, errors
+    assert contents(out) == undisturbed(ALONE)[0]
+
+
+@pytest.mark.slow
+def test_the_array_script_of_the_readme(tmp_path):
+    """As the batch system runs it, but smaller: three of its tasks, and the run that gathers."""
+    text = (Path(studies.__file__).parent / "README.md").read_text(encoding="utf-8")
+    (script,) = re.findall(r"^```bash\n(#!/bin/bash\n.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    assert len(script.splitlines()) == 6
+    for large, small in (
+        ("--n 4000", "--n 60"),
+        ("--replicas 160", "--replicas 2"),
+        ("--workers 8", "--workers 1"),
+    ):
+        assert large in script
+        script = script.replace(large, small)
+    (tmp_path / "array.sh").write_text(script.replace("/20", "/3").replace("/scratch/$USER", str(tmp_path)))
+    known = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    for task in ("2", "3", "1"):
+        environment = known | {"SLURM_ARRAY_TASK_ID": task}
+        done = subprocess.run(
+            ["bash", tmp_path / "array.sh"], env=environment, capture_output=True, text=True, check=True
+        )
+        assert f"shard {task}/3 has finished its " in done.stdout
+    gathering = (tmp_path / "array.sh").read_text().replace("--shard $SLURM_ARRAY_TASK_ID/3", "--resume")
+    subprocess.run(["bash", "-c", gathering], env=known, check=True, capture_output=True)
+    assert (tmp_path / "pressure" / "summary.json").exists()
 
 
 SENDING = """
