@@ -8,12 +8,14 @@ rest is done here: replicas over processes, checkpoints, tables, files.
 from __future__ import annotations
 
 import hashlib
+import threading
 import time
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -315,6 +317,8 @@ def run_study(
     runs = [_Run(gas, k * count + r) for k, gas in enumerate(gases) for r in range(count)]
     if record and study.recorders(gases[0]):
         runs.append(_Run(gases[0], 0, recording=True))
+    if shelf is not None and (study.workers or available_cores()) > 1:
+        _begin_to_draw()
     # what takes longest is last here and runs first, so that all workers finish together: dense gases, and
     # the run that is watched
     with screen.progress("runs", len(runs)) as advance:
@@ -329,6 +333,13 @@ def run_study(
         )[::-1]
     recorded = found.pop() if runs[-1].recording else None
     return [found[k * count : (k + 1) * count] for k in range(len(gases))], recorded
+
+
+def _begin_to_draw() -> None:
+    """Import what draws figures, while this process only waits for its workers."""
+    with suppress(RuntimeError):  # no more threads: it is imported when it is needed
+        # to its end, as compiled modules cannot be left half made
+        threading.Thread(target=import_module, args=("matplotlib.backends.backend_agg",)).start()
 
 
 def _compile(study: Study, gases: Sequence[Gas], screen: Screen) -> None:
