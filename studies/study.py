@@ -336,10 +336,14 @@ def run_study(
 
 
 def _begin_to_draw() -> None:
-    """Import what draws figures, while this process only waits for its workers."""
-    with suppress(RuntimeError):  # no more threads: it is imported when it is needed
-        # to its end, as compiled modules cannot be left half made
-        threading.Thread(target=import_module, args=("matplotlib.backends.backend_agg",)).start()
+    """Import what draws figures, while this process only waits for its workers; tell of no failure yet."""
+
+    def work() -> None:
+        with suppress(Exception):
+            import_module("matplotlib.backends.backend_agg")
+
+    with suppress(RuntimeError):  # no more threads
+        threading.Thread(target=work).start()  # to its end: a compiled module cannot be left half made
 
 
 def _compile(study: Study, gases: Sequence[Gas], screen: Screen) -> None:
