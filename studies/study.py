@@ -8,13 +8,15 @@ rest is done here: replicas over processes, checkpoints, tables, files.
 from __future__ import annotations
 
 import hashlib
+import threading
 import time
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -39,7 +41,7 @@ from studies.report import (
     say_checks,
     seconds_taken,
 )
-from studies.running.ensemble import prepare_workers, run_replicas
+from studies.running.ensemble import available_cores, prepare_workers, run_replicas
 from studies.running.executors import executor_of, number_of_workers
 from studies.running.ownership import REPORT, SUMMARY
 from studies.running.resuming import Resumable
@@ -364,6 +366,8 @@ def run_study(
         numbered = list(zip(numbers[::-1], runs[::-1], strict=True))
         run_part(_Running(study, folder), numbered, shelf, screen, workers=study.workers)
         return [], None
+    if shelf is not None and (study.workers or available_cores()) > 1:
+        _begin_to_draw()
     with screen.progress("runs", len(runs)) as advance:
         found = run_replicas(
             _Running(replace(study, executor=None), folder),  # which cannot go to a worker
@@ -378,6 +382,17 @@ def run_study(
         )[::-1]
     recorded = found.pop() if runs[-1].recording else None
     return [found[k * count : (k + 1) * count] for k in range(len(gases))], recorded
+
+
+def _begin_to_draw() -> None:
+    """Import what draws figures, while this process only waits for its workers; tell of no failure yet."""
+
+    def work() -> None:
+        with suppress(Exception):
+            import_module("matplotlib.backends.backend_agg")
+
+    with suppress(RuntimeError):  # no more threads
+        threading.Thread(target=work).start()  # to its end: a compiled module cannot be left half made
 
 
 def _compile(study: Study, gases: Sequence[Gas], screen: Screen) -> None:

@@ -22,7 +22,7 @@ import threading
 import traceback
 import types
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, InvalidStateError
 from functools import partial
 from multiprocessing.connection import Connection
@@ -82,13 +82,18 @@ class _Server:
         self.process.join()
 
 
-_free: list[_Server] = []
+_free: list[_Server] = []  # of which any thread may take one
+
+
+def _all_free() -> Iterator[_Server]:
+    with contextlib.suppress(IndexError):
+        while True:
+            yield _free.pop()
 
 
 def _take(main: bool) -> _Server:
     """Return a server that can be used and is in no pool."""
-    while _free:
-        server = _free.pop()
+    for server in _all_free():
         if server.usable(main):
             return server
         server.end()
@@ -97,14 +102,14 @@ def _take(main: bool) -> _Server:
 
 @atexit.register
 def _end() -> None:
-    while _free:
-        _free.pop().end()
+    for server in _all_free():
+        server.end()
 
 
 def _forget() -> None:
     """In a fork of this process: leave servers to this process."""
-    while _free:
-        _free.pop().connection.close()
+    for server in _all_free():
+        server.connection.close()
 
 
 os.register_at_fork(after_in_child=_forget)
@@ -112,9 +117,16 @@ os.register_at_fork(after_in_child=_forget)
 
 def prepare(load: Callable[[], object]) -> None:
     """Begin to load what workers need, see `prepare_workers`."""
-    server = _take(needs_main(load))
-    _free.append(server)
-    server.load(pickle.dumps(load))
+    server, told = _take(needs_main(load)), False
+    try:
+        with contextlib.suppress(OSError):  # it has ended; the pool will start another one
+            server.load(pickle.dumps(load))
+            told = True
+    finally:
+        if told:
+            _free.append(server)
+        else:
+            server.end()
 
 
 def _surroundings() -> tuple[Any, ...]:

@@ -379,3 +379,35 @@ def test_nothing_outlives_a_killed_parent(tmp_path):
     run.kill()
     run.wait()
     assert len(pids) == 3 and gone(pids)
+
+
+WAITING = """
+import sys, time
+import studies.study
+from studies.output import OutputFolder
+from studies.report import Screen
+from studies.thermalisation import Thermalisation
+def runs(*_, **more):  # of workers: this process waits for them
+    end = time.monotonic() + (20 if {workers} > 1 else 0.0)
+    while "matplotlib.backends.backend_agg" not in sys.modules and time.monotonic() < end:
+        time.sleep(0.01)
+    print("matplotlib.backends.backend_agg" in sys.modules)
+    raise SystemExit
+studies.study.run_replicas = runs
+study = Thermalisation(n=100, replicas=2, workers={workers})
+study.conduct(OutputFolder("out"), Screen())
+"""
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_what_draws_is_imported_while_workers_run(workers, tmp_path):
+    """Sibling: without workers there is no waiting to be used."""
+    done = subprocess.run(
+        [sys.executable, "-c", WAITING.format(workers=workers)],
+        check=False,
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        timeout=120,
+    )
+    assert done.stdout.splitlines()[-1:] == [str(workers > 1)], done.stderr
