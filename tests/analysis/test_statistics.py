@@ -260,7 +260,6 @@ def test_replicas_warn_where_their_spread_has_a_probability_below_1e_4(count, fr
                 f"{count} replicas spread {ratio:.2g} times as far as their own errors say: "
                 "equilibrate longer, or use longer blocks; the error quoted is that of the spread"
             )
-            assert caught[0].filename == __file__
 
 
 @pytest.mark.parametrize(("error", "freedom"), [(0.0, 5.0), (math.nan, 5.0), (0.1, 0.0)])
@@ -309,7 +308,6 @@ def test_blocks_warn_from_three_standard_errors_of_their_correlation(scale):
                 "neighbouring blocks of 4 samples are correlated: the standard error is too small; "
                 "run longer or use fewer blocks"
             )
-            assert caught[0].filename == __file__
 
 
 def test_blocks_find_the_error_of_a_correlated_series():
