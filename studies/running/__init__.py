@@ -3,6 +3,7 @@
 In reading order:
 
 - `ensemble`: seeds, worker processes, results in order;
+- `processes`: how worker processes start, heed signals, and end;
 - `forking`: the process that workers are forks of;
 - `resuming`: a replica that saves its state at intervals, and resumes from it;
 - `stopping`: signals, deferred while something is saved;
