@@ -3,6 +3,7 @@
 In reading order:
 
 - `ensemble`: seeds, worker processes, results in order;
+- `processes`: how worker processes start, heed signals, and end;
 - `forking`: the process that workers are forks of;
 - `executors`: threads, Dask and MPI by name;
 - `elsewhere`: replicas over these, or any other executor;

@@ -30,7 +30,7 @@ from multiprocessing.resource_tracker import ensure_running
 from typing import Any
 
 from hardspheres.errors import SimulationError
-from studies.running.ensemble import (
+from studies.running.processes import (
     PATIENCE,
     masked,
     needs_main,

@@ -22,14 +22,12 @@ from hardspheres import SimulationError
 from studies.running import ensemble
 from studies.running.ensemble import (
     available_cores,
-    pool_of_processes,
     prepare_workers,
     replica_seeds,
     run_replicas,
-    starting,
-    without_main,
     worker_processes,
 )
+from studies.running.processes import pool_of_processes, starting, without_main
 from studies.running.resuming import perform
 from studies.running.stopping import STOPPING
 from studies.study import _load, _Run, _Running
