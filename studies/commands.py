@@ -96,7 +96,7 @@ Keep = Annotated[
 Sweep = Annotated[
     str | None,
     typer.Option(
-        help="Run it at several values of an option, as in n=500,1000,2000 or packing-fraction=0.1:0.4:4: a "
+        help="Run it at several values of an option, as in n=500,1000,2000 or n=500:2000:4: a "
         "whole run of each, in a folder of its own, and a figure over the values.",
         metavar="NAME=LIST",
         show_default=False,

@@ -380,6 +380,12 @@ def run_study(
             note=screen.note,
             spent=spent,
         )[::-1]
+    for run, its in zip(runs, found, strict=True):
+        if (its.root, its.index, its.gas) != (study.seed, run.index, run.which):
+            raise hs.CheckpointError(
+                f"a file holds replica {its.index} of gas {its.gas} and seed {its.root} in the place of "
+                f"replica {run.index} of gas {run.which} and seed {study.seed}; start again with --force"
+            )
     recorded = found.pop() if runs[-1].recording else None
     return [found[k * count : (k + 1) * count] for k in range(len(gases))], recorded
 

@@ -16,7 +16,7 @@ import os
 import re
 import shutil
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ from hardspheres.temporary import NAME, replacing
 from studies.registry import QUESTIONS, study_named
 from studies.running.encoding import NotStorable, read, write
 from studies.running.journal import (
+    NOT_COMPARED,
     OutputError,
     about,
     difference,
@@ -153,7 +154,8 @@ class Kept:
                     except OSError:  # a file system without hard links
                         shutil.copyfile(path, temporary)
             with contextlib.suppress(NotStorable):
-                write(self.folder / STUDY, replace(study, executor=None))
+                unset = {each.name: each.default for each in fields(study) if each.name in NOT_COMPARED}
+                write(self.folder / STUDY, replace(study, **unset))
             write_sealed(self.folder / MANIFEST, {**content, "replicas": study.replicas})
 
     def remove(self) -> None:

@@ -220,7 +220,7 @@ def test_interrupted_it_goes_on_and_takes_what_is_finished(finished, tmp_path, m
         with pytest.raises(Stopped):
             main()
     assert sorted({*begun}) == [64, 100] and not (out / "summary.json").exists()
-    assert (out / "n=100" / "checkpoint" / "done-0000.npz").exists()
+    assert (out / "n=100" / "checkpoint" / "done-0001.npz").exists()
     assert [(run.told, run.runs) for run in runs_in(out)] == [
         ("unfinished, 1 of 2 done", 2),
         ("finished", None),

@@ -265,7 +265,7 @@ def test_workers_import_and_compile_nothing(loaded, monkeypatch):
     prepare_workers(2, partial(_load, study, gases) if loaded else bool)
     with worker_processes(1) as pool, without_main():
         before = [pool.submit(eval, each).result() for each in (LOADED, KERNELS)]
-        replica = pool.submit(perform, _Running(study, Path()), _Run(gases[0], 0)).result()
+        replica = pool.submit(perform, _Running(study, Path()), _Run(gases[0], 0, 0)).result()
         modules, kernels = (pool.submit(eval, each).result() for each in (LOADED, KERNELS))
     assert replica.failure is None and kernels > 0
     assert (modules - before[0] == set()) is loaded

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from hardspheres.errors import CheckpointError
 from studies import cli, output
 from studies.output import OutputError, OutputFolder
 from studies.pressure import EquationOfState
@@ -89,7 +90,7 @@ def test_more_replicas_extend_a_run_to_the_bytes_of_a_direct_one(two, finished, 
     assert results(two) == results(finished / "three")
     assert names(two) == names(finished / "three") and "checkpoint" not in names(two)
     assert names(two / "replicas") == [*ITEMS, "manifest.json", "study.npz"]
-    assert finished_run(two).study == MORE
+    assert finished_run(two).study == replace(MORE, workers=None)
 
 
 def test_a_seed_that_depends_on_the_number_of_replicas_is_found_out(two, finished, monkeypatch):
@@ -249,6 +250,17 @@ def test_a_damaged_replica_is_run_again(two, finished, began):
         run(two, MORE)
     assert began == [(1, 2), (1, 0), (0, 2)] and results(two) == results(finished / "three")
     assert finished_run(two).replicas[1][0].digest == finished_run(finished / "three").replicas[1][0].digest
+
+
+def test_a_file_in_the_place_of_another_is_found_out(two):
+    """Sibling: in its own place, as above."""
+    shutil.copyfile(two / "replicas" / ITEMS[2], two / "replicas" / ITEMS[1])
+    with pytest.raises(
+        CheckpointError, match="a file holds replica 1 of gas 0 and seed 1 in the place of rep"
+    ):
+        run(two, MORE)
+    with pytest.raises(CheckpointError, match="has files of another run; use an unchanged copy of it"):
+        finished_run(two)
 
 
 class Killed(BaseException):
