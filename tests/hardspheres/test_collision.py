@@ -31,6 +31,8 @@ def test_a_collision_written_out():
     assert one_dimensional_rule(three, -one, one, five) == (2, -4)
     separation = [Fraction(-2), Fraction(0)]
     assert elastic_collision(one, [five, 7], three, [-one, 9], separation) == ([-4, 7], [2, 9])
+    with pytest.raises(ValueError, match="shorter|longer"):
+        elastic_collision(one, [five, 7], three, [-one, 9], [-2, 0, 0])
 
 
 @given(masses, masses, rationals.filter(bool), rationals.filter(lambda x: x > 0))
