@@ -105,7 +105,7 @@ def test_the_three_cases_of_the_contact_rule():
     assert contact_time(1.0, -0.1, 1.0) == math.inf  # overlapping, receding: left alone
     assert contact_time(0.0, 0.0, 0.0) == math.inf
     assert contact_time(-1.0, -1e-3, 0.0) == 0.0  # overlapping, approaching: now
-    assert contact_time(-1.0, 0.0, 1.0) == 0.0
+    assert contact_time(-1.0, 0.0, 1.0) == contact_time(-1.0, 0.0, 0.0) == 0.0
     assert contact_time(-1.0, 0.5, 0.0) == math.inf  # a miss
     assert contact_time(-2.0, 3.0, 1.0) == 1.0  # r = 2, v = -1, sigma = 1
 
