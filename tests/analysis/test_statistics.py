@@ -165,6 +165,30 @@ def test_a_check_without_theory_says_so():
     assert str(TheoryCheck("Z", "", Estimate(22.1, 0.2, 9, 8), math.nan, math.nan)) == "Z 22.1(2)"
 
 
+@pytest.mark.parametrize(
+    ("uncertainty", "text"),
+    [
+        (0.01, "Z 9.40(2), KLM 9.360(10), z = +1.79"),
+        (0.05, "Z 9.40(2), KLM 9.36(5), z = +0.74; the measurement is better than the theory"),
+    ],
+)
+def test_a_check_in_words(uncertainty, text):
+    check = TheoryCheck("Z", "KLM", Estimate(9.4, 0.02, 9), 9.36, uncertainty)
+    assert str(check) == text
+    assert repr(check) == f"<TheoryCheck: {check}>"
+
+
+def test_an_estimate_shows_how_well_its_error_is_known():
+    assert repr(Estimate(9.404, 0.008, 20)) == "<Estimate 9.404(8)>"
+    assert repr(Estimate(9.404, 0.008, 20, 19.0)) == "<Estimate 9.404(8), 19 degrees of freedom>"
+
+
+@pytest.mark.parametrize("confidence", [-0.1, 0.0, 1.0, 1.5])
+def test_an_interval_has_a_probability(confidence):
+    with pytest.raises(ValueError, match="expected a probability between 0 and 1"):
+        Estimate(1.0, 0.1).interval(confidence)
+
+
 def test_replicas_that_differ_are_pooled_by_their_spread():
     """Six starts that are not forgotten, of 13 % each and quoted to 3 %; of equal ones (sibling) blocks give the error."""
     rng = np.random.default_rng(11)
@@ -197,6 +221,12 @@ def test_a_single_replica_has_no_error_and_no_warning():
         single = estimate_from_jackknife(one, lambda mean: mean[0] * mean[1])
     assert (single.value, single.n_effective, single.degrees_of_freedom) == (6.0, 1.0, 0.0)
     assert math.isnan(single.standard_error)
+
+
+def test_two_replicas_are_enough():
+    mean, error = replica_mean([[1.0, 5.0], [2.0, 8.0]])
+    assert mean.tolist() == [1.5, 6.5]
+    np.testing.assert_allclose(error, [0.5, 1.5])
 
 
 def unequal(errors=(0.4, 0.4, 0.2)):
@@ -395,6 +425,21 @@ def test_hotelling_p_values_are_even_and_see_a_shift():
     assert max(shifted) < 1e-2
 
 
+def test_one_point_is_students_t():
+    """T^2 = t^2 with R - 1 degrees of freedom, and with an uncertain theory the square of the deviation."""
+    rng = np.random.default_rng(8)
+    for replicas in (3, 7):
+        samples = rng.normal(5.0, 2.0, (replicas, 1))
+        t = stats.ttest_1samp(samples[:, 0], 4.0)
+        test = compare_with_theory(samples, [4.0])
+        assert test.statistic == pytest.approx(t.statistic**2)
+        assert test.p_value == pytest.approx(t.pvalue)
+        assert (test.degrees_of_freedom, test.n_replicas) == (1, replicas)
+        mean = estimate_from_replicas(samples[:, 0])
+        soft = compare_with_theory(samples, [4.0], [0.5])
+        assert soft.statistic == pytest.approx(mean.deviation(4.0, 0.5) ** 2)
+
+
 def test_theory_uncertainty_weakens_the_test():
     samples = _correlated(np.random.default_rng(6), 30)
     off = np.full(8, 3.0)
@@ -406,11 +451,11 @@ def test_theory_uncertainty_weakens_the_test():
 
 def test_hotelling_refuses_what_it_cannot_do():
     samples = _correlated(np.random.default_rng(7), 9)
-    with pytest.raises(ValueError, match="9 replicas for 8 points"):
+    with pytest.raises(ValueError, match="9 replicas for 8 points; the covariance needs more than 9"):
         compare_with_theory(samples, np.zeros(8))
     with pytest.raises(ValueError, match="expected"):
         compare_with_theory(samples, np.zeros(3))
-    with pytest.raises(ValueError, match="no fluctuation"):
+    with pytest.raises(ValueError, match="^a point has no fluctuation"):
         compare_with_theory(np.ones((20, 2)), np.ones(2))
 
 

@@ -31,6 +31,8 @@ def test_a_collision_written_out():
     assert one_dimensional_rule(three, -one, one, five) == (2, -4)
     separation = [Fraction(-2), Fraction(0)]
     assert elastic_collision(one, [five, 7], three, [-one, 9], separation) == ([-4, 7], [2, 9])
+    with pytest.raises(ValueError, match="shorter|longer"):
+        elastic_collision(one, [five, 7], three, [-one, 9], [-2, 0, 0])
 
 
 @given(masses, masses, rationals.filter(bool), rationals.filter(lambda x: x > 0))
@@ -103,7 +105,7 @@ def test_the_three_cases_of_the_contact_rule():
     assert contact_time(1.0, -0.1, 1.0) == math.inf  # overlapping, receding: left alone
     assert contact_time(0.0, 0.0, 0.0) == math.inf
     assert contact_time(-1.0, -1e-3, 0.0) == 0.0  # overlapping, approaching: now
-    assert contact_time(-1.0, 0.0, 1.0) == 0.0
+    assert contact_time(-1.0, 0.0, 1.0) == contact_time(-1.0, 0.0, 0.0) == 0.0
     assert contact_time(-1.0, 0.5, 0.0) == math.inf  # a miss
     assert contact_time(-2.0, 3.0, 1.0) == 1.0  # r = 2, v = -1, sigma = 1
 
