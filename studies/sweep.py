@@ -140,6 +140,12 @@ class Swept:
         return any(len(own) > 1 for own in self.answers)
 
     @property
+    def gases(self) -> list[str]:
+        """What tells each gas of a value from its others."""
+        most = max(map(len, self.alike))
+        return [next(names_of(own)[k] for own in self.alike if k < len(own)) for k in range(most)]
+
+    @property
     def quantities(self) -> list[str]:
         """What is shown of each gas: all numbers where they are few, else the main ones."""
         gases = sorted((each for own in self.alike for each in own), key=lambda each: -len(each.numbers))

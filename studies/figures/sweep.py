@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
-from studies.answer import names_of
 from studies.figures.style import COLOURS, deviations, figure_style, species_look
 
 if TYPE_CHECKING:
@@ -88,7 +87,7 @@ def _draw(above: Axes, below: Axes | None, found: Swept, quantity: str) -> None:
         look: dict[str, Any] = {"color": COLOURS["simulation"], "marker": "o"}
         label = "simulation"
         if found.several:
-            look, label = species_look(k), next(names_of(own)[k] for own in found.alike if k < len(own))
+            look, label = species_look(k), found.gases[k]
         value = np.array([each.measured.value for each in known])
         error = np.nan_to_num(np.array([each.measured.standard_error for each in known]))
         above.errorbar(there, value, error, ls="", ms=5, zorder=3, label=label, **look)

@@ -96,7 +96,9 @@ def test_rooms_of_the_studies():
     for name, others in all_needed("studies").items():
         room, *rooms = (f"{module}.".split(".")[1] for module in (name, *others))
         if room == "running":
-            assert {*rooms} <= {"running", "registry", "formats"}, name  # the names of programs and files
+            assert {*rooms} <= {"running", "registry", "formats", "options"}, (
+                name
+            )  # names of programs, files, options
         if room == "figures":
             assert {*rooms} <= {"figures", "fluid", "formats"}, name
         if room not in ("validation", "cli"):
