@@ -34,6 +34,7 @@ except ImportError:  # no POSIX
 
 __all__ = ["cache_folder", "cached_in"]
 
+FORMULAS = ("collision", "gravity", "growth")  # compiled into kernels, and not among them
 UNUSED = 30 * 86400.0  # seconds without use after which kernels are removed
 NAMES = (
     r"[0-9a-f]{16}",
@@ -104,7 +105,7 @@ def _pinned(home: Path) -> Path:
 def _digest() -> str:
     here = Path(__file__).parent
     digest = hashlib.sha256(numba.__version__.encode())
-    for source in [here / "collision.py", here / "growth.py", *sorted((here / "kernel").rglob("*.py"))]:
+    for source in [*(here / f"{name}.py" for name in FORMULAS), *sorted((here / "kernel").rglob("*.py"))]:
         digest.update(source.relative_to(here).as_posix().encode() + source.read_bytes())
     return digest.hexdigest()[:16]
 
