@@ -40,11 +40,9 @@ def in_window(s, i, d):
     It falls as the particles do, and in the middle of the window it is at rest and in its place.
     """
     x, v = s.row[i * at.ROW + at.X + d], s.row[i * at.ROW + at.V + d]
-    if GRAVITY:
-        to_middle = s.number[at.MIDDLE] - s.row[i * at.ROW + at.T]
-        pull = s.number[at.PULL + d]
-        return x - 0.5 * pull * to_middle * to_middle, v + pull * to_middle
-    return x, v
+    to_middle = s.number[at.MIDDLE] - s.row[i * at.ROW + at.T]
+    pull = s.number[at.PULL + d]
+    return x - 0.5 * pull * to_middle * to_middle, v + pull * to_middle
 
 
 @jit
@@ -52,7 +50,9 @@ def segments_of(s, i, duration):
     """Count the segments of a flight of this duration: none reaches further than HALF_LENGTH both ways."""
     vv = 0.0
     for d in range(DIM):
-        _, v = in_window(s, i, d)
+        v = s.row[i * at.ROW + at.V + d]
+        if GRAVITY:
+            _, v = in_window(s, i, d)
         vv += v * v
     far = 0.5 * duration / s.number[at.HALF_LENGTH]
     if vv * far * far < 1.0:
@@ -212,9 +212,13 @@ def write_segment(s, segments, words, boxes, k, i, t, duration, parts):
     ends, near = 0.0, 0.0
     cx, cy, cz = 0, 0, 0
     for d in range(DIM):
-        place, v = in_window(s, i, d)
+        v = s.row[ri + at.V + d]
         of_axis = axis(s, d)
-        x = in_box(place + v * dt, of_axis)
+        if GRAVITY:
+            x, v = in_window(s, i, d)
+            x = in_box(x + v * dt, of_axis)
+        else:
+            x = in_box(s.row[ri + at.X + d] + v * dt, of_axis)
         segments[line + at.MIDPOINT + d] = (x + v * on) * unit
         segments[line + at.HALF_DISPLACEMENT + d] = v * s.number[at.HALF_WINDOW] * unit
         half = half_time * abs(v) + radius
