@@ -41,16 +41,16 @@ def acceleration(gravity: ArrayLike | None, words: tuple[str, ...]) -> Floats:
     numbers = real_numbers(gravity, "gravity's components")
     if numbers.shape != (dim,):
         raise SceneError(
-            f"gravity has shape {numbers.shape}, but the positions are {dim}-dimensional; give an acceleration "
-            f"of {dim} components, such as {(*[0] * (dim - 1), -1)}"
+            f"gravity has shape {numbers.shape}, but the positions are {dim}-dimensional; give an "
+            f"acceleration of {dim} components, such as {(*[0] * (dim - 1), -1)}"
         )
     for axis, pull in enumerate(numbers):
         if not math.isfinite(pull):
             raise SceneError(f"gravity along {AXES[axis]} is {pull}; it must be finite")
         if pull != 0.0 and words[axis] == "periodic":
             raise SceneError(
-                f"gravity along {AXES[axis]} is {pull}, but that axis is periodic, and particles would fall round "
-                'it for ever; give it walls (boundary="wall" on that axis), or no gravity'
+                f"gravity along {AXES[axis]} is {pull}, but that axis is periodic, and particles would fall "
+                'round it for ever; give it walls (boundary="wall" on that axis), or no gravity'
             )
     return numbers + 0.0
 

@@ -254,7 +254,9 @@ class Engine:
         arrays.total[: at.SUMS] = 0.0
         if self.scene.falls:  # of the flights under way, what there was until now does not count
             places = COMPONENTS[self.scene.dim]
-            for first, part in zip((at.STRESS, at.STRESS_MOMENT, at.STRESS_EPOCHS), self._fallen(), strict=True):
+            for first, part in zip(
+                (at.STRESS, at.STRESS_MOMENT, at.STRESS_EPOCHS), self._fallen(), strict=True
+            ):
                 arrays.total[first + places] = -part
         self.since = (*self.now, int(arrays.counter[at.PAIRS]), int(arrays.counter[at.WALL_HITS]))
         if self.flights:
@@ -342,8 +344,8 @@ class Engine:
             self.arrays.counter[self.layout.RESTING] = 0
             raise SimulationError(
                 f"particle {who} has come to rest on a wall that gravity pulls it to, at "
-                f"{self.arrays.counter[self.layout.PAIRS]} collisions: its bounces have become lower than the "
-                "rounding of its radius, and there would be no end of them; start from other positions"
+                f"{self.arrays.counter[self.layout.PAIRS]} collisions: its bounces have become lower than "
+                "the rounding of its radius, and there would be no end of them; start from other positions"
             )
         return bool(status == self.kernels.DONE)
 

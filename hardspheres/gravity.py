@@ -1,27 +1,32 @@
 r"""Walls under gravity: when a ball that falls touches one, and how fast it is then.
 
 All particles have the same constant acceleration :math:`\mathbf a`. Between events :math:`\mathbf x(t) =
-\mathbf x + \mathbf v t + \mathbf a t^2 / 2`, so the separation of two particles changes as :math:`\mathbf r +
-\mathbf v_{12} t`, in a straight line: contacts of pairs are those of `hardspheres.collision`. Seen from a frame
-that falls with the particles, every flight is straight. Only walls are different.
+\mathbf x + \mathbf v t + \mathbf a t^2 / 2`, so the separation of two particles changes as :math:`\mathbf r
++ \mathbf v_{12} t`, in a straight line: contacts of pairs are those of `hardspheres.collision`. Seen from a
+frame that falls with the particles, every flight is straight. Only walls are different.
 
 A ball with a gap :math:`c` to a wall, the speed :math:`u` towards it (negative: away) and the acceleration
 :math:`p` towards it touches it when :math:`p t^2 / 2 + u t - c = 0`. By the energy its speed is then
 :math:`\sqrt D`, with :math:`D = u^2 + 2 p c`, and
 
-.. math:: t = \frac{2 c}{u + \sqrt D} \quad (u > 0), \qquad t = \frac{\sqrt D - u}{p} \quad (u \le 0, p > 0),
+.. math:: t = \frac{2 c}{u + \sqrt D} \quad (u > 0), \qquad
+          t = \frac{\sqrt D - u}{p} \quad (u \le 0, p > 0),
 
 neither of which cancels. A wall that the ball rises towards (:math:`p < 0`) is not reached if :math:`D \le 0`;
 :math:`D = 0` is grazing, a touch without an impulse. For :math:`p = 0` the first is :math:`c / u`.
 
-The bounce reverses :math:`\sqrt D`, not the velocity after so much time, and puts the ball at the wall exactly.
-So the rounding of times never enters the energy. A ball that has left the floor with the speed :math:`u`
-and met nobody comes back with :math:`\sqrt{u^2} = u` to the last bit, whatever the number of bounces.
+The bounce reverses :math:`\sqrt D`, not the velocity after so much time, and puts the ball at the wall
+exactly. So the rounding of times never enters the energy, and a ball that has left the floor with the speed
+:math:`u` comes back with :math:`\sqrt{u^2} = u`, to the last bit.
+
+A bounce lasts for :math:`2 u / p` and rises by :math:`u^2 / 2 p`. Elastic balls never come to rest, but two
+that collide right at the floor may leave one there with no speed, or next to none. Then bounces, lower than
+the rounding of a radius, would follow each other without end, so the engine stops and says which ball it is.
 """
 
 from typing import Any
 
-__all__ = ["impact_time", "impact_square"]
+__all__ = ["impact_square", "impact_time"]
 
 Number = Any  # as in `collision`
 

@@ -126,9 +126,10 @@ def _energy_and_momentum_are_kept(sim: "Simulation") -> None:
     if falls:
         events += sim.wall_collisions + sim.scene.n * int(sim._engine.arrays.counter[sim._at.EPOCH])
     energy, allowed = sim.energy_drift, allowed_drift(sim, events)
+    which = "energy" if falls else "kinetic energy"
     _require(
         abs(energy) <= allowed,
-        f"{'' if falls else 'kinetic '}energy changed by {energy:.3g} relative to the start; {allowed:.3g} is allowed",
+        f"{which} changed by {energy:.3g} relative to the start; {allowed:.3g} is allowed",
     )
     allowed = allowed_drift(sim, events if falls else sim.collisions + sim.wall_collisions)
     for axis, momentum in zip("xyz", sim.momentum_drift.tolist(), strict=False):

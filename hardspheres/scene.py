@@ -63,8 +63,8 @@ class Scene:
         A number for each particle, for whatever you want to tell apart (left and right, a tracer). Labels
         follow particles into frames, checkpoints and files; the dynamics never looks at them.
     gravity : (d,) array_like, optional
-        Acceleration of all particles, such as ``(0, 0, -9.81)``; only along wall axes. No particle may rest on
-        the wall that it is pulled to: elastic balls never come to rest.
+        Acceleration of all particles, such as ``(0, 0, -9.81)``; only along wall axes. No particle may rest
+        on the wall that it is pulled to: elastic balls never come to rest.
 
     Attributes
     ----------
@@ -488,8 +488,8 @@ def _require_none_at_rest(
         lying = np.flatnonzero((gap <= tolerance) & (radii + v * v / (2.0 * pull) == radii))
         if len(lying):
             raise SceneError(
-                f"particle {lying[0]} rests on the wall that gravity pulls it to along {'xyz'[axis]}; elastic "
-                "balls bounce for ever and never rest, so lift it, or give it a velocity away from the wall"
+                f"particle {lying[0]} rests on the wall that gravity pulls it to along {'xyz'[axis]}; "
+                "elastic balls bounce for ever and never rest: lift it, or give it a velocity away from it"
             )
 
 

@@ -348,7 +348,8 @@ class Simulation(Exclusive):
     @at_rest
     def positions(self) -> Floats:
         """Positions now, shape (N, d), on periodic axes within [0, L). A copy, read-only."""
-        positions: Floats = read_only(returned_to_box(self._engine.flown()[0], self.scene.box, self.scene.periodic))
+        flown, _ = self._engine.flown()
+        positions: Floats = read_only(returned_to_box(flown, self.scene.box, self.scene.periodic))
         return positions
 
     @property
@@ -640,7 +641,7 @@ class Simulation(Exclusive):
 
     def _tallied(self) -> Tallies:
         t = self.tallies
-        if t.time <= 0 or self.thermal_energy == 0:
+        if t.time <= 0 or (np.trace(t.kinetic) if self.scene.falls else self.thermal_energy) == 0:
             raise SimulationError(
                 "no pressure yet: run the simulation for some time first, with particles that move"
             )

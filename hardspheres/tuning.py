@@ -45,15 +45,15 @@ def epoch_length(scene: Scene) -> float:
 def fall_square(scene: Scene) -> float:
     """Mean square speed that particles gain by falling down, or over four mean distances if that is more.
 
-    So an epoch is short enough that no particle falls by many mean distances from rest in it. Sums are rounded
-    exactly, once: they do not depend on their order.
+    So an epoch is short enough that no particle falls by many mean distances from rest in it. Sums are
+    rounded exactly, once: they do not depend on their order.
     """
     if not scene.falls:
         return 0.0
     distance = root_of_power_below(scene.volume / scene.n, scene.dim)
-    above = heights(scene.positions, scene)
     pulls = np.abs(scene.gravity).tolist()
-    down = [2.0 * pull * (math.fsum(column) / scene.n) for pull, column in zip(pulls, above.T.tolist(), strict=True)]
+    means = [math.fsum(above) / scene.n for above in heights(scene.positions, scene).T.tolist()]
+    down = [2.0 * pull * mean for pull, mean in zip(pulls, means, strict=True)]
     return max(math.fsum(down), 8.0 * distance * math.fsum(pulls))
 
 

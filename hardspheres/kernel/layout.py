@@ -85,7 +85,7 @@ STRESS_EPOCHS = slot(6)  # sum of (epoch) d(m v_a v_b) of earlier epochs
 WALL_IMPULSE = slot(6)  # momentum given to the wall, per axis: lower, upper
 WALL_RADIUS_IMPULSE = slot(6)  # the same times the particle's radius
 SUMS = slot.end  # how many begin anew with the tallies
-LEDGER = slot(3)  # net momentum given to the walls since the start, less the weight's: small, so exact to rounding
+LEDGER = slot(3)  # net momentum given to the walls since the start, less that of gravity: exact to rounding
 FLIGHT_SUMS = slot.end
 
 # Counters, int64.

@@ -64,9 +64,13 @@ def fly(s, i, t):
 def collide_pair(s, i, j, t):
     """Elastic collision of i and j at time t."""
     row = s.row
-    fly(s, i, t)
-    fly(s, j, t)
     low, high = min(i, j), max(i, j)
+    if GRAVITY:  # sums over flights are rounded in the same order in both searches
+        fly(s, low, t)
+        fly(s, high, t)
+    else:
+        fly(s, i, t)
+        fly(s, j, t)
     path_low, path_high = 0.0, 0.0
     if FLIGHTS:
         path_low, path_high = end_flight(s, low, t), end_flight(s, high, t)

@@ -26,12 +26,15 @@ def tally_fall(s, i, dt):
     for a in range(DIM):
         for b in range(a, DIM):
             pa, pb = s.number[at.PULL + a], s.number[at.PULL + b]
+            if pa == 0.0 and pb == 0.0:
+                continue
             c = mass * (s.row[ri + at.V + a] * pb + s.row[ri + at.V + b] * pa)
             p = mass * pa * pb
             k = a if a == b else a + b + 2
             change = (c + p * dt) * dt
             s.total[at.STRESS + k] += change
-            s.total[at.STRESS_MOMENT + k] += change * s.row[ri + at.T] + (0.5 * c + 2.0 / 3.0 * p * dt) * dt * dt
+            moment = change * s.row[ri + at.T] + (0.5 * c + 2.0 / 3.0 * p * dt) * dt * dt
+            s.total[at.STRESS_MOMENT + k] += moment
             s.total[at.STRESS_EPOCHS + k] += change * s.counter[at.EPOCH]
 
 
