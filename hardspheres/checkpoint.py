@@ -23,7 +23,7 @@ from hardspheres.clock import FOREVER
 from hardspheres.engine import Engine
 from hardspheres.errors import CheckpointError, SceneError
 from hardspheres.invariants import deepest_overlap
-from hardspheres.scene import Scene, potential_energy, returned_to_box
+from hardspheres.scene import Scene, potential_energy, returned_to_box, squares_at_floor
 from hardspheres.tuning import epoch_length, pace
 
 __all__ = ["from_arrays", "restored", "to_arrays"]
@@ -177,12 +177,12 @@ def _require_state(engine: Engine, arrays: Arrays, about: dict[str, Any]) -> Non
     pairs, hits = counters[at.PAIRS], counters[at.WALL_HITS]
     begun = since[:2] <= [epoch, moment] and since[2] <= pairs and since[3] <= hits
     _require(begun, "its tallies begin after its time")
-    _require_rows(engine, arrays["row"], now, moment)
+    _require_rows(engine, arrays["row"], arrays.get("fall"), now, moment)
     if engine.flights:
         _require_flights(arrays["flight"], engine.arrays.flight, at, epoch, length)
 
 
-def _require_rows(engine: Engine, rows: Any, now: float, moment: float) -> None:
+def _require_rows(engine: Engine, rows: Any, fall: Any, now: float, moment: float) -> None:
     """Require times within this epoch, the initial energy, and positions that particles can have reached."""
     at, scene = engine.layout, engine.scene
     x, v, t = rows[:, at.X : at.X + scene.dim], rows[:, at.V : at.V + scene.dim], rows[:, at.T]
@@ -196,6 +196,10 @@ def _require_rows(engine: Engine, rows: Any, now: float, moment: float) -> None:
         abs(energy - had) <= 1e-6 * had,
         f"its {'' if scene.falls else 'kinetic '}energy is {energy:.6g}, that of its scene {had:.6g}",
     )
+    if scene.falls:
+        least, squares = 1e-6 * had / scene.masses[:, None], squares_at_floor(scene, x, v).reshape(v.shape)
+        fits = np.abs(fall.reshape(v.shape) - squares) * (scene.gravity != 0.0) <= least
+        _require(fits.all(), "the speed of a particle at the floor does not fit its row")
     fastest = np.sqrt(2.0 * energy / scene.masses)
     rounding = max(4.0 * contact_tolerance(scene.box), LEFT_BY_ROUNDING * 2.0 * float(scene.radii.max()))
     flown = np.where(scene.periodic, (1.0 + 1e-6) * (fastest * t)[:, None], 0.0) + rounding

@@ -13,7 +13,7 @@ from hardspheres.free_paths import FlightTallies
 from hardspheres.kernel.arrays import OF_RUN, OF_SEARCH, allocated, bytes_of, record
 from hardspheres.lists import Lists
 from hardspheres.memory import require_memory
-from hardspheres.scene import Scene, momentum_flux
+from hardspheres.scene import Scene, momentum_flux, squares_at_floor
 from hardspheres.tuning import epoch_length, epoch_length_at, pace
 from hardspheres.windows import Windows, windows_for
 
@@ -128,6 +128,8 @@ class Engine:
         self.rows[:, at.V : at.V + dim] = scene.velocities + 0.0
         if sizes:
             self.rows[:, at.RADIUS] = scene.radii
+        if scene.falls:
+            self.arrays.fall[:] = squares_at_floor(scene, scene.positions, scene.velocities).ravel()
         self.now = (0, 0.0)
         self.since = (0, 0.0, 0, 0)
         self.earlier = np.zeros(2 * dim * dim + 4 * dim)

@@ -17,7 +17,7 @@ from hardspheres.checks import contact_tolerance
 from hardspheres.collision import discriminant_2d, discriminant_3d
 from hardspheres.errors import InvariantError
 from hardspheres.gravity import impact_square, impact_time
-from hardspheres.scene import Scene, returned_to_box
+from hardspheres.scene import Scene, returned_to_box, squares_at_floor
 
 if TYPE_CHECKING:
     from hardspheres.engine import Engine
@@ -47,6 +47,8 @@ def verify(sim: "Simulation", engine: "Engine") -> None:
     """
     _counters_make_sense(engine)
     _energy_and_momentum_are_kept(sim)
+    if sim.scene.falls:
+        _falls_fit_the_rows(engine)
     _no_overlaps(sim)
     if not engine._afresh:  # otherwise everything else is computed from the rows before the next event
         search = _Search(engine)
@@ -78,6 +80,16 @@ def _counters_make_sense(engine: "Engine") -> None:
     _require(
         t.min() >= 0.0 and t[late] <= now, f"row {late} is of time {t[late]}, after the last event at {now}"
     )
+
+
+def _falls_fit_the_rows(engine: "Engine") -> None:
+    """What particles have at the floor follows from where they are and how fast; to the rounding of rows."""
+    scene, at, rows = engine.scene, engine.layout, engine.rows
+    x, v = rows[:, at.X : at.X + scene.dim], rows[:, at.V : at.V + scene.dim]
+    kept = engine.arrays.fall.reshape(v.shape)
+    off = np.abs(kept - squares_at_floor(scene, x, v)) * (scene.gravity != 0.0)
+    allowed = 1e-9 * kept + 1e-9 * float(scene.radii.min()) * np.abs(scene.gravity)
+    _require(np.all(off <= allowed), "the speed of a particle at the floor does not fit its row")
 
 
 def allowed_drift(sim: "Simulation", events: int) -> float:
@@ -156,9 +168,8 @@ def _no_overlaps(sim: "Simulation") -> None:
     _require(overlap <= allowed, f"particles overlap by {overlap:.3g} diameters; {allowed:.3g} is allowed")
 
 
-def _impact_times(toward: Floats, gap: Floats, pull: float) -> Floats:
+def _impact_times(toward: Floats, gap: Floats, pull: float, root: Floats) -> Floats:
     """`hardspheres.gravity.impact_time` for arrays."""
-    root = np.sqrt(np.maximum(impact_square(toward, gap, pull), 0.0))
     pairs = zip(toward.tolist(), gap.tolist(), root.tolist(), strict=True)
     return np.array([impact_time(u, c, pull, r) for u, c, r in pairs])
 
@@ -172,6 +183,7 @@ class _Search:
         self.n = self.scene.n
         self.x, self.v, self.t = rows[:, at.X : at.X + dim], rows[:, at.V : at.V + dim], rows[:, at.T]
         _, self.now = engine.last_event
+        self.squares = engine.arrays.fall.reshape(self.n, dim) if self.scene.falls else np.zeros(0)
         self.one_size = bool(np.all(self.scene.radii == self.scene.radii[0]))
 
     # Lists.
@@ -277,7 +289,13 @@ class _Search:
             x, v, pull = self.x[:, axis], self.v[:, axis], float(self.scene.gravity[axis])
             if pull != 0.0:
                 for side, toward, gap in ((0, -v, x - radii), (1, v, (box[axis] - radii) - x)):
-                    times = self.t + _impact_times(toward, np.maximum(gap, 0.0), pull if side else -pull)
+                    square, lower = self.squares[:, axis], (pull > 0.0) != (side == 1)
+                    if lower:  # the wall opposite, which it rises to
+                        square = impact_square(np.sqrt(square), box[axis] - 2.0 * radii, -abs(pull))
+                    root = np.sqrt(np.maximum(square, 0.0))
+                    times = self.t + _impact_times(
+                        toward, np.maximum(gap, 0.0), pull if side else -pull, root
+                    )
                     which = np.where(times < best, self.n + 2 * axis + side, which)
                     best = np.minimum(times, best)
                 continue

@@ -28,6 +28,7 @@ from hardspheres.checks import (
     wrapped,
 )
 from hardspheres.errors import SceneError
+from hardspheres.gravity import impact_square
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -431,6 +432,13 @@ def heights(positions: Floats, scene: Any) -> Floats:
     low, high = scene.radii[:, None], scene.box - scene.radii[:, None]
     above: Floats = np.where(scene.gravity < 0.0, positions - low, high - positions)
     return np.where(scene.gravity != 0.0, above, 0.0)
+
+
+def squares_at_floor(scene: Any, positions: Floats, velocities: Floats) -> Floats:
+    """Squared speed along each axis at the wall that gravity pulls each particle to, (N, d); v^2 without it."""
+    above = np.maximum(heights(positions, scene), 0.0)
+    squares: Floats = impact_square(velocities, above, np.abs(scene.gravity))
+    return squares
 
 
 def potential_energy(positions: Floats, scene: Any) -> float:

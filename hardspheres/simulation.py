@@ -27,6 +27,7 @@ from hardspheres.scene import (
     potential_energy,
     read_only,
     returned_to_box,
+    squares_at_floor,
     thermal_energy,
     total_momentum,
 )
@@ -674,7 +675,10 @@ class Simulation(Exclusive):
             weight = engine.arrays.number[at.WEIGHT : at.WEIGHT + dim]
             given = given - weight * (behind * engine.length + engine.now[1])
         change = self.momentum - self.scene.momentum + given
-        scale = float(np.sum(self.scene.masses * np.linalg.norm(self.velocities, axis=1)))
+        flown, velocities = engine.flown()
+        if self.scene.falls:  # speeds at the floor: at the top of its flight a ball has none
+            velocities = np.sqrt(squares_at_floor(self.scene, flown, velocities))
+        scale = float(np.sum(self.scene.masses * np.linalg.norm(velocities, axis=1)))
         drift: Floats = read_only(change / scale if scale > 0 else change)
         return drift
 

@@ -34,6 +34,10 @@ PARTNER_VERSION = 2  # the partner's version when the event was predicted
 STAMP = 3  # of the one queue entry that counts
 REFERENCE = 4  # reference position of the particle's list (unwrapped as the row), DIM numbers
 
+# Squared speed, along each axis, that a particle has whenever it is at the wall that gravity pulls it to: as
+# long as it meets nobody, this stays as it is.
+FALL = DIM if GRAVITY else 0
+
 REBUILD = -1  # the particle is at its displacement threshold: a new neighbour list is due
 NOTHING = -2  # no event before the epoch ends
 STALE_EVENT = -3  # none any more: the partner has changed since it was predicted

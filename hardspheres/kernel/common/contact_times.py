@@ -176,6 +176,28 @@ def toward_wall(s, i, d, side):
 
 
 @jit
+def square_at_wall(s, i, d, side):
+    """Square of the speed along axis d with which i comes to a wall; 0 where it does not come so far."""
+    pull = s.number[at.PULL + d]
+    if pull == 0.0:
+        return s.row[i * at.ROW + at.V + d] * s.row[i * at.ROW + at.V + d]
+    square = s.fall[i * at.FALL + d]
+    if (pull > 0.0) == (side == 1):
+        return square
+    radius = s.row[i * at.ROW + at.RADIUS] if SIZES else s.number[at.COMMON_RADIUS]
+    return max(impact_square(math.sqrt(square), s.number[at.BOX + d] - 2.0 * radius, -abs(pull)), 0.0)
+
+
+@jit
+def note_fall(s, i):
+    """Note the squared speeds of i at the walls that it is pulled to; it has just met another particle."""
+    for d in range(DIM):
+        pull = s.number[at.PULL + d]
+        toward, gap, _ = toward_wall(s, i, d, 1 if pull > 0.0 else 0)
+        s.fall[i * at.FALL + d] = impact_square(toward, gap, abs(pull))
+
+
+@jit
 def falling_wall_contact(s, i):
     """As `wall_contact` under gravity: what rises may fall back, to the wall that it has left."""
     time = NEVER
@@ -184,7 +206,7 @@ def falling_wall_contact(s, i):
         if s.number[at.INVERSE + d] == 0.0:
             for side in range(2):
                 toward, gap, pull = toward_wall(s, i, d, side)
-                root = math.sqrt(max(impact_square(toward, gap, pull), 0.0))
+                root = math.sqrt(square_at_wall(s, i, d, side))
                 t = s.row[i * at.ROW + at.T] + impact_time(toward, gap, pull, root)
                 if t < time:
                     time = t

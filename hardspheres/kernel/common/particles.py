@@ -12,7 +12,7 @@ from .. import layout as at
 from ..flags import DIM, FLIGHTS, GRAVITY, GROWS, MASSES, SIZES
 from ..simd.jit import called, jit
 from ..simd.pointers import bits, from_bits
-from .contact_times import full_contact, impact_square, rint, toward_wall
+from .contact_times import full_contact, note_fall, rint, square_at_wall
 from .flights import end_flight, tally_encounter
 from .log import log_pair, log_wall
 from .tallies import tally_fall, tally_pair, tally_stress, tally_wall
@@ -109,6 +109,9 @@ def collide_pair(s, i, j, t):
         row[ri + at.V + 2] += pi * z
         row[rj + at.V + 2] -= pj * z
         w += row[ri + at.V + 2] - row[rj + at.V + 2]
+    if GRAVITY:
+        note_fall(s, i)
+        note_fall(s, j)
     u += row[ri + at.V] - row[rj + at.V]
     v += row[ri + at.V + 1] - row[rj + at.V + 1]
     tally_pair(s, push, t, x, y, z, u, v, w, 1.0 if factor == 1.0 else 1.0 / THREE_QUARTERS)
@@ -154,9 +157,9 @@ def hit_wall(s, i, wall, t):
 @jit
 def fall_to_wall(s, i, axis, side, t):
     """Flight of row i to a wall: there exactly, with the speed that follows from the energy."""
-    toward, gap, pull = toward_wall(s, i, axis, side)
-    square = max(impact_square(toward, gap, pull), 0.0)
+    square = square_at_wall(s, i, axis, side)
     fly(s, i, t)
+    pull = s.number[at.PULL + axis] if side else -s.number[at.PULL + axis]
     ri = i * at.ROW
     radius = s.row[ri + at.RADIUS] if SIZES else s.number[at.COMMON_RADIUS]
     if pull != 0.0:
