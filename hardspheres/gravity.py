@@ -12,8 +12,8 @@ A ball with a gap :math:`c` to a wall, the speed :math:`u` towards it (negative:
 .. math:: t = \frac{2 c}{u + \sqrt D} \quad (u > 0), \qquad
           t = \frac{\sqrt D - u}{p} \quad (u \le 0, p > 0),
 
-neither of which cancels. A wall that the ball rises towards (:math:`p < 0`) is not reached if :math:`D \le 0`;
-:math:`D = 0` is grazing, a touch without an impulse. For :math:`p = 0` the first is :math:`c / u`.
+neither of which cancels. A wall that the ball rises towards (:math:`p < 0`) is not reached if :math:`D \le
+0`; :math:`D = 0` is grazing, a touch without an impulse. For :math:`p = 0` the first is :math:`c / u`.
 
 The bounce reverses :math:`\sqrt D`, not the velocity after so much time, and puts the ball at the wall
 exactly, so the rounding of times never enters the energy. What a ball has at the wall that it is pulled to,

@@ -83,7 +83,7 @@ def _counters_make_sense(engine: "Engine") -> None:
 
 
 def _falls_fit_the_rows(engine: "Engine") -> None:
-    """What particles have at the floor follows from where they are and how fast; to the rounding of rows."""
+    """Require of each particle the speed at the floor that follows from its row, to the rounding of rows."""
     scene, at, rows = engine.scene, engine.layout, engine.rows
     x, v = rows[:, at.X : at.X + scene.dim], rows[:, at.V : at.V + scene.dim]
     kept = engine.arrays.fall.reshape(v.shape)

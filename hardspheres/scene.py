@@ -65,7 +65,8 @@ class Scene:
         follow particles into frames, checkpoints and files; the dynamics never looks at them.
     gravity : (d,) array_like, optional
         Acceleration of all particles, such as ``(0, 0, -9.81)``; only along wall axes. No particle may rest
-        on the wall that it is pulled to: elastic balls never come to rest.
+        on the wall that it is pulled to: elastic balls never come to rest. It follows a scene into
+        simulations, copies and checkpoints; trajectory files have the particles, and not gravity.
 
     Attributes
     ----------
@@ -435,7 +436,7 @@ def heights(positions: Floats, scene: Any) -> Floats:
 
 
 def squares_at_floor(scene: Any, positions: Floats, velocities: Floats) -> Floats:
-    """Squared speed along each axis at the wall that gravity pulls each particle to, (N, d); v^2 without it."""
+    """Squared speed along each axis at the wall that gravity pulls to, (N, d); v^2 along axes without it."""
     above = np.maximum(heights(positions, scene), 0.0)
     squares: Floats = impact_square(velocities, above, np.abs(scene.gravity))
     return squares

@@ -78,7 +78,8 @@ class Simulation(Exclusive):
     Raises
     ------
     SimulationError
-        If free paths are asked for and there are more than 32 species, or the log cannot be written; if
+        If free paths are asked for and there are more than 32 species, or gravity; if the log cannot be
+        written; if
         windows are asked for and impossible: no particle moves, one is more than 50 times as fast as a
         typical one, or the box is too small; from every method, if the simulation is at work already.
 

@@ -459,3 +459,106 @@ def test_the_kind_of_scene_says_gravity():
         specialise(2, True, True, True, True, gravity=True).at.PULL
         < specialise(2, True, True, True, True, gravity=True).at.NUMBERS
     )
+
+
+def heights_and_share(n, samples):
+    """Heights m g z / E, and the kinetic share of the energy E, of tiny discs at moments 20 apart."""
+    rng = np.random.default_rng(4)
+    radii = 0.01 * rng.uniform(0.99, 1.01, n)
+    masses = np.full(n, 1.0)
+    masses[0] += 1e-9  # the kind of scene that the other tests compile
+    positions = np.column_stack([(np.arange(n) + 0.5) / n, rng.uniform(0.1, 2.0, n)])
+    velocities = rng.normal(size=(n, 2))
+    scene = hs.Scene(positions, velocities, radii, masses, (1.0, 40.0), "wall", gravity=(0.0, -1.0))
+    sim = hs.Simulation(scene)
+    energy = scene.kinetic_energy + scene.potential_energy
+    z, share = [], []
+    for frame in sim.frames(times=1000.0 + 20.0 * np.arange(samples)):
+        z.append((frame.positions[:, 1] - radii) / energy)
+        share.append(0.5 * np.sum(masses * np.sum(frame.velocities**2, axis=1)) / energy)
+    assert np.max(z) < 1.0
+    return np.array(z), np.array(share)
+
+
+def test_the_barometric_law_of_a_few_particles():
+    """At fixed energy m g z / E of one of N points has the distribution Beta(1, N - 1 + f/2), f = d N; exact.
+
+    So the kinetic share is f/2 / (N + f/2). Standard errors from 20 blocks; false alarm 3e-4 each. Discs of a
+    hundredth of the width change the means by less than half a per cent.
+    """
+    n, f = 5, 10
+    z, share = heights_and_share(n, 2000)
+    a, b = 1.0, n - 1 + f / 2
+    mean, square = a / (a + b), a * (a + 1.0) / ((a + b) * (a + b + 1.0))
+    for measured, exact in ((z, mean), (z * z, square), (share[:, None], (f / 2) / (n + f / 2))):
+        blocks = measured.mean(axis=1).reshape(20, -1).mean(axis=1)
+        error = blocks.std(ddof=1) / math.sqrt(20)
+        assert error < 0.03 * exact
+        assert abs(blocks.mean() - exact) < 4.5 * error + 0.005 * exact
+    # Sibling: the barometric law of many, exp(-mgz/kT), has another mean square.
+    assert abs(2.0 * mean**2 - square) > 0.1 * square
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("search", SEARCHES)
+def test_energy_over_ten_million_events(search):
+    """A random walk of roundings: below ten of them times the root of the events, over N."""
+    n = 100
+    scene = gas("3d_walls", n, 0.1, seed=3).replace(gravity=(0.0, -0.5, 0.0))
+    sim = hs.Simulation(scene, search=search)
+    for _ in range(5):
+        sim.run(collisions=1_500_000)
+        events = sim.collisions + sim.wall_collisions
+        assert abs(sim.energy_drift) < 10 * np.finfo(float).eps * math.sqrt(events) / n
+        sim.check()
+    assert events > 1e7 * 0.75
+    assert sim.status()["late_events"] == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["3d_walls", "3d_all_walls"])
+def test_spheres_with_both_searches_and_the_oracle(kind):
+    scene = hs.random_gas(
+        n=20,
+        packing_fraction=0.1,
+        seed=5,
+        boundary="wall" if "all" in kind else ("periodic", "wall", "periodic"),
+    ).replace(gravity=(0.4, -2.0, -1.0) if "all" in kind else (0.0, -2.0, 0.0))
+    assert follow(scene, 40) == 40
+    ends = []
+    for search in SEARCHES:
+        sim = hs.Simulation(scene, search=search)
+        for _ in range(20):
+            sim.run(time=0.3)
+            sim.check()
+        ends.append(state(sim))
+    assert ends[0] == ends[1]
+
+
+@pytest.mark.slow
+def test_the_log_has_every_event_and_no_paths():
+    events = []
+    scene = gas("2d_mixture_walls", 16, 0.1).replace(gravity=(0.0, -1.0))
+    sim, plain = hs.Simulation(scene, log=events.append), hs.Simulation(scene)
+    sim.run(time=10.0)
+    plain.run(time=10.0)
+    logged = np.concatenate(events)
+    assert len(logged) == sim.collisions + sim.wall_collisions
+    assert np.isnan(logged["free_path"]).all()
+    assert sim.positions.tobytes() == plain.positions.tobytes()
+    # Impulses add up to the change of momentum that gravity does not explain.
+    up = np.sum(np.where(logged["j"] >= 16, logged["impulse"], 0.0) * logged["normal"][:, 1])
+    weight = scene.masses.sum() * 10.0
+    assert up == pytest.approx(weight + (sim.momentum - scene.momentum)[1], rel=1e-12)
+    with pytest.raises(hs.SimulationError, match="under gravity none is straight"):
+        _ = sim.free_paths
+    assert sim.frame().free_paths is None
+
+
+def test_the_viewer_refuses_gravity():
+    from studies import view
+
+    with pytest.raises(
+        hs.SimulationError, match="the viewer draws straight flights, and under gravity none is"
+    ):
+        view(falling())
