@@ -214,7 +214,7 @@ class Engine:
         return (behind * self.length + moment) - self.rows[:, at.T]
 
     def _fallen(self) -> tuple[Any, Any, Any]:
-        """What flights since their rows add to the sums of the kinetic part, as `kernel.common.tallies`."""
+        """Return what flights since their rows add to the sums of `kernel.common.tallies`."""
         at, scene, dt = self.layout, self.scene, self._since_rows[:, None, None]
         v = self.rows[:, at.V : at.V + scene.dim]
         t, epoch = self.rows[:, at.T, None, None], int(self.arrays.counter[at.EPOCH])

@@ -347,6 +347,11 @@ class Simulation(Exclusive):
         return 2 * self.collisions / self.scene.n
 
     @property
+    def _rows(self) -> Floats:
+        rows: Floats = self._engine.rows
+        return rows
+
+    @property
     @at_rest
     def positions(self) -> Floats:
         """Positions now, shape (N, d), on periodic axes within [0, L). A copy, read-only."""
