@@ -303,15 +303,14 @@ class Simulation(Exclusive):
     @at_rest
     def frame(self) -> Frame:
         """Return the gas as it is now."""
-        scene, engine = self.scene, self._engine
-        flown, velocities = engine.flown()
+        flown, velocities, scene, engine = self._flown(), self.velocities, self.scene, self._engine
         by_events = self._tallies(engine.tallied_by_events() + engine.earlier, self._time, 0, 0)
         return Frame(
             self._time,
             self.collisions,
             self.collisions_per_particle,
             read_only(returned_to_box(flown, scene.box, scene.periodic)),
-            read_only(velocities),
+            velocities,
             scene,
             (read_only(flown), read_only(self._images.copy()), scene.box),
             (by_events, engine.passed, velocities, scene.masses),
@@ -351,19 +350,23 @@ class Simulation(Exclusive):
         rows: Floats = self._engine.rows
         return rows
 
+    def _flown(self) -> Floats:
+        """Positions now, as the rows count them: up to an epoch's flight out of the box on periodic axes."""
+        flown: Floats = self._engine.flown()[0]
+        return flown
+
     @property
     @at_rest
     def positions(self) -> Floats:
         """Positions now, shape (N, d), on periodic axes within [0, L). A copy, read-only."""
-        flown, _ = self._engine.flown()
-        positions: Floats = read_only(returned_to_box(flown, self.scene.box, self.scene.periodic))
+        positions: Floats = read_only(returned_to_box(self._flown(), self.scene.box, self.scene.periodic))
         return positions
 
     @property
     @at_rest
     def unwrapped_positions(self) -> Floats:
         """Positions now, followed through the periodic boundaries, shape (N, d). A copy, read-only."""
-        unwrapped: Floats = read_only(self._engine.flown()[0] + self._images * self.scene.box)
+        unwrapped: Floats = read_only(self._flown() + self._images * self.scene.box)
         return unwrapped
 
     @property
