@@ -562,3 +562,25 @@ def test_the_viewer_refuses_gravity():
         hs.SimulationError, match="the viewer draws straight flights, and under gravity none is"
     ):
         view(falling())
+
+
+@pytest.mark.parametrize("suffix", [".xyz", ".traj"])
+def test_files_hold_the_particles_and_not_gravity(suffix, tmp_path):
+    sim = hs.Simulation(falling())
+    with hs.TrajectoryWriter(tmp_path / f"falling{suffix}") as trajectory:
+        for frame in sim.frames(every=0.3, count=3):
+            trajectory.write(frame)
+    *_, last = hs.read_trajectory(tmp_path / f"falling{suffix}")
+    assert np.allclose(last.positions, sim.positions, rtol=0, atol=1e-14)
+    assert np.allclose(last.velocities, sim.velocities, rtol=1e-14)
+    assert not last.falls
+    again = hs.Simulation(last.replace(gravity=sim.scene.gravity))
+    again.run(time=0.5)
+    sim.run(time=0.5)
+    assert np.allclose(again.positions, sim.positions, rtol=0, atol=1e-9)
+
+
+def test_two_that_never_meet_are_given_up():
+    """Each bounces in a column of its own."""
+    with pytest.raises(hs.SimulationError, match="these particles may never meet"):
+        hs.Simulation(bouncers((2.0, 1.3), 0.7)).run(collisions=1)
