@@ -23,7 +23,7 @@ from hardspheres.clock import FOREVER
 from hardspheres.engine import Engine
 from hardspheres.errors import CheckpointError, SceneError
 from hardspheres.invariants import deepest_overlap
-from hardspheres.scene import Scene, returned_to_box
+from hardspheres.scene import Scene, potential_energy, returned_to_box, squares_at_floor
 from hardspheres.tuning import epoch_length, pace
 
 __all__ = ["from_arrays", "restored", "to_arrays"]
@@ -48,6 +48,8 @@ def to_arrays(engine: Engine) -> Arrays:
     scene = {name: getattr(engine.scene, name) for name in SCENE}
     if engine.scene.labels is not None:
         scene["labels"] = engine.scene.labels
+    if engine.scene.falls:
+        scene["gravity"] = engine.scene.gravity
     arrays: Arrays = {"about": text} | scene | engine.state()
     return arrays
 
@@ -135,8 +137,8 @@ def _scene(arrays: Arrays, about: dict[str, Any]) -> Scene:
         _require(name in arrays, f"it has no {name}")
     try:
         positions, velocities, radii, masses, box = (arrays[name] for name in SCENE)
-        words, labels = tuple(about["boundary"]), arrays.get("labels")
-        return Scene.as_left(positions, velocities, radii, masses, box, words, labels)
+        words, labels, gravity = tuple(about["boundary"]), arrays.get("labels"), arrays.get("gravity")
+        return Scene.as_left(positions, velocities, radii, masses, box, words, labels, gravity)
     except SceneError as error:
         raise CheckpointError(f"its scene is impossible: {error}") from None
 
@@ -151,7 +153,7 @@ def _require_epochs(scene: Scene, length: float) -> None:
 
 def _require_like(arrays: Arrays, fresh: Arrays) -> None:
     """Require exactly the arrays of a fresh simulation of the scene, by name, type and shape."""
-    names = {"about", *SCENE, *fresh} | ({"labels"} & set(arrays))
+    names = {"about", *SCENE, *fresh} | ({"labels", "gravity"} & set(arrays))
     _require(set(arrays) == names, f"it holds {sorted(set(arrays) ^ names)} too much or too little")
     for name, array in fresh.items():
         given, right = (f"{a.dtype} of shape {a.shape}" for a in (arrays[name], array))
@@ -175,12 +177,12 @@ def _require_state(engine: Engine, arrays: Arrays, about: dict[str, Any]) -> Non
     pairs, hits = counters[at.PAIRS], counters[at.WALL_HITS]
     begun = since[:2] <= [epoch, moment] and since[2] <= pairs and since[3] <= hits
     _require(begun, "its tallies begin after its time")
-    _require_rows(engine, arrays["row"], now, moment)
+    _require_rows(engine, arrays["row"], arrays.get("fall"), now, moment)
     if engine.flights:
         _require_flights(arrays["flight"], engine.arrays.flight, at, epoch, length)
 
 
-def _require_rows(engine: Engine, rows: Any, now: float, moment: float) -> None:
+def _require_rows(engine: Engine, rows: Any, fall: Any, now: float, moment: float) -> None:
     """Require times within this epoch, the initial energy, and positions that particles can have reached."""
     at, scene = engine.layout, engine.scene
     x, v, t = rows[:, at.X : at.X + scene.dim], rows[:, at.V : at.V + scene.dim], rows[:, at.T]
@@ -188,18 +190,25 @@ def _require_rows(engine: Engine, rows: Any, now: float, moment: float) -> None:
     _require(same, "its rows have other radii than its scene")
     _require(np.all((t >= 0.0) & (t <= now)), "a row is of a time outside of the present epoch")
     with np.errstate(over="ignore"):
-        energy = 0.5 * float(np.sum(scene.masses * np.sum(v * v, axis=1)))
+        energy = 0.5 * float(np.sum(scene.masses * np.sum(v * v, axis=1))) + potential_energy(x, scene)
+    had = scene.kinetic_energy + scene.potential_energy
     _require(
-        abs(energy - scene.kinetic_energy) <= 1e-6 * scene.kinetic_energy,
-        f"its kinetic energy is {energy:.6g}, that of its scene {scene.kinetic_energy:.6g}",
+        abs(energy - had) <= 1e-6 * had,
+        f"its {'' if scene.falls else 'kinetic '}energy is {energy:.6g}, that of its scene {had:.6g}",
     )
+    if scene.falls:
+        least, squares = 1e-6 * had / scene.masses[:, None], squares_at_floor(scene, x, v).reshape(v.shape)
+        fits = np.abs(fall.reshape(v.shape) - squares) * (scene.gravity != 0.0) <= least
+        _require(fits.all(), "the speed of a particle at the floor does not fit its row")
     fastest = np.sqrt(2.0 * energy / scene.masses)
     rounding = max(4.0 * contact_tolerance(scene.box), LEFT_BY_ROUNDING * 2.0 * float(scene.radii.max()))
     flown = np.where(scene.periodic, (1.0 + 1e-6) * (fastest * t)[:, None], 0.0) + rounding
     margin = np.where(scene.periodic, 0.0, scene.radii[:, None])
     near = np.all((x >= margin - flown) & (x <= scene.box - margin + flown))
     _require(near, "a particle is further from the box than it can have flown")
-    positions = returned_to_box(x + v * (moment - t)[:, None], scene.box, scene.periodic)
+    dt = (moment - t)[:, None]
+    flown = x + (v + 0.5 * scene.gravity * dt) * dt if scene.falls else x + v * dt
+    positions = returned_to_box(flown, scene.box, scene.periodic)
     overlap, allowed = deepest_overlap(positions, scene), rounding / (2.0 * float(scene.radii.min()))
     _require(overlap <= max(LEFT_BY_ROUNDING, allowed), f"its particles overlap by {overlap:.3g} diameters")
 

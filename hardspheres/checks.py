@@ -33,6 +33,28 @@ def boundary_words(boundary: str | Sequence[str], dim: int) -> tuple[str, ...]:
     return tuple(words)
 
 
+def acceleration(gravity: ArrayLike | None, words: tuple[str, ...]) -> Floats:
+    """Return the acceleration of all particles, (dim,), zero for None; or raise SceneError."""
+    dim = len(words)
+    if gravity is None:
+        return np.zeros(dim)
+    numbers = real_numbers(gravity, "gravity's components")
+    if numbers.shape != (dim,):
+        raise SceneError(
+            f"gravity has shape {numbers.shape}, but the positions are {dim}-dimensional; give an "
+            f"acceleration of {dim} components, such as {(*[0] * (dim - 1), -1)}"
+        )
+    for axis, pull in enumerate(numbers):
+        if not math.isfinite(pull):
+            raise SceneError(f"gravity along {AXES[axis]} is {pull}; it must be finite")
+        if pull != 0.0 and words[axis] == "periodic":
+            raise SceneError(
+                f"gravity along {AXES[axis]} is {pull}, but that axis is periodic, and particles would fall "
+                'round it for ever; give it walls (boundary="wall" on that axis), or no gravity'
+            )
+    return numbers + 0.0
+
+
 def one_per_particle(values: ArrayLike, name: str, n: int) -> Floats:
     """Radii or masses as (n,) positive finite numbers, from a number or n of them; else SceneError."""
     numbers = real_numbers(values, name)

@@ -13,7 +13,7 @@ from hardspheres.free_paths import FlightTallies
 from hardspheres.kernel.arrays import OF_RUN, OF_SEARCH, allocated, bytes_of, record
 from hardspheres.lists import Lists
 from hardspheres.memory import require_memory
-from hardspheres.scene import Scene, momentum_flux
+from hardspheres.scene import Scene, momentum_flux, squares_at_floor
 from hardspheres.tuning import epoch_length, epoch_length_at, pace
 from hardspheres.windows import Windows, windows_for
 
@@ -84,6 +84,7 @@ class Engine:
             windows is not None,
             growth is not None,
             flights,
+            scene.falls,
         )
         self.layout: Any = self.kernels.at
         self.scene = scene
@@ -103,6 +104,9 @@ class Engine:
         number[at.MASS] = scene.masses[0]
         number[at.REDUCED] = 0.5 * scene.masses[0]
         number[at.LAST_ADVANCE] = -length
+        if scene.falls:
+            number[at.PULL : at.PULL + dim] = scene.gravity
+            number[at.WEIGHT : at.WEIGHT + dim] = math.fsum(scene.masses.tolist()) * scene.gravity
         number[at.SCALE], number[at.GROWTH] = growth or (1.0, 0.0)
         count[at.N] = n
         count[at.HEAP_ROOM] = 1024 + n // 16
@@ -124,6 +128,8 @@ class Engine:
         self.rows[:, at.V : at.V + dim] = scene.velocities + 0.0
         if sizes:
             self.rows[:, at.RADIUS] = scene.radii
+        if scene.falls:
+            self.arrays.fall[:] = squares_at_floor(scene, scene.positions, scene.velocities).ravel()
         self.now = (0, 0.0)
         self.since = (0, 0.0, 0, 0)
         self.earlier = np.zeros(2 * dim * dim + 4 * dim)
@@ -187,11 +193,39 @@ class Engine:
         Virial and kinetic tensor, (d, d) each; wall impulses, and these times radii, (d, 2) each: as in
         `simulation.Tallies`.
         """
-        at, dim = self.layout, self.scene.dim
-        v = self.rows[:, at.V : at.V + dim].copy()
+        dim, (_, v) = self.scene.dim, self.flown()
         row = self.tallied_by_events()
         row[dim * dim : 2 * dim * dim] += (momentum_flux(v, self.scene.masses) * self.passed).ravel()
         return row
+
+    def flown(self) -> tuple[Any, Any]:
+        """Positions and velocities now, positions as the rows count them: perhaps out of the box."""
+        at, rows, dim = self.layout, self.rows, self.scene.dim
+        x, v, dt = rows[:, at.X : at.X + dim], rows[:, at.V : at.V + dim], self._since_rows[:, None]
+        if not self.scene.falls:
+            return x + v * dt, v.copy()
+        return x + (v + 0.5 * self.scene.gravity * dt) * dt, v + self.scene.gravity * dt
+
+    @property
+    def _since_rows(self) -> Any:
+        """Time since each row was written."""
+        at, (epoch, moment) = self.layout, self.now
+        behind = epoch - int(self.arrays.counter[at.EPOCH])
+        return (behind * self.length + moment) - self.rows[:, at.T]
+
+    def _fallen(self) -> tuple[Any, Any, Any]:
+        """Return what flights since their rows add to the sums of `kernel.common.tallies`."""
+        at, scene, dt = self.layout, self.scene, self._since_rows[:, None, None]
+        v = self.rows[:, at.V : at.V + scene.dim]
+        t, epoch = self.rows[:, at.T, None, None], int(self.arrays.counter[at.EPOCH])
+        mass = scene.masses[:, None, None]
+        c = v[:, :, None] * scene.gravity
+        c = mass * (c + np.swapaxes(c, 1, 2))
+        p = mass * np.multiply.outer(scene.gravity, scene.gravity)
+        change = (c + p * dt) * dt
+        moment = np.sum(change * t + (0.5 * c + 2.0 / 3.0 * p * dt) * dt * dt, axis=0)
+        change = np.sum(change, axis=0)
+        return change, moment, change * epoch
 
     def tallied_by_events(self) -> Any:
         """Return what `tallied` does, less the part of the kinetic tensor that needs all velocities.
@@ -202,9 +236,13 @@ class Engine:
         at, total, dim = self.layout, self.arrays.total, self.scene.dim
         epoch, moment, *_ = self.since
         places = COMPONENTS[dim]
-        moments = (total[at.STRESS_EPOCHS + places] - epoch * total[at.STRESS + places]) * self.length + (
-            total[at.STRESS_MOMENT + places] - moment * total[at.STRESS + places]
+        stress, by_moment, by_epoch = (
+            total[first + places] for first in (at.STRESS, at.STRESS_MOMENT, at.STRESS_EPOCHS)
         )
+        if self.scene.falls:
+            change, by_time, in_epoch = self._fallen()
+            stress, by_moment, by_epoch = stress + change, by_moment + by_time, by_epoch + in_epoch
+        moments = (by_epoch - epoch * stress) * self.length + (by_moment - moment * stress)
         walls = [total[first : first + 2 * dim] for first in (at.WALL_IMPULSE, at.WALL_RADIUS_IMPULSE)]
         return np.concatenate([total[at.VIRIAL + places].ravel(), -moments.ravel(), *walls])
 
@@ -216,6 +254,12 @@ class Engine:
         at, arrays = self.layout, self.arrays
         self.earlier = self.earlier + self.tallied()
         arrays.total[: at.SUMS] = 0.0
+        if self.scene.falls:  # of the flights under way, what there was until now does not count
+            places = COMPONENTS[self.scene.dim]
+            for first, part in zip(
+                (at.STRESS, at.STRESS_MOMENT, at.STRESS_EPOCHS), self._fallen(), strict=True
+            ):
+                arrays.total[first + places] = -part
         self.since = (*self.now, int(arrays.counter[at.PAIRS]), int(arrays.counter[at.WALL_HITS]))
         if self.flights:
             self.flights.reset(arrays, *self.now)
@@ -296,6 +340,14 @@ class Engine:
                 f"time stands still: {1000 * self.scene.n} events without progress at "
                 f"{self.arrays.counter[self.layout.PAIRS]} collisions; the particles touch on all sides (a "
                 "jammed packing), so give them room"
+            )
+        if status == self.kernels.RESTS:
+            who = int(self.arrays.counter[self.layout.RESTING]) - 1
+            self.arrays.counter[self.layout.RESTING] = 0
+            raise SimulationError(
+                f"particle {who} has come to rest on a wall that gravity pulls it to, at "
+                f"{self.arrays.counter[self.layout.PAIRS]} collisions: its bounces have become lower than "
+                "the rounding of its radius, and there would be no end of them; start from other positions"
             )
         return bool(status == self.kernels.DONE)
 

@@ -26,7 +26,8 @@ def event_dtype(dim: int) -> np.dtype[np.void]:
     as particle n + 2 axis + side (side 0 at 0, 1 at L); ``normal`` (d,), the unit vector from j, or from the
     wall, to i; ``impulse``, the momentum transfer: i gains impulse * normal, j loses it; ``free_path`` (2,),
     what i and j flew since their last collision with a particle: at a wall that of i so far, since a wall
-    does not end a free path, and NaN; NaN too where a particle has not collided with another since the start.
+    does not end a free path, and NaN; NaN too where a particle has not collided with another since the start,
+    and under gravity, where flights are not straight.
     """
     return np.dtype(
         [

@@ -16,7 +16,8 @@ from hardspheres.cells import CellGrid, distances, worst_overlap
 from hardspheres.checks import contact_tolerance
 from hardspheres.collision import discriminant_2d, discriminant_3d
 from hardspheres.errors import InvariantError
-from hardspheres.scene import Scene, returned_to_box
+from hardspheres.gravity import impact_square, impact_time
+from hardspheres.scene import Scene, returned_to_box, squares_at_floor
 
 if TYPE_CHECKING:
     from hardspheres.engine import Engine
@@ -46,6 +47,8 @@ def verify(sim: "Simulation", engine: "Engine") -> None:
     """
     _counters_make_sense(engine)
     _energy_and_momentum_are_kept(sim)
+    if sim.scene.falls:
+        _falls_fit_the_rows(engine)
     _no_overlaps(sim)
     if not engine._afresh:  # otherwise everything else is computed from the rows before the next event
         search = _Search(engine)
@@ -77,6 +80,16 @@ def _counters_make_sense(engine: "Engine") -> None:
     _require(
         t.min() >= 0.0 and t[late] <= now, f"row {late} is of time {t[late]}, after the last event at {now}"
     )
+
+
+def _falls_fit_the_rows(engine: "Engine") -> None:
+    """Require of each particle the speed at the floor that follows from its row, to the rounding of rows."""
+    scene, at, rows = engine.scene, engine.layout, engine.rows
+    x, v = rows[:, at.X : at.X + scene.dim], rows[:, at.V : at.V + scene.dim]
+    kept = engine.arrays.fall.reshape(v.shape)
+    off = np.abs(kept - squares_at_floor(scene, x, v)) * (scene.gravity != 0.0)
+    allowed = 1e-9 * kept + 1e-9 * float(scene.radii.min()) * np.abs(scene.gravity)
+    _require(np.all(off <= allowed), "the speed of a particle at the floor does not fit its row")
 
 
 def allowed_drift(sim: "Simulation", events: int) -> float:
@@ -119,15 +132,18 @@ def _sharing(masses: Floats, velocities: Floats) -> float:
 
 
 def _energy_and_momentum_are_kept(sim: "Simulation") -> None:
-    energy, allowed = (
-        sim.energy_drift,
-        allowed_drift(sim, sim.collisions),
-    )  # walls reverse a velocity component without rounding
+    # Walls reverse a velocity component without rounding; but under gravity every flight is rounded.
+    falls = sim.scene.falls
+    events = sim.collisions
+    if falls:
+        events += sim.wall_collisions + sim.scene.n * int(sim._engine.arrays.counter[sim._at.EPOCH])
+    energy, allowed = sim.energy_drift, allowed_drift(sim, events)
+    which = "energy" if falls else "kinetic energy"
     _require(
         abs(energy) <= allowed,
-        f"kinetic energy changed by {energy:.3g} relative to the start; {allowed:.3g} is allowed",
+        f"{which} changed by {energy:.3g} relative to the start; {allowed:.3g} is allowed",
     )
-    allowed = allowed_drift(sim, sim.collisions + sim.wall_collisions)
+    allowed = allowed_drift(sim, events if falls else sim.collisions + sim.wall_collisions)
     for axis, momentum in zip("xyz", sim.momentum_drift.tolist(), strict=False):
         _require(
             abs(momentum) <= allowed,
@@ -152,6 +168,12 @@ def _no_overlaps(sim: "Simulation") -> None:
     _require(overlap <= allowed, f"particles overlap by {overlap:.3g} diameters; {allowed:.3g} is allowed")
 
 
+def _impact_times(toward: Floats, gap: Floats, pull: float, root: Floats) -> Floats:
+    """`hardspheres.gravity.impact_time` for arrays."""
+    pairs = zip(toward.tolist(), gap.tolist(), root.tolist(), strict=True)
+    return np.array([impact_time(u, c, pull, r) for u, c, r in pairs])
+
+
 class _Search:
     """The events stored in the engine, and those that follow from its rows."""
 
@@ -161,6 +183,7 @@ class _Search:
         self.n = self.scene.n
         self.x, self.v, self.t = rows[:, at.X : at.X + dim], rows[:, at.V : at.V + dim], rows[:, at.T]
         _, self.now = engine.last_event
+        self.squares = engine.arrays.fall.reshape(self.n, dim) if self.scene.falls else np.zeros(0)
         self.one_size = bool(np.all(self.scene.radii == self.scene.radii[0]))
 
     # Lists.
@@ -215,9 +238,17 @@ class _Search:
     def _apart(self, i: Ints, j: Ints) -> tuple[Floats, Floats, Floats]:
         """Separation and relative velocity at the later of the two local times, and that time."""
         later = np.maximum(self.t[i], self.t[j])
-        there_i = self.x[i] + self.v[i] * (later - self.t[i])[:, None]
-        there_j = self.x[j] + self.v[j] * (later - self.t[j])[:, None]
-        return there_i - there_j, self.v[i] - self.v[j], later
+        there_i, v_i = self._flown(i, later)
+        there_j, v_j = self._flown(j, later)
+        return there_i - there_j, v_i - v_j, later
+
+    def _flown(self, i: Ints, when: Floats) -> tuple[Floats, Floats]:
+        """Positions and velocities of these at a time."""
+        dt = (when - self.t[i])[:, None]
+        if not self.scene.falls:
+            return self.x[i] + self.v[i] * dt, self.v[i]
+        pull = self.scene.gravity
+        return self.x[i] + (self.v[i] + 0.5 * pull * dt) * dt, self.v[i] + pull * dt
 
     def nearest_image(self, i: Ints, j: Ints, when: Any) -> Floats:
         """Image, in boxes, in which a pair is nearest at some time; 0 on wall axes."""
@@ -255,7 +286,19 @@ class _Search:
         best, which = np.full(self.n, math.inf), np.full(self.n, -2)
         radii, box = self.scene.radii, self.scene.box
         for axis in np.flatnonzero(~self.scene.periodic):
-            x, v = self.x[:, axis], self.v[:, axis]
+            x, v, pull = self.x[:, axis], self.v[:, axis], float(self.scene.gravity[axis])
+            if pull != 0.0:
+                for side, toward, gap in ((0, -v, x - radii), (1, v, (box[axis] - radii) - x)):
+                    square, lower = self.squares[:, axis], (pull > 0.0) != (side == 1)
+                    if lower:  # the wall opposite, which it rises to
+                        square = impact_square(np.sqrt(square), box[axis] - 2.0 * radii, -abs(pull))
+                    root = np.sqrt(np.maximum(square, 0.0))
+                    times = self.t + _impact_times(
+                        toward, np.maximum(gap, 0.0), pull if side else -pull, root
+                    )
+                    which = np.where(times < best, self.n + 2 * axis + side, which)
+                    best = np.minimum(times, best)
+                continue
             gap = np.where(v > 0.0, (box[axis] - radii) - x, x - radii)
             with np.errstate(divide="ignore", invalid="ignore"):
                 times = np.where(v != 0.0, self.t + np.maximum(gap, 0.0) / np.abs(v), math.inf)
@@ -326,7 +369,12 @@ class _Search:
         at, dim = self.at, self.scene.dim
         centres = self.arrays.event_float[: self.n * at.EVENT].reshape(self.n, at.EVENT)
         centres = centres[:, at.REFERENCE : at.REFERENCE + dim]
-        there = self.x + self.v * (np.minimum(time, until) - self.t)[:, None]
+        # Seen from a frame that falls since the epoch began.
+        x, v = self.x, self.v
+        if self.scene.falls:
+            pull, t = self.scene.gravity, self.t[:, None]
+            x, v = x - 0.5 * pull * t * t, v - pull * t
+        there = x + v * (np.minimum(time, until) - self.t)[:, None]
         gone = np.sqrt(np.sum((there - centres) ** 2, axis=1))
         shell = float(self.arrays.number[at.DISPLACEMENT_THRESHOLD])
         slack = 1e-7 * shell + contact_tolerance(self.scene.box)

@@ -38,6 +38,7 @@ except ImportError:  # no POSIX
 
 __all__ = ["cache_folder", "cached_in"]
 
+FORMULAS = ("collision", "gravity", "growth")  # compiled into kernels, and not among them
 UNUSED = 30 * 86400.0  # seconds without use after which kernels are removed
 NAMES = (
     r"[0-9a-f]{16}",
@@ -109,7 +110,7 @@ def _digest() -> str:
     here = Path(__file__).parent
     processor = cpu_target.target_context.codegen().magic_tuple()  # triple, name and features
     digest = hashlib.sha256("\n".join([numba.__version__, *map(str, processor)]).encode())
-    for source in [here / "collision.py", here / "growth.py", *sorted((here / "kernel").rglob("*.py"))]:
+    for source in [*(here / f"{name}.py" for name in FORMULAS), *sorted((here / "kernel").rglob("*.py"))]:
         digest.update(source.relative_to(here).as_posix().encode() + source.read_bytes())
     return digest.hexdigest()[:16]
 

@@ -49,6 +49,9 @@ class Patience:
             return
         if self.scene.n == 1:
             raise SimulationError("no collision is to come: there is one particle only; use run(time=...)")
+        if self.scene.falls:  # those that fall together are parted by the floor
+            self._moving = True
+            return
         v = _velocities(engine)
         if not np.any(np.where(self.scene.periodic, v - v[0], v)):
             raise SimulationError(

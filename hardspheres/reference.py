@@ -73,6 +73,7 @@ class ReferenceSimulation:
         self.radii = [number(r) for r in scene.radii.tolist()]
         self.masses = [number(m) for m in scene.masses.tolist()]
         self.box = [number(edge) for edge in scene.box.tolist()]
+        self.gravity = [number(pull) for pull in scene.gravity.tolist()]
         self.periodic = [bool(p) for p in scene.periodic]
 
     def __repr__(self) -> str:
@@ -109,13 +110,27 @@ class ReferenceSimulation:
 
     def wall_time(self, i: int, axis: int) -> tuple[Number, int]:
         """Time until i touches a wall of this axis, and on which side."""
-        v = self.velocities[i][axis]
+        v, pull = self.velocities[i][axis], self.gravity[axis]
+        if pull != 0:
+            return min((self.fall_time(i, axis, side), side) for side in (0, 1))
         if self.periodic[axis] or v == 0:
             return float("inf"), 0
         side = int(v > 0)
         x = self.positions[i][axis]
         gap = self.box[axis] - self.radii[i] - x if side else x - self.radii[i]
         return max(gap, 0.0) / abs(v), side
+
+    def fall_time(self, i: int, axis: int, side: int) -> Number:
+        """Time until i, which falls, touches a wall: the roots of the quadratic as in a textbook."""
+        x, v, pull = self.positions[i][axis], self.velocities[i][axis], self.gravity[axis]
+        gap = self.box[axis] - self.radii[i] - x if side else x - self.radii[i]
+        toward, pull = (v, pull) if side else (-v, -pull)
+        square = toward * toward + 2 * pull * max(gap, 0.0)
+        if square <= 0:
+            return float("inf")
+        roots = [(-toward + sign * self.sqrt(square)) / pull for sign in (-1, 1)]
+        ahead = [t for t in roots if t >= 0 and toward + pull * t > 0]
+        return min(ahead, default=float("inf"))
 
     def next_event(self, horizon: Number) -> tuple[Number, int, int]:
         """Earliest event within the horizon: time from now, lower and higher id; ties by the order of ids."""
@@ -133,7 +148,8 @@ class ReferenceSimulation:
         """Move all particles in free flight."""
         self.time = self.time + wait
         for x, v in zip(self.positions, self.velocities, strict=True):
-            x[:] = [a + b * wait for a, b in zip(x, v, strict=True)]
+            x[:] = [a + b * wait + g * wait**2 / 2 for a, b, g in zip(x, v, self.gravity, strict=True)]
+            v[:] = [b + g * wait for b, g in zip(v, self.gravity, strict=True)]
 
     def step(self) -> Event:
         """Go to the next event and execute it.

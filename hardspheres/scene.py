@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from hardspheres import atoms as ase_atoms
 from hardspheres.checks import (
     LEFT_BY_ROUNDING,
+    acceleration,
     boundary_words,
     box_edges,
     contact_tolerance,
@@ -27,6 +28,7 @@ from hardspheres.checks import (
     wrapped,
 )
 from hardspheres.errors import SceneError
+from hardspheres.gravity import impact_square
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -61,6 +63,10 @@ class Scene:
     labels : (N,) array_like of int, optional
         A number for each particle, for whatever you want to tell apart (left and right, a tracer). Labels
         follow particles into frames, checkpoints and files; the dynamics never looks at them.
+    gravity : (d,) array_like, optional
+        Acceleration of all particles, such as ``(0, 0, -9.81)``; only along wall axes. No particle may rest
+        on the wall that it is pulled to: elastic balls never come to rest. It follows a scene into
+        simulations, copies and checkpoints; trajectory files have the particles, and not gravity.
 
     Attributes
     ----------
@@ -77,6 +83,8 @@ class Scene:
     species : (N,) int32 array
         Number of the particle's kind: particles of one kind have the same mass and the same radius, and kinds
         are numbered in the order in which they first appear. Read-only.
+    gravity : (d,) float64 array
+        Acceleration of all particles; zero where none is given. Read-only.
     labels : (N,) int64 array or None
         As given. Read-only.
 
@@ -97,6 +105,7 @@ class Scene:
     boundary: tuple[str, ...]
     periodic: Bools
     species: NDArray[np.int32]
+    gravity: Floats
     labels: NDArray[np.int64] | None
 
     def __init__(
@@ -108,8 +117,9 @@ class Scene:
         box: ArrayLike = (10, 10, 10),
         boundary: str | Sequence[str] = "periodic",
         labels: ArrayLike | None = None,
+        gravity: ArrayLike | None = None,
     ) -> None:
-        self._fill(positions, velocities, radii, masses, box, boundary, labels)
+        self._fill(positions, velocities, radii, masses, box, boundary, labels, gravity)
 
     def _fill(
         self,
@@ -120,6 +130,7 @@ class Scene:
         box: ArrayLike,
         boundary: str | Sequence[str],
         labels: ArrayLike | None,
+        gravity: ArrayLike | None,
         spare: float = 0.0,
     ) -> None:
         """Check everything and store it; overlaps by `spare` largest diameters count as rounding."""
@@ -143,15 +154,18 @@ class Scene:
         sizes = one_per_particle(radii, "radii", n)
         weights = one_per_particle(masses, "masses", n)
         named = integer_labels(labels, n)
+        pull = acceleration(gravity, words)
         periodic = np.array([word == "periodic" for word in words])
         places = wrapped(places, edges, periodic)
-        _require_representable(speeds, sizes, weights, edges)
+        _require_representable(speeds, sizes, weights, edges, pull)
         require_long_axes(sizes, edges, periodic)
         require_resolved(sizes, edges)
         tolerance = max(contact_tolerance(edges), spare * 2.0 * float(sizes.max()))
         require_inside(places, sizes, edges, periodic, tolerance)
         require_no_overlap(places, sizes, edges, periodic, tolerance)
-        self._store(places, speeds, sizes, weights, edges, words, periodic, _kinds(weights, sizes), named)
+        _require_none_at_rest(places, speeds, sizes, edges, pull, tolerance)
+        kinds = _kinds(weights, sizes)
+        self._store(places, speeds, sizes, weights, edges, words, periodic, kinds, pull, named)
 
     def _store(self, *values: Any) -> None:
         """Set the fields in their order, arrays read-only."""
@@ -206,6 +220,16 @@ class Scene:
         """Kinetic energy without the common motion along periodic axes, sum of P_k^2 / 2M."""
         return thermal_energy(self.velocities, self.masses, self.periodic)
 
+    @cached_property
+    def falls(self) -> bool:
+        """Whether there is gravity."""
+        return bool(self.gravity.any())
+
+    @cached_property
+    def potential_energy(self) -> float:
+        """Potential energy; 0 with all particles at the walls that gravity pulls them to, or without it."""
+        return potential_energy(self.positions, self)
+
     @property
     def degrees_of_freedom(self) -> int:
         """Translational degrees of freedom: d N less the number of periodic axes; d for a single particle."""
@@ -224,7 +248,7 @@ class Scene:
         Parameters
         ----------
         **changes
-            Any of `positions`, `velocities`, `radii`, `masses`, `box`, `boundary`, `labels`.
+            Any of `positions`, `velocities`, `radii`, `masses`, `box`, `boundary`, `labels`, `gravity`.
 
         Returns
         -------
@@ -240,7 +264,7 @@ class Scene:
             scene = object.__new__(Scene)
             scene._store(*self.__getstate__()[:-1], integer_labels(changes["labels"], self.n))
             return scene
-        names = ("positions", "velocities", "radii", "masses", "box", "boundary", "labels")
+        names = ("positions", "velocities", "radii", "masses", "box", "boundary", "labels", "gravity")
         return Scene(**{name: getattr(self, name) for name in names} | changes)
 
     def with_state(self, positions: Floats, velocities: Floats, radii: Floats | None = None) -> "Scene":
@@ -278,7 +302,7 @@ class Scene:
         require_finite(here, "position")
         require_finite(there, "velocity")
         sizes = self.radii if radii is None else one_per_particle(radii, "radii", self.n)
-        _require_representable(there, sizes, self.masses, self.box)
+        _require_representable(there, sizes, self.masses, self.box, self.gravity)
         require_in_box(here, self.box)
         scene._store(here, there, sizes, *self.__getstate__()[3:])
         return scene
@@ -293,12 +317,13 @@ class Scene:
         box: Floats,
         boundary: tuple[str, ...],
         labels: ArrayLike | None = None,
+        gravity: ArrayLike | None = None,
     ) -> "Scene":
         """Return a scene checked as by the constructor, with the overlaps allowed that the engine leaves.
 
         Parameters
         ----------
-        positions, velocities, radii, masses, box, boundary, labels
+        positions, velocities, radii, masses, box, boundary, labels, gravity
             As in the constructor; overlaps up to `LEFT_BY_ROUNDING` largest diameters are taken for rounding.
 
         Returns
@@ -312,7 +337,7 @@ class Scene:
             As the constructor does.
         """
         scene = object.__new__(cls)
-        scene._fill(positions, velocities, radii, masses, box, boundary, labels, LEFT_BY_ROUNDING)
+        scene._fill(positions, velocities, radii, masses, box, boundary, labels, gravity, LEFT_BY_ROUNDING)
         return scene
 
     @classmethod
@@ -368,6 +393,8 @@ class Scene:
         if self.labels is not None:
             marks = len(np.unique(self.labels))
             mixture += f", {marks} label{'s' * (marks != 1)}"
+        if self.falls:
+            mixture += f", gravity {' '.join(f'{pull:.6g}' for pull in self.gravity)}"
         return (
             f"Scene({self.n} particles in {self.dim}D{mixture}, box {edges} ({walls}), "
             f"packing_fraction={self.packing_fraction:.6g}, temperature={self.temperature:.6g})"
@@ -399,6 +426,27 @@ def read_only(array: Array) -> Array:
 def kinetic_energy(velocities: Floats, masses: Floats) -> float:
     """Kinetic energy sum of m v^2 / 2."""
     return 0.5 * float(np.sum(masses * np.sum(velocities * velocities, axis=1)))
+
+
+def heights(positions: Floats, scene: Any) -> Floats:
+    """Distances along each axis to where gravity pulls each particle, (N, d); 0 along axes without it."""
+    low, high = scene.radii[:, None], scene.box - scene.radii[:, None]
+    above: Floats = np.where(scene.gravity < 0.0, positions - low, high - positions)
+    return np.where(scene.gravity != 0.0, above, 0.0)
+
+
+def squares_at_floor(scene: Any, positions: Floats, velocities: Floats) -> Floats:
+    """Squared speed along each axis at the wall that gravity pulls to, (N, d); v^2 along axes without it."""
+    above = np.maximum(heights(positions, scene), 0.0)
+    squares: Floats = impact_square(velocities, above, np.abs(scene.gravity))
+    return squares
+
+
+def potential_energy(positions: Floats, scene: Any) -> float:
+    """Potential energy of a state of a scene; see `Scene.potential_energy`."""
+    if not scene.falls:
+        return 0.0
+    return float(np.sum(scene.masses * (heights(positions, scene) @ np.abs(scene.gravity))))
 
 
 def momentum_flux(velocities: Floats, masses: Floats) -> Floats:
@@ -439,7 +487,24 @@ def returned_to_box(flown: Floats, box: Floats, periodic: Bools) -> Floats:
     return positions
 
 
-def _require_representable(velocities: Floats, radii: Floats, masses: Floats, box: Floats) -> None:
+def _require_none_at_rest(
+    positions: Floats, velocities: Floats, radii: Floats, box: Floats, gravity: Floats, tolerance: float
+) -> None:
+    """Refuse particles that lie on a wall that gravity pulls them to."""
+    for axis in np.flatnonzero(gravity):
+        x, v, pull = positions[:, axis], velocities[:, axis], abs(float(gravity[axis]))
+        gap = x - radii if gravity[axis] < 0.0 else (box[axis] - radii) - x
+        lying = np.flatnonzero((gap <= tolerance) & (radii + v * v / (2.0 * pull) == radii))
+        if len(lying):
+            raise SceneError(
+                f"particle {lying[0]} rests on the wall that gravity pulls it to along {'xyz'[axis]}; "
+                "elastic balls bounce for ever and never rest: lift it, or give it a velocity away from it"
+            )
+
+
+def _require_representable(
+    velocities: Floats, radii: Floats, masses: Floats, box: Floats, gravity: Floats
+) -> None:
     """Refuse units in which anything that is computed later leaves the range of doubles.
 
     With the energy E no particle is ever faster than sqrt(2 E / smallest mass), and the fastest never slower
@@ -450,6 +515,7 @@ def _require_representable(velocities: Floats, radii: Floats, masses: Floats, bo
     with np.errstate(all="ignore"):
         filled = float(np.sum(sphere_volume(radii, dim)))
         energy = np.float64(kinetic_energy(velocities, masses))
+        energy += np.sum(masses) * np.sum(np.abs(gravity) * box)  # more than falling can give
         total, lightest = np.sum(masses), masses.min()
         fastest, slowest = np.sqrt(2.0 * energy / lightest), np.sqrt(2.0 * energy / total)
         sizes = [math.prod(box.tolist()), filled]
@@ -468,12 +534,12 @@ def _require_representable(velocities: Floats, radii: Floats, masses: Floats, bo
             f"masses from {lightest:.3g} to {masses.max():.3g} leave the range of double precision, or their "
             "sum does; choose another unit of mass"
         )
-    if np.any(velocities) and not _in_range(motion):
+    if energy > 0.0 and not _in_range(motion):
         raise SceneError(
             "the kinetic energy leaves the range of double precision, or the squares of speeds that it "
             "allows do; choose other units of time or mass"
         )
-    if np.any(velocities) and not _in_range(squares + impulses):
+    if energy > 0.0 and not _in_range(squares + impulses):
         raise SceneError(
             "products of the box's edges, or the radii, with speeds and masses leave the range of double "
             "precision; choose other units of length, time or mass"

@@ -24,8 +24,10 @@ from hardspheres.patience import Patience
 from hardspheres.scene import (
     Scene,
     kinetic_energy,
+    potential_energy,
     read_only,
     returned_to_box,
+    squares_at_floor,
     thermal_energy,
     total_momentum,
 )
@@ -35,6 +37,10 @@ from hardspheres.tuning import SEARCHES
 __all__ = ["Frame", "Simulation", "Tallies"]
 
 Floats = NDArray[np.float64]
+CURVED = (
+    "free paths are tallied along straight flights, and under gravity none is straight; leave free_paths out "
+    "(log=... has the time of each event)"
+)
 Log = Callable[[NDArray[np.void]], object] | str | PathLike[str]
 
 
@@ -72,7 +78,8 @@ class Simulation(Exclusive):
     Raises
     ------
     SimulationError
-        If free paths are asked for and there are more than 32 species, or the log cannot be written; if
+        If free paths are asked for and there are more than 32 species, or gravity; if the log cannot be
+        written; if
         windows are asked for and impossible: no particle moves, one is more than 50 times as fast as a
         typical one, or the box is too small; from every method, if the simulation is at work already.
 
@@ -99,6 +106,8 @@ class Simulation(Exclusive):
             raise SimulationError(f"free_paths is {free_paths!r}; it must be True or False")
         _require_search(search)
         kinds = int(scene.species.max()) + 1
+        if free_paths and scene.falls:
+            raise SimulationError(CURVED)
         if free_paths and kinds > MOST_SPECIES:
             raise SimulationError(
                 f"free_paths=True tells up to {MOST_SPECIES} species apart, and this scene has {kinds}; "
@@ -111,7 +120,7 @@ class Simulation(Exclusive):
         """Run this engine from now on."""
         super().__init__()
         self._engine, self._search, self._at = engine, search, engine.layout
-        self._energy = engine.scene.kinetic_energy
+        self._energy = engine.scene.kinetic_energy + engine.scene.potential_energy
         self._slices, self._patience = Slices(engine.scene.n), Patience(engine.scene)
         if log is not None:  # after all that may be refused: it begins its file anew
             engine.sink = sink_of(log, engine.scene.dim)
@@ -343,12 +352,7 @@ class Simulation(Exclusive):
 
     def _flown(self) -> Floats:
         """Positions now, as the rows count them: up to an epoch's flight out of the box on periodic axes."""
-        at, dim = self._at, self.scene.dim
-        rows = self._rows
-        epoch, moment = self._engine.now
-        behind = epoch - int(self._engine.arrays.counter[at.EPOCH])
-        dt = (behind * self._engine.length + moment) - rows[:, at.T]
-        flown: Floats = rows[:, at.X : at.X + dim] + rows[:, at.V : at.V + dim] * dt[:, None]
+        flown: Floats = self._engine.flown()[0]
         return flown
 
     @property
@@ -374,7 +378,7 @@ class Simulation(Exclusive):
     @at_rest
     def velocities(self) -> Floats:
         """Velocities now, shape (N, d). A copy, read-only."""
-        v: Floats = read_only(self._rows[:, self._at.V : self._at.V + self.scene.dim].copy())
+        v: Floats = read_only(self._engine.flown()[1])
         return v
 
     @property
@@ -560,6 +564,8 @@ class Simulation(Exclusive):
         SimulationError
             If they are not tallied.
         """
+        if self.scene.falls:
+            raise SimulationError(CURVED)
         if self._engine.flights is None:
             raise SimulationError(
                 "free paths are not tallied; construct with Simulation(scene, free_paths=True)"
@@ -573,7 +579,8 @@ class Simulation(Exclusive):
     @property
     def _tells_flights(self) -> bool:
         """Whether flights are tallied, and by species."""
-        return self._engine.flights is not None and int(self.scene.species.max()) < MOST_SPECIES
+        flights = self._engine.flights is not None and not self.scene.falls
+        return flights and int(self.scene.species.max()) < MOST_SPECIES
 
     def _flights(self, from_start: bool = False) -> FreePaths:
         engine = self._engine
@@ -591,14 +598,16 @@ class Simulation(Exclusive):
         than what a wall feels. That is `wall_pressure`.
         """
         t = self._tallied()
-        p = (
-            np.where(self.scene.periodic, self.momentum, 0.0)
-            if self.scene.n > 1
-            else np.zeros(self.scene.dim)
-        )
-        drift = np.outer(p / float(np.sum(self.scene.masses)), p)
-        result: Floats = read_only(((t.kinetic + t.virial) / t.time - drift) / self.scene.volume)
+        result: Floats = read_only(((t.kinetic + t.virial) / t.time - self._drift) / self.scene.volume)
         return result
+
+    @property
+    def _drift(self) -> Floats:
+        """Part of the momentum flux that is due to the common motion along periodic axes, (d, d)."""
+        if self.scene.n == 1:
+            return np.zeros((self.scene.dim, self.scene.dim))
+        p = np.where(self.scene.periodic, self.momentum, 0.0)
+        return np.outer(p / float(np.sum(self.scene.masses)), p)
 
     @property
     @at_rest
@@ -608,10 +617,14 @@ class Simulation(Exclusive):
         W is the virial rate, the sum of r.dp over pair collisions per time; exact for any finite run in a
         periodic box (Alder and Wainwright 1960, doi:10.1063/1.1731425). With two or more particles K_th
         leaves out the common motion. Between walls it is a mean over the box, whose volume V counts the half
-        diameter at each wall that no centre can reach; what the walls feel is `wall_pressure`.
+        diameter at each wall that no centre can reach; what the walls feel is `wall_pressure`. Under gravity
+        K_th is its mean over time.
         """
         t = self._tallied()
-        return 1.0 + float(np.trace(t.virial)) / (t.time * 2.0 * self.thermal_energy)
+        kinetic = t.time * 2.0 * self.thermal_energy
+        if self.scene.falls:
+            kinetic = float(np.trace(t.kinetic - self._drift * t.time))
+        return 1.0 + float(np.trace(t.virial)) / kinetic
 
     @property
     @at_rest
@@ -638,7 +651,7 @@ class Simulation(Exclusive):
 
     def _tallied(self) -> Tallies:
         t = self.tallies
-        if t.time <= 0 or self.thermal_energy == 0:
+        if t.time <= 0 or (np.trace(t.kinetic) if self.scene.falls else self.thermal_energy) == 0:
             raise SimulationError(
                 "no pressure yet: run the simulation for some time first, with particles that move"
             )
@@ -649,17 +662,32 @@ class Simulation(Exclusive):
     @property
     @at_rest
     def energy_drift(self) -> float:
-        """Relative change of kinetic energy since the start; 0 for a gas at rest."""
-        energy = kinetic_energy(self.velocities, self.scene.masses)
+        """Relative change of energy since the start; 0 for a gas at rest.
+
+        Under gravity the potential energy, from the walls that it pulls to, counts too.
+        """
+        flown, velocities = self._engine.flown()
+        energy = kinetic_energy(velocities, self.scene.masses) + potential_energy(flown, self.scene)
         return (energy - self._energy) / self._energy if self._energy > 0 else energy
 
     @property
     @at_rest
     def momentum_drift(self) -> Floats:
-        """Change of momentum from the start, less the walls' impulses, over sum m |v|, (d,). Read-only."""
-        given = self._engine.arrays.total[self._at.LEDGER : self._at.LEDGER + self.scene.dim]
+        """Change of momentum from the start, less the walls' and gravity's impulses, over sum m |v|, (d,).
+
+        Read-only.
+        """
+        engine, at, dim = self._engine, self._at, self.scene.dim
+        given = engine.arrays.total[at.LEDGER : at.LEDGER + dim]
+        if self.scene.falls:  # earlier epochs are in the ledger
+            behind = engine.now[0] - int(engine.arrays.counter[at.EPOCH])
+            weight = engine.arrays.number[at.WEIGHT : at.WEIGHT + dim]
+            given = given - weight * (behind * engine.length + engine.now[1])
         change = self.momentum - self.scene.momentum + given
-        scale = float(np.sum(self.scene.masses * np.linalg.norm(self.velocities, axis=1)))
+        flown, velocities = engine.flown()
+        if self.scene.falls:  # speeds at the floor: at the top of its flight a ball has none
+            velocities = np.sqrt(squares_at_floor(self.scene, flown, velocities))
+        scale = float(np.sum(self.scene.masses * np.linalg.norm(velocities, axis=1)))
         drift: Floats = read_only(change / scale if scale > 0 else change)
         return drift
 

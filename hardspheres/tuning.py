@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hardspheres.errors import SimulationError
-from hardspheres.scene import Scene
+from hardspheres.scene import Scene, heights
 
 Floats = NDArray[np.float64]
 
@@ -38,8 +38,34 @@ def epoch_length(scene: Scene) -> float:
     It depends on the scene alone, and on it in a way that scales exactly: multiplying all lengths or times by
     a power of two multiplies it by a power of two. Later ones: `pace`.
     """
-    v2 = mean_square(scene.velocities)
+    v2 = mean_square(scene.velocities) + fall_square(scene)
     return 1.0 if v2 == 0.0 else epoch_length_at(scene, v2)
+
+
+def fall_square(scene: Scene) -> float:
+    """Mean square speed that particles gain by falling down, or over four mean distances if that is more.
+
+    So an epoch is short enough that no particle falls by many mean distances from rest in it. Sums are
+    rounded exactly, once: they do not depend on their order.
+    """
+    if not scene.falls:
+        return 0.0
+    distance = root_of_power_below(scene.volume / scene.n, scene.dim)
+    pulls = np.abs(scene.gravity).tolist()
+    means = [math.fsum(above) / scene.n for above in heights(scene.positions, scene).T.tolist()]
+    down = [2.0 * pull * mean for pull, mean in zip(pulls, means, strict=True)]
+    return max(math.fsum(down), 8.0 * distance * math.fsum(pulls))
+
+
+def energy_in_play(scene: Scene) -> float:
+    """Kinetic energy that a gas has, or under gravity about that which it will have.
+
+    A gas that fills a height of kT / mg above the floor has a kinetic energy of d / (d + 2) of the whole.
+    """
+    if not scene.falls:
+        return scene.kinetic_energy
+    share = scene.dim / (scene.dim + 2.0)
+    return max(scene.kinetic_energy, share * (scene.kinetic_energy + scene.potential_energy))
 
 
 def epoch_length_at(scene: Scene, v2: float) -> float:
@@ -60,7 +86,7 @@ def pace(scene: Scene, length: float) -> tuple[float, float]:
         Another length is due below the one and from the other on; 0 and infinity where all masses are equal,
         since the mean square is then constant.
     """
-    if np.all(scene.masses == scene.masses[0]) or not np.any(scene.velocities):
+    if np.all(scene.masses == scene.masses[0]) or not (np.any(scene.velocities) or scene.falls):
         return 0.0, math.inf
     root = epoch_length_at(scene, 1.0) / length
     lower = 0.0 if OUT_OF_PACE * length > epoch_length(scene) else 2.0 * root / OUT_OF_PACE
@@ -100,7 +126,7 @@ def mean_cross_section(one: Floats, other: Floats, dim: int) -> float:
 def collision_frequency(scene: Scene) -> float:
     """Approximate collisions per particle and time (Enskog with a simple contact value), for tuning only."""
     cross_section = mean_cross_section(scene.radii, scene.radii, scene.dim)
-    speed = typical_speed(scene, scene.thermal_energy)
+    speed = typical_speed(scene, energy_in_play(scene) if scene.falls else scene.thermal_energy)
     return math.sqrt(2.0) * scene.number_density * cross_section * contact_value(scene) * speed
 
 

@@ -26,6 +26,7 @@ from hardspheres.tuning import (
     EVENTS_PER_BUCKET,
     cells_per_axis,
     collision_frequency,
+    energy_in_play,
     mean_cross_section,
     power_of_two_below,
     require_countable,
@@ -38,6 +39,8 @@ Floats = NDArray[np.float64]
 THERMAL_SPEED = 3.5  # flights at up to this many sqrt(kT/m) are one segment
 # One of these numbers of windows in an epoch is chosen.
 WINDOWS_IN_AN_EPOCH = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
+
+MOST_FALLEN = 0.25  # of the length of a segment, from its middle: how far its frame may fall in the meantime
 
 COLUMN, ALONG, OVERHANG = 3.3, 1.0, 1.0  # see above
 OVERHANG_UNITS = 20
@@ -93,6 +96,11 @@ class Windows:
         self.large = np.flatnonzero(scene.radii > small_radius)
         both = float(scene.radii.max()) + self.reach + half_length
         self.large_cells = cells_per_axis(scene, both, len(self.large))
+
+    @property
+    def fall(self) -> float:
+        """How far particles fall from rest in half a window, along any axis at most."""
+        return 0.125 * float(np.max(np.abs(self.scene.gravity))) * self.length * self.length
 
     @property
     def possible(self) -> bool:
@@ -249,7 +257,7 @@ def windows_for(scene: Scene, epoch: float, search: str = "auto") -> Windows | N
 def cheapest_windows(scene: Scene, epoch: float) -> Windows | str:
     """Return the cheapest windows for epochs of this length, or the reason why there are none."""
     now = np.sum(scene.velocities * scene.velocities, axis=1)
-    rms = max(math.sqrt(float(np.mean(now))), typical_speed(scene, scene.kinetic_energy))
+    rms = max(math.sqrt(float(np.mean(now))), typical_speed(scene, energy_in_play(scene)))
     if rms == 0.0:
         return "no particle moves"
     if math.sqrt(np.max(now)) > 50.0 * rms:
@@ -261,7 +269,8 @@ def cheapest_windows(scene: Scene, epoch: float) -> Windows | str:
         share = share_of_large(scene, small_radius)
         for length in (epoch / parts for parts in WINDOWS_IN_AN_EPOCH):
             windows = Windows(scene, length, half_length * length, small_radius)
-            cost = windows.cost(frequency, in_segments, share) if windows.possible else math.inf
+            possible = windows.possible and windows.fall <= MOST_FALLEN * windows.half_length
+            cost = windows.cost(frequency, in_segments, share) if possible else math.inf
             if cost < least:
                 best, least = windows, cost
     if best:

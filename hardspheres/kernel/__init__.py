@@ -8,8 +8,8 @@ is the whole method, in reading order, room by room.
 **The top.** `loop` is the algorithm: take the next event, execute it, predict the next events of its one or
 two particles. `arrays` is the table of all arrays; `layout` names their slots, and is imported as `at`. What
 a scene lacks is not compiled in: `specialise` loads the files of this package once for each kind of scene
-(dimension, walls, many radii, many masses, search, growth, tallies of flights), each with its own constants
-in place of `flags`.
+(dimension, walls, many radii, many masses, search, growth, tallies of flights, gravity), each with its own
+constants in place of `flags`.
 
 **`common`: what both searches use.** `particles`: a particle's row is its position, its velocity, and the
 time when the two were written. Between events the row stays as it is: the position at a later time is x + v
@@ -63,6 +63,13 @@ particle that has collided gets a new segment, which is compared again and takes
 goes to an overflow list (`overflow`). Between collisions nothing happens at all, where lists would have to be
 rebuilt many times for each collision of a dilute gas. A few large particles among small ones have a coarser
 grid of their own (`large`).
+
+**Gravity.** All particles may have the same acceleration (`hardspheres.gravity`). Then the separation of two
+still changes in a straight line, and contacts are the same function of the two rows. Searches look at the gas
+from a frame that falls with it, where every flight is straight: lists from one that is at rest when the epoch
+begins, so that reference positions stay where they are until the lists of the next one; windows from one that
+is at rest in their middle. Only walls see parabolas. A bounce takes its speed from what the particle had at
+the floor after its last collision, which is kept beside its row.
 
 **`simd`: how it is compiled.** `jit`, `parts`, `pointers`, `vectors`. Kernels find the arrays by a table of
 their `addresses`. Arithmetic is strict wherever it enters the

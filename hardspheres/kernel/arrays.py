@@ -86,6 +86,8 @@ OF_RUN = (  # These last as long as the simulation.
         I8,
         lambda at, c: at.COUNTERS + c[at.SPECIES_COUNT] * (at.FLIGHT_COUNT + c[at.SPECIES_COUNT]),
     ),
+    # Gravity: squared speed of each particle at the wall it is pulled to, along each axis.
+    Array("fall", F8, lambda at, c: c[at.N] * at.FALL, kept="fall"),
     Array("total", F8, lambda at, c: at.FLIGHT_SUMS + c[at.SPECIES_COUNT] * at.FLIGHT_SUM, kept="total"),
 )
 

@@ -6,4 +6,5 @@ SIZES = False  # radii differ
 MASSES = False  # masses differ
 SPARSE = False  # dilute: common windows of time in place of neighbour lists
 GROWS = False  # all radii grow linearly in time (never with SPARSE)
+GRAVITY = False  # all particles fall with the same acceleration (never with GROWS)
 FLIGHTS = False  # free flights are tallied, and events logged if there is a log (never with GROWS)

@@ -3,7 +3,7 @@
 The arrays themselves are listed in `arrays`.
 """
 
-from .flags import DIM, FLIGHTS, MASSES, SIZES, SPARSE  # noqa: F401  `arrays` reads MASSES
+from .flags import DIM, FLIGHTS, GRAVITY, MASSES, SIZES, SPARSE  # noqa: F401  `arrays` reads MASSES
 
 
 class Slots:
@@ -33,6 +33,10 @@ PARTNER = 1  # a particle, n + 2 axis + side for a wall, or one of the codes bel
 PARTNER_VERSION = 2  # the partner's version when the event was predicted
 STAMP = 3  # of the one queue entry that counts
 REFERENCE = 4  # reference position of the particle's list (unwrapped as the row), DIM numbers
+
+# Squared speed, along each axis, that a particle has whenever it is at the wall that gravity pulls it to: as
+# long as it meets nobody, this stays as it is.
+FALL = DIM if GRAVITY else 0
 
 REBUILD = -1  # the particle is at its displacement threshold: a new neighbour list is due
 NOTHING = -2  # no event before the epoch ends
@@ -71,6 +75,8 @@ SEGMENT_OVERHANG = slot(3)  # how far a segment may reach beyond its cell
 SMALL_RADIUS = slot()  # particles with a larger radius are in the coarse grid
 LARGEST = slot()  # largest radius
 LARGE_DENSITY = slot(3)  # coarse cells per length
+PULL = slot(3 if GRAVITY else 0)  # acceleration of all particles
+WEIGHT = slot(3 if GRAVITY else 0)  # that times the mass of all
 NUMBERS = slot.end
 FLIGHT_UNITS = NUMBERS  # where FLIGHTS, of each species: 1 / the units of its paths, times, and bins of speed
 
@@ -83,7 +89,7 @@ STRESS_EPOCHS = slot(6)  # sum of (epoch) d(m v_a v_b) of earlier epochs
 WALL_IMPULSE = slot(6)  # momentum given to the wall, per axis: lower, upper
 WALL_RADIUS_IMPULSE = slot(6)  # the same times the particle's radius
 SUMS = slot.end  # how many begin anew with the tallies
-LEDGER = slot(3)  # net momentum given to the walls since the start: it stays small, so exact to rounding
+LEDGER = slot(3)  # net momentum given to the walls since the start, less that of gravity: exact to rounding
 FLIGHT_SUMS = slot.end
 
 # Counters, int64.
@@ -132,6 +138,7 @@ WIDTH = slot(3)  # of a cell in the units of bounding boxes
 OVERHANG = slot(3)  # how far a segment may reach beyond its cell in these units
 LARGE = slot()  # how many particles are in the coarse grid
 LARGE_CELLS = slot(3)  # coarse cells per axis
+RESTING = slot(1 if GRAVITY else 0)  # 1 + a particle that has come to rest on a wall
 COUNTERS = slot.end
 FLIGHT_COUNTS = COUNTERS
 

@@ -13,7 +13,7 @@ from . import layout as at
 from .common.event_heap import pop_event
 from .common.particles import begin_epoch, collide_pair, epoch_length_due, hit_wall
 from .common.prefetch import prefetch_next_event
-from .flags import FLIGHTS, GROWS, MASSES, SPARSE, WALLS
+from .flags import FLIGHTS, GRAVITY, GROWS, MASSES, SPARSE, WALLS
 from .simd.jit import entry_point, jit
 from .simd.pointers import handed_over, pointers
 
@@ -32,6 +32,7 @@ __all__ = [
     "LOG_FULL",
     "NO_ROOM",
     "PAUSED",
+    "RESTS",
     "STANDS_STILL",
     "at",
     "handed_over",
@@ -47,6 +48,7 @@ PAUSED = 1  # used up its budget; call it again
 NO_ROOM = 2  # a list, a cell or the calendar is full: make room, search from the rows, call it again
 STANDS_STILL = 3  # 1000 events per particle without time moving
 LOG_FULL = 4  # empty the log, and call it again
+RESTS = 6  # a particle has come to rest on a wall
 EPOCH_LENGTH_DUE = 5  # an epoch is over, and the next ones ought to be shorter or longer: change that first
 
 
@@ -96,6 +98,8 @@ def run(arrays, afresh, stop_epoch, stop_time, stop_pairs, budget):
             pop_event(s)
             prefetch_next_event(s)
             execute(s, entry, time)
+            if GRAVITY and s.counter[at.RESTING] > 0:
+                return RESTS
             if s.counter[at.INSTANT_EVENTS] > 1000 * n:
                 return STANDS_STILL
         if SPARSE and s.counter[at.SHORT_LISTS] and is_full(s):

@@ -26,6 +26,7 @@ def specialise(
     sparse: bool,
     grows: bool = False,
     flights: bool = False,
+    gravity: bool = False,
 ) -> types.ModuleType:
     """Load the kernels for one kind of scene.
 
@@ -41,6 +42,8 @@ def specialise(
         Radii grow linearly in time; with lists only.
     flights : bool
         Free flights are tallied and events can be logged; not with `grows`.
+    gravity : bool
+        All particles have the same acceleration; not with `grows`.
 
     Returns
     -------
@@ -55,6 +58,7 @@ def specialise(
         + "_sparse" * sparse
         + "_grows" * grows
         + "_flights" * flights
+        + "_gravity" * gravity
     )
     name = f"{__package__}.{tag}"
     with _ONE_AT_A_TIME:
@@ -65,7 +69,7 @@ def specialise(
             package.__path__ = [str(_KERNEL)]
             flags = types.ModuleType(f"{name}.flags")
             vars(flags).update(DIM=dim, WALLS=walls, SIZES=sizes, MASSES=masses, SPARSE=sparse)
-            vars(flags).update(GROWS=grows, FLIGHTS=flights)
+            vars(flags).update(GROWS=grows, FLIGHTS=flights, GRAVITY=gravity)
             sys.modules[name] = package
             sys.modules[flags.__name__] = flags
             with cached_in(cache_folder(tag)):

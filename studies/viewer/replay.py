@@ -154,8 +154,8 @@ def view(start: hs.Scene | hs.Simulation, collisions_per_particle: float = 10.0)
     Raises
     ------
     SimulationError
-        If there are more than 20 000 particles or 2 000 000 events, if s is not between 0 and 1000, or if no
-        collision is to come.
+        If there are more than 20 000 particles or 2 000 000 events, if s is not between 0 and 1000, if no
+        collision is to come, or if there is gravity.
 
     Examples
     --------
@@ -164,12 +164,12 @@ def view(start: hs.Scene | hs.Simulation, collisions_per_particle: float = 10.0)
     >>> view(hs.random_gas(n=200, packing_fraction=0.1, seed=1), collisions_per_particle=2).collisions
     200
     """
-    if isinstance(start, hs.Scene):
-        n = start.n
-    elif isinstance(start, hs.Simulation):
-        n = start.scene.n
-    else:
+    if not isinstance(start, (hs.Scene, hs.Simulation)):
         raise hs.SimulationError(f"view takes a Scene or a Simulation, not {start!r:.60}")
+    gas = start if isinstance(start, hs.Scene) else start.scene
+    n = gas.n
+    if gas.falls:
+        raise hs.SimulationError("the viewer draws straight flights, and under gravity none is straight")
     try:
         s = float(collisions_per_particle)
     except (TypeError, ValueError):

@@ -8,10 +8,10 @@ from using vectors. Formulas and their sources: `hardspheres.collision`, for sph
 
 import math
 
-from hardspheres import collision, growth
+from hardspheres import collision, gravity, growth
 
 from .. import layout as at
-from ..flags import DIM, GROWS, SIZES
+from ..flags import DIM, GRAVITY, GROWS, SIZES
 from ..simd.jit import jit
 from ..simd.pointers import bits, from_bits
 
@@ -20,6 +20,8 @@ discriminant_2d = jit(collision.discriminant_2d)
 discriminant_3d = jit(collision.discriminant_3d)
 growing_contact_time = jit(growth.growing_contact_time)
 growing_discriminant = jit(growth.growing_discriminant)
+impact_time = jit(gravity.impact_time)
+impact_square = jit(gravity.impact_square)
 
 NEVER = math.inf
 NO_TIME = 0x7FF0000000000000  # the bits of infinity: non-negative times order as their bits do
@@ -66,6 +68,9 @@ def solve(s, i, now, m):
     radius = row[ri + at.RADIUS]
     full = 2.0 * s.number[at.COMMON_RADIUS]
     scale, rate = s.number[at.SCALE], s.number[at.GROWTH]
+    if GRAVITY:
+        ax, ay, az = s.number[at.PULL], s.number[at.PULL + 1], s.number[at.PULL + 2]
+        half_ax, half_ay, half_az = 0.5 * ax, 0.5 * ay, 0.5 * az
     soonest = NO_TIME
     for k in range(m):
         tj = scratch[SINCE + k]
@@ -76,6 +81,12 @@ def solve(s, i, now, m):
         u, v = pu - vx, pv - vy
         x = (px + pu * dti) - (scratch[PLACE + k] + vx * dtj)
         y = (py + pv * dti) - (scratch[PLACE + at.LANES + k] + vy * dtj)
+        if GRAVITY:
+            u, v = (pu + ax * dti) - (vx + ax * dtj), (pv + ay * dti) - (vy + ay * dtj)
+            x = (px + (pu + half_ax * dti) * dti) - (scratch[PLACE + k] + (vx + half_ax * dtj) * dtj)
+            y = (py + (pv + half_ay * dti) * dti) - (
+                scratch[PLACE + at.LANES + k] + (vy + half_ay * dtj) * dtj
+            )
         x -= lx * (scratch[SHIFT + k] if named else rint((x + u * ago) * ix))
         y -= ly * (scratch[SHIFT + at.LANES + k] if named else rint((y + v * ago) * iy))
         if SIZES:
@@ -86,6 +97,11 @@ def solve(s, i, now, m):
             vz = scratch[VEL + 2 * at.LANES + k]
             w = pw - vz
             z = (pz + pw * dti) - (scratch[PLACE + 2 * at.LANES + k] + vz * dtj)
+            if GRAVITY:
+                w = (pw + az * dti) - (vz + az * dtj)
+                z = (pz + (pw + half_az * dti) * dti) - (
+                    scratch[PLACE + 2 * at.LANES + k] + (vz + half_az * dtj) * dtj
+                )
             z -= lz * (scratch[SHIFT + 2 * at.LANES + k] if named else rint((z + w * ago) * iz))
             b = x * u + y * v + z * w
             rr = x * x + y * y + z * z
@@ -131,6 +147,8 @@ def rint(x):
 @jit
 def wall_contact(s, i):
     """Time and wall (n + 2 axis + side) of i's next wall; never, where no wall lies ahead."""
+    if GRAVITY:
+        return falling_wall_contact(s, i)
     row = s.row
     ri = i * at.ROW
     time = NEVER
@@ -143,6 +161,56 @@ def wall_contact(s, i):
         sooner = (s.number[at.INVERSE + d] == 0.0) & (v != 0.0) & (t < time)
         time = t if sooner else time
         wall = s.counter[at.N] + 2 * d + (1 if v > 0.0 else 0) if sooner else wall
+    return time, wall
+
+
+@jit
+def toward_wall(s, i, d, side):
+    """Speed of i towards a wall of axis d when its row was written, gap (not negative), and acceleration."""
+    ri = i * at.ROW
+    radius = s.row[ri + at.RADIUS] if SIZES else s.number[at.COMMON_RADIUS]
+    x, v, pull = s.row[ri + at.X + d], s.row[ri + at.V + d], s.number[at.PULL + d]
+    if side:
+        return v, max((s.number[at.BOX + d] - radius) - x, 0.0), pull
+    return -v, max(x - radius, 0.0), -pull
+
+
+@jit
+def square_at_wall(s, i, d, side):
+    """Square of the speed along axis d with which i comes to a wall; 0 where it does not come so far."""
+    pull = s.number[at.PULL + d]
+    if pull == 0.0:
+        return s.row[i * at.ROW + at.V + d] * s.row[i * at.ROW + at.V + d]
+    square = s.fall[i * at.FALL + d]
+    if (pull > 0.0) == (side == 1):
+        return square
+    radius = s.row[i * at.ROW + at.RADIUS] if SIZES else s.number[at.COMMON_RADIUS]
+    return max(impact_square(math.sqrt(square), s.number[at.BOX + d] - 2.0 * radius, -abs(pull)), 0.0)
+
+
+@jit
+def note_fall(s, i):
+    """Note the squared speeds of i at the walls that it is pulled to; it has just met another particle."""
+    for d in range(DIM):
+        pull = s.number[at.PULL + d]
+        toward, gap, _ = toward_wall(s, i, d, 1 if pull > 0.0 else 0)
+        s.fall[i * at.FALL + d] = impact_square(toward, gap, abs(pull))
+
+
+@jit
+def falling_wall_contact(s, i):
+    """As `wall_contact` under gravity: what rises may fall back, to the wall that it has left."""
+    time = NEVER
+    wall = at.NOTHING
+    for d in range(DIM):
+        if s.number[at.INVERSE + d] == 0.0:
+            for side in range(2):
+                toward, gap, pull = toward_wall(s, i, d, side)
+                root = math.sqrt(square_at_wall(s, i, d, side))
+                t = s.row[i * at.ROW + at.T] + impact_time(toward, gap, pull, root)
+                if t < time:
+                    time = t
+                    wall = s.counter[at.N] + 2 * d + side
     return time, wall
 
 

@@ -8,7 +8,7 @@ read by the dynamics.
 import math
 
 from .. import layout as at
-from ..flags import DIM, MASSES, SIZES
+from ..flags import DIM, GRAVITY, MASSES, SIZES
 from ..simd.jit import jit
 from ..simd.pointers import bits
 
@@ -59,6 +59,8 @@ def end_flight(s, i, t):
     known = began_here(s, i)
     s.flight[i * at.FLIGHT + at.BEGAN] = t
     s.flight[i * at.FLIGHT + at.BEGAN_EPOCH] = s.counter[at.EPOCH]
+    if GRAVITY:  # the path is no straight line, and not told
+        return math.nan
     species = species_of(s, i)
     sums = at.FLIGHT_SUMS + species * at.FLIGHT_SUM
     counts = at.FLIGHT_COUNTS + species * at.FLIGHT_COUNT

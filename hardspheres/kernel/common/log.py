@@ -7,7 +7,7 @@ over. Particles are logged by the lower, then the higher id, whichever of the tw
 import math
 
 from .. import layout as at
-from ..flags import DIM
+from ..flags import DIM, GRAVITY
 from ..simd.jit import jit
 from .flights import began_here, flown_for, speed_of
 
@@ -40,7 +40,7 @@ def log_pair(s, i, j, t, push, rr, x, y, z, path_i, path_j):
 @jit
 def log_wall(s, i, wall, t, axis, side, impulse):
     """Write down a hit of a wall; the path is that so far, as the flight goes on."""
-    path = speed_of(s, i) * flown_for(s, i, t) if began_here(s, i) else math.nan
+    path = speed_of(s, i) * flown_for(s, i, t) if began_here(s, i) and not GRAVITY else math.nan
     normal = log_event(s, i, wall, t, impulse, path, math.nan)
     for d in range(DIM):
         s.log[normal + d] = 0.0

@@ -9,13 +9,13 @@ import math
 from hardspheres import collision, growth
 
 from .. import layout as at
-from ..flags import DIM, FLIGHTS, GROWS, MASSES, SIZES
+from ..flags import DIM, FLIGHTS, GRAVITY, GROWS, MASSES, SIZES
 from ..simd.jit import called, jit
 from ..simd.pointers import bits, from_bits
-from .contact_times import full_contact, rint
+from .contact_times import full_contact, note_fall, rint, square_at_wall
 from .flights import end_flight, tally_encounter
 from .log import log_pair, log_wall
-from .tallies import tally_pair, tally_stress, tally_wall
+from .tallies import tally_fall, tally_pair, tally_stress, tally_wall
 
 impulse = jit(collision.impulse)
 impulse_of_masses = jit(collision.impulse_of_masses)
@@ -48,8 +48,15 @@ def fly(s, i, t):
     """Free flight of row i to time t."""
     ri = i * at.ROW
     dt = t - s.row[ri + at.T]
+    if GRAVITY:
+        tally_fall(s, i, dt)
     for d in range(DIM):
-        s.row[ri + at.X + d] += s.row[ri + at.V + d] * dt
+        if GRAVITY:
+            pull = s.number[at.PULL + d]
+            s.row[ri + at.X + d] += (s.row[ri + at.V + d] + 0.5 * pull * dt) * dt
+            s.row[ri + at.V + d] += pull * dt
+        else:
+            s.row[ri + at.X + d] += s.row[ri + at.V + d] * dt
     s.row[ri + at.T] = t
 
 
@@ -57,9 +64,13 @@ def fly(s, i, t):
 def collide_pair(s, i, j, t):
     """Elastic collision of i and j at time t."""
     row = s.row
-    fly(s, i, t)
-    fly(s, j, t)
     low, high = min(i, j), max(i, j)
+    if GRAVITY:  # sums over flights are rounded in the same order in both searches
+        fly(s, low, t)
+        fly(s, high, t)
+    else:
+        fly(s, i, t)
+        fly(s, j, t)
     path_low, path_high = 0.0, 0.0
     if FLIGHTS:
         path_low, path_high = end_flight(s, low, t), end_flight(s, high, t)
@@ -98,6 +109,9 @@ def collide_pair(s, i, j, t):
         row[ri + at.V + 2] += pi * z
         row[rj + at.V + 2] -= pj * z
         w += row[ri + at.V + 2] - row[rj + at.V + 2]
+    if GRAVITY:
+        note_fall(s, i)
+        note_fall(s, j)
     u += row[ri + at.V] - row[rj + at.V]
     v += row[ri + at.V + 1] - row[rj + at.V + 1]
     tally_pair(s, push, t, x, y, z, u, v, w, 1.0 if factor == 1.0 else 1.0 / THREE_QUARTERS)
@@ -116,9 +130,12 @@ def nearest(s, d, separation):
 @jit
 def hit_wall(s, i, wall, t):
     """Specular reflection of i at a wall at time t."""
-    fly(s, i, t)
     axis = (wall - s.counter[at.N]) >> 1
     side = (wall - s.counter[at.N]) & 1
+    if GRAVITY:
+        fall_to_wall(s, i, axis, side, t)
+    else:
+        fly(s, i, t)
     ri = i * at.ROW
     mass = s.mass[i] if MASSES else s.number[at.MASS]
     radius = s.row[ri + at.RADIUS] if SIZES else s.number[at.COMMON_RADIUS]
@@ -135,6 +152,22 @@ def hit_wall(s, i, wall, t):
             tally_stress(s, d + axis + 2, -2.0 * mass * v * s.row[ri + at.V + d], t)
     s.version[i] += 1
     s.counter[at.WALL_HITS] += 1
+
+
+@jit
+def fall_to_wall(s, i, axis, side, t):
+    """Flight of row i to a wall: there exactly, with the speed that follows from the energy."""
+    square = square_at_wall(s, i, axis, side)
+    fly(s, i, t)
+    pull = s.number[at.PULL + axis] if side else -s.number[at.PULL + axis]
+    ri = i * at.ROW
+    radius = s.row[ri + at.RADIUS] if SIZES else s.number[at.COMMON_RADIUS]
+    if pull != 0.0:
+        s.row[ri + at.X + axis] = s.number[at.BOX + axis] - radius if side else radius
+    s.row[ri + at.V + axis] = math.sqrt(square) if side else -math.sqrt(square)
+    # Bounces so low come in no end.
+    if pull > 0.0 and radius + square / (2.0 * pull) == radius:
+        s.counter[at.RESTING] = i + 1
 
 
 @called
@@ -156,6 +189,9 @@ def begin_epoch(s):
                 shift = s.number[at.BOX + d] * wraps
                 s.row[ri + at.X + d] -= shift
                 s.image_counts[i * DIM + d] += int(wraps)
+    if GRAVITY:
+        for d in range(DIM):
+            s.total[at.LEDGER + d] -= s.number[at.WEIGHT + d] * length
     if GROWS:
         s.number[at.SCALE] += s.number[at.GROWTH] * length
     s.counter[at.EPOCH] += 1

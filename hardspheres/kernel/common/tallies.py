@@ -6,7 +6,7 @@ these sums and the present velocities (`Engine.tallied`), without a look at all 
 """
 
 from .. import layout as at
-from ..flags import DIM
+from ..flags import DIM, MASSES
 from ..simd.jit import jit
 
 
@@ -16,6 +16,26 @@ def tally_stress(s, k, change, t):
     s.total[at.STRESS + k] += change
     s.total[at.STRESS_MOMENT + k] += change * t
     s.total[at.STRESS_EPOCHS + k] += change * s.counter[at.EPOCH]
+
+
+@jit
+def tally_fall(s, i, dt):
+    """Add what gravity changes of m v_a v_b while row i flies for a time: c t + p t^2, t from the row's."""
+    ri = i * at.ROW
+    mass = s.mass[i] if MASSES else s.number[at.MASS]
+    for a in range(DIM):
+        for b in range(a, DIM):
+            pa, pb = s.number[at.PULL + a], s.number[at.PULL + b]
+            if pa == 0.0 and pb == 0.0:
+                continue
+            c = mass * (s.row[ri + at.V + a] * pb + s.row[ri + at.V + b] * pa)
+            p = mass * pa * pb
+            k = a if a == b else a + b + 2
+            change = (c + p * dt) * dt
+            s.total[at.STRESS + k] += change
+            moment = change * s.row[ri + at.T] + (0.5 * c + 2.0 / 3.0 * p * dt) * dt * dt
+            s.total[at.STRESS_MOMENT + k] += moment
+            s.total[at.STRESS_EPOCHS + k] += change * s.counter[at.EPOCH]
 
 
 @jit

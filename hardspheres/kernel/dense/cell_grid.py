@@ -16,6 +16,16 @@ from ..simd.jit import jit
 
 
 @jit
+def fallen(s, d, x, v, t):
+    """Place and velocity along axis d at time t, seen from a frame that falls since the epoch began.
+
+    There every flight is straight, and a reference position stays where it is. All lists are of one epoch.
+    """
+    pull = s.number[at.PULL + d]
+    return x - 0.5 * pull * t * t, v - pull * t
+
+
+@jit
 def wrapped(s, i, d):
     """Coordinate d of i's reference position, wrapped into the box on a periodic axis."""
     x = s.event_float[i * at.EVENT + at.REFERENCE + d]

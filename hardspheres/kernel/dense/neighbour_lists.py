@@ -16,9 +16,9 @@ lists then store the image index.
 import numpy as np
 
 from .. import layout as at
-from ..flags import DIM, SIZES
+from ..flags import DIM, GRAVITY, SIZES
 from ..simd.jit import called, jit
-from .cell_grid import image_of, locate, neighbour_cell, place_of_slot, put_in_cell, take_from_cell
+from .cell_grid import fallen, image_of, locate, neighbour_cell, place_of_slot, put_in_cell, take_from_cell
 from .cutoff import copy_columns, cutoff_test
 
 # Of the displacement threshold, along each axis: the reference position is at most so far ahead of the
@@ -32,9 +32,11 @@ def set_reference(s, i, now):
     dt = now - s.row[i * at.ROW + at.T]
     most = MOST_AHEAD * s.number[at.DISPLACEMENT_THRESHOLD]
     for d in range(DIM):
-        v = s.row[i * at.ROW + at.V + d]
+        x, v = s.row[i * at.ROW + at.X + d], s.row[i * at.ROW + at.V + d]
+        if GRAVITY:
+            x, v = fallen(s, d, x, v, s.row[i * at.ROW + at.T])
         ahead = max(min(v * s.number[at.LEAD], most), -most)
-        s.event_float[i * at.EVENT + at.REFERENCE + d] = s.row[i * at.ROW + at.X + d] + v * dt + ahead
+        s.event_float[i * at.EVENT + at.REFERENCE + d] = x + v * dt + ahead
 
 
 @jit

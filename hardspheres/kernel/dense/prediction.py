@@ -19,10 +19,11 @@ from ..common.contact_times import (
     solve,
     wall_contact,
 )
-from ..flags import DIM, GROWS, WALLS
+from ..flags import DIM, GRAVITY, GROWS, WALLS
 from ..simd.jit import jit
 from ..simd.pointers import from_bits
 from ..simd.vectors import gather_transposed, least_of_equal
+from .cell_grid import fallen
 
 
 @jit
@@ -74,9 +75,15 @@ def threshold_crossing(s, i):
     ri, reference = i * at.ROW, i * at.EVENT + at.REFERENCE
     x, y = row[ri + at.X] - s.event_float[reference], row[ri + at.X + 1] - s.event_float[reference + 1]
     u, v = row[ri + at.V], row[ri + at.V + 1]
+    if GRAVITY:
+        t = row[ri + at.T]
+        x, u = fallen(s, 0, x, u, t)
+        y, v = fallen(s, 1, y, v, t)
     threshold2 = s.number[at.DISPLACEMENT_THRESHOLD] * s.number[at.DISPLACEMENT_THRESHOLD]
     if DIM == 3:
         z, w = row[ri + at.X + 2] - s.event_float[reference + 2], row[ri + at.V + 2]
+        if GRAVITY:
+            z, w = fallen(s, 2, z, w, t)
         b, vv, rr = x * u + y * v + z * w, u * u + v * v + w * w, x * x + y * y + z * z
         d = discriminant_3d(x, y, z, u, v, w, threshold2)
     else:

@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from .. import layout as at
-from ..flags import DIM, SIZES, WALLS
+from ..flags import DIM, GRAVITY, SIZES, WALLS
 from ..simd.jit import jit
 from ..simd.vectors import gather_transposed, store_transposed
 
@@ -34,11 +34,25 @@ EDGE = NEAR + EIGHT  # 1 where the flight may reach a wall
 
 
 @jit
+def in_window(s, i, d):
+    """Place and velocity of row i along axis d, seen from a frame that falls: there flights are straight.
+
+    It falls as the particles do, and in the middle of the window it is at rest and in its place.
+    """
+    x, v = s.row[i * at.ROW + at.X + d], s.row[i * at.ROW + at.V + d]
+    to_middle = s.number[at.MIDDLE] - s.row[i * at.ROW + at.T]
+    pull = s.number[at.PULL + d]
+    return x - 0.5 * pull * to_middle * to_middle, v + pull * to_middle
+
+
+@jit
 def segments_of(s, i, duration):
     """Count the segments of a flight of this duration: none reaches further than HALF_LENGTH both ways."""
     vv = 0.0
     for d in range(DIM):
         v = s.row[i * at.ROW + at.V + d]
+        if GRAVITY:
+            _, v = in_window(s, i, d)
         vv += v * v
     far = 0.5 * duration / s.number[at.HALF_LENGTH]
     if vv * far * far < 1.0:
@@ -101,20 +115,29 @@ def near_of(d, before, after):
     if WALLS:  # a middle beyond a wall has nothing near
         most = 3.0 if d == 1 else 1.0
         before, after = min(before, most), min(after, most)
+        if GRAVITY:  # seen from a frame that falls, even a whole segment may lie there
+            before, after = max(before, 0.0), max(after, 0.0)
     return RUNS[d] * before + RUNS[d + 3] * after
 
 
 @jit
-def segment_along(p, k, d, dt, half_time, half_window, unit, radius, of_axis):
+def segment_along(p, k, d, dt, half_time, half_window, unit, radius, pull, of_axis):
     """Write segment k along axis d; returns box, cell, cells near it, squared speed, 1 if near a wall."""
     v = p[EIGHT * (at.V + d) + k]
-    x = in_box(p[EIGHT * (at.X + d) + k] + v * dt, of_axis)
+    if GRAVITY:  # as `in_window`
+        x = in_box(p[EIGHT * (at.X + d) + k] + (v + 0.5 * pull * dt) * dt, of_axis)
+        v += pull * dt
+    else:
+        x = in_box(p[EIGHT * (at.X + d) + k] + v * dt, of_axis)
     half = half_time * abs(v) + radius
     p[SEGMENTS_OF_EIGHT + EIGHT * (at.MIDPOINT + d) + k] = x * unit
     p[SEGMENTS_OF_EIGHT + EIGHT * (at.HALF_DISPLACEMENT + d) + k] = v * half_window * unit
     edge = 0.0
     if WALLS:
-        reached = min(x, of_axis[0] - x) < half + NEAR_A_WALL * of_axis[0]
+        near_a_wall = half + NEAR_A_WALL * of_axis[0]
+        if GRAVITY:  # how far the frame falls
+            near_a_wall += abs(pull) * half_time * half_time
+        reached = min(x, of_axis[0] - x) < near_a_wall
         edge = 1.0 if (of_axis[1] == 0.0) & reached else 0.0
     cell = cell_of(x, of_axis)
     before, after = cells_near(x, half, cell, of_axis)
@@ -139,18 +162,23 @@ def write_eight(s, m, duration):
     middle, core, half_time = s.number[at.MIDDLE], s.number[at.COMMON_RADIUS], 0.5 * duration
     far = half_time / s.number[at.HALF_LENGTH]
     along_x, along_y, along_z = axis(s, 0), axis(s, 1), axis(s, 2)
+    ax, ay, az = 0.0, 0.0, 0.0
+    if GRAVITY:
+        ax, ay, az = s.number[at.PULL], s.number[at.PULL + 1], s.number[at.PULL + 2]
     rows, columns = float(s.counter[at.CELLS + 1]), float(s.counter[at.CELLS + 2])
     for k in range(EIGHT):
         dt = middle - p[EIGHT * at.T + k]
         radius = p[EIGHT * at.RADIUS + k] if SIZES else core
-        ends, cx, near, vv, edge = segment_along(p, k, 0, dt, half_time, half_window, unit, radius, along_x)
+        ends, cx, near, vv, edge = segment_along(
+            p, k, 0, dt, half_time, half_window, unit, radius, ax, along_x
+        )
         more, cy, along, uu, beside = segment_along(
-            p, k, 1, dt, half_time, half_window, unit, radius, along_y
+            p, k, 1, dt, half_time, half_window, unit, radius, ay, along_y
         )
         ends, near, vv, edge, cz = ends + TURN * more, near + along, vv + uu, max(edge, beside), 0.0
         if DIM == 3:
             more, cz, along, uu, beside = segment_along(
-                p, k, 2, dt, half_time, half_window, unit, radius, along_z
+                p, k, 2, dt, half_time, half_window, unit, radius, az, along_z
             )
             ends, near, vv, edge = ends + TURN * TURN * more, near + along, vv + uu, max(edge, beside)
         else:
@@ -186,7 +214,11 @@ def write_segment(s, segments, words, boxes, k, i, t, duration, parts):
     for d in range(DIM):
         v = s.row[ri + at.V + d]
         of_axis = axis(s, d)
-        x = in_box(s.row[ri + at.X + d] + v * dt, of_axis)
+        if GRAVITY:
+            x, v = in_window(s, i, d)
+            x = in_box(x + v * dt, of_axis)
+        else:
+            x = in_box(s.row[ri + at.X + d] + v * dt, of_axis)
         segments[line + at.MIDPOINT + d] = (x + v * on) * unit
         segments[line + at.HALF_DISPLACEMENT + d] = v * s.number[at.HALF_WINDOW] * unit
         half = half_time * abs(v) + radius

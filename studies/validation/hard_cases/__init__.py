@@ -17,6 +17,7 @@ from studies.validation.hard_cases import (
     cradle,
     distances,
     exactly_solved,
+    falling,
     galperin,
     grazing,
     packing,
@@ -33,6 +34,7 @@ GROUPS: dict[str, ModuleType] = {
     "cradle": cradle,
     "ratios": ratios,
     "grazing": grazing,
+    "gravity": falling,
     "packing": packing,
     "distances": distances,
     "reversal": reversal,
@@ -51,10 +53,10 @@ class HardCases(Program):
     name = "hard-cases"
     question = "Is the engine right where the answer is exact, or where methods break?"
     explanation = """
-    Collisions that count digits of pi, cradles, wide ratios of mass and size, grazing collisions, close
-    packing, huge and tiny boxes, reversal, symmetries, solved gases. Writes a table of the exact answer, the
-    engine's, and the number of correct digits. Every finished long run is kept; an interrupted one starts
-    again.
+    Collisions that count digits of pi, cradles, wide ratios of mass and size, grazing collisions, gravity,
+    close packing, huge and tiny boxes, reversal, symmetries, solved gases. Writes a table of the exact
+    answer, the engine's, and the number of correct digits. Every finished long run is kept; an interrupted
+    one starts again.
     """
     files = ("hard_cases.csv",)
     reports = True
@@ -68,7 +70,7 @@ class HardCases(Program):
         (),
         f"One group of cases: {', '.join(GROUPS)}; may be given several times.",
         several=True,
-        shown="all nine",
+        shown="all ten",
         **word("--only", *GROUPS),
     )
 
