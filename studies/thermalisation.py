@@ -511,8 +511,8 @@ def _beams(curve: RelaxationCurve) -> dict[str, Any]:
     value, error = curve.temperature_along(direction)
     apart = np.where(curve.s > 0.0, value - expected, np.nan)
     freedom = curve.n_replicas - 1.0 if curve.n_replicas > 1 else math.inf
-    z = deviates(apart, error, table.anisotropy_error, freedom)
-    return {"theory": expected, "uncertainty": table.anisotropy_error, "z": z}
+    uncertainty = np.hypot(table.anisotropy_error, table.lag)
+    return {"theory": expected, "uncertainty": uncertainty, "z": deviates(apart, error, uncertainty, freedom)}
 
 
 def _rate(curve: RelaxationCurve) -> TheoryCheck | str:
@@ -541,7 +541,7 @@ def _rate_in_time(rate: TheoryCheck, curve: RelaxationCurve, gas: RealGas) -> Th
 
 def _theory_name(gas: RelaxingGas, curve: RelaxationCurve, reference: Comparison | None) -> str:
     if reference is None and curve.starts_from_beams:
-        return f"T_par/T: Boltzmann equation, two beams, dilute gas; {AT_EQUILIBRIUM}"
+        return f"T_par/T: Boltzmann equation, without what parallel beams remember; {AT_EQUILIBRIUM}"
     if reference is None:
         return f"none for this start; {AT_EQUILIBRIUM}"
     if gas.velocities == "maxwell":
