@@ -76,7 +76,7 @@ def lyapunov_exponent(
     Raises
     ------
     ValueError
-        If fewer than 16 collisions per particle are to be measured.
+        If fewer than 16 collisions per particle are to be measured, or the gas falls.
     HardSpheresError
         If the particles never collide.
 
@@ -91,6 +91,10 @@ def lyapunov_exponent(
         raise ValueError(
             f"collisions_per_particle = {collisions_per_particle:g}, settle = {settle:g}; expected at "
             "least 16 collisions per particle for an error bar, and no negative number before"
+        )
+    if scene.falls:
+        raise ValueError(
+            "the exponent of a gas that falls is not measured here; take a scene without gravity"
         )
     tangent = Tangent(scene, *np.random.default_rng(seed).normal(size=(2, *scene.positions.shape)))
     simulation = hs.Simulation(scene, log=tangent.take)

@@ -61,6 +61,7 @@ class DensityProfile(BlockEstimator):
             )
         self.axis, self.width, self.window, self.degree = axis, width, window, degree
         self._blocks = BlockSeries(256)
+        self._falls = False
 
     def add(self, frame: Frame) -> Self:
         """Take in one frame.
@@ -99,13 +100,17 @@ class DensityProfile(BlockEstimator):
                 f"axis {self.axis} is periodic, so the density is the same everywhere along it; choose an "
                 "axis with walls"
             )
-        self._gas = Gas.of(scene)
+        self._gas, self._falls = Gas.of(scene), scene.falls
         if self._fitted().max() > self._bins // 2:
             room, self._gas = float(self._reach().min()), None
             raise ValueError(
                 f"window = {self.window:g} mean diameters is more than half of what centres can reach "
                 f"between the walls, {room:.4g}; take a narrower one"
             )
+
+    def _take_in(self, other: Self) -> None:
+        self._falls = self._falls or other._falls
+        super()._take_in(other)
 
     @property
     def _bins(self) -> int:
@@ -241,11 +246,12 @@ class DensityProfile(BlockEstimator):
 
     @property
     def checks(self) -> list[TheoryCheck]:
-        """The one `check`; none where the walls are so close that the fluid feels both everywhere."""
+        """The one `check`; none under gravity, nor where all of the fluid feels the walls."""
         self._require_frames()
         gas = self.gas
         needed = 6.0 + 15.0 * max(gas.packing_fraction - 0.1, 0.0)  # layers decay more slowly in dense fluids
-        return [self.check] if gas.box[self.axis] >= needed * self._diameter else []
+        wide = gas.box[self.axis] >= needed * self._diameter
+        return [self.check] if wide and not self._falls else []
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw n(z) of each species with its standard errors, and what theory says of the sum at contact."""

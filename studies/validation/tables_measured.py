@@ -393,6 +393,6 @@ QUICK: dict[str, Measured] = {
     "flights": _flights(3, 0.01, 40.0, 100, 2, moments=True),
     "a2": _relaxation(3, (1.0, 2.0), 100, 12, 1),
     "anisotropy": _relaxation(3, (1.0,), 400, 40, 2, of_axes=True),
-    "Lyapunov": _lyapunov(0.2, 32, (0.95, 0.1), 10.0, 2),
+    "Lyapunov": _lyapunov(0.2, 32, (0.95, 0.1), 16.0, 2),
 }
 """Tiny gases, to test the machinery."""

@@ -89,4 +89,6 @@ def test_bad_input():
         lyapunov_exponent(scene, 3.0)
     with pytest.raises(ValueError, match="settle = -1"):
         lyapunov_exponent(scene, settle=-1.0)
+    with pytest.raises(ValueError, match="a gas that falls is not measured here"):
+        lyapunov_exponent(random_gas("2d_mixture_walls", 20, 0.1).replace(gravity=(0.0, -1.0)))
     assert lyapunov_exponent(random_gas("3d_mixture", 20, 0.3), 16.0, settle=1.0).check is None

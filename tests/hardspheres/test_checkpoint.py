@@ -245,7 +245,7 @@ def left_by(folder, where, pid, age=0.0):
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="asks the system for processes")
 def test_what_a_killed_writer_left_is_removed_and_what_another_machine_writes_is_not(half_way, path, dead):
     """An id of a process tells nothing about another machine, or another container on this one: there only age does."""
-    here, other = temporary._neighbourhood(), "0" * 16
+    here, other = temporary.neighbourhood(), "0" * 16
     left_by(path.parent, here, dead)
     left_by(path.parent, here, os.getpid(), temporary.OLD + 60)
     left_by(path.parent, other, dead, temporary.OLD + 60)
@@ -256,7 +256,7 @@ def test_what_a_killed_writer_left_is_removed_and_what_another_machine_writes_is
 
 def test_what_only_looks_like_a_leftover_stays(half_way, path, dead):
     """A file of another name, a folder, a link and what it leads to."""
-    here, elsewhere = temporary._neighbourhood(), path.parent / "thesis.tex"
+    here, elsewhere = temporary.neighbourhood(), path.parent / "thesis.tex"
     elsewhere.write_text("years of work")
     (path.parent / f".partial-{here}-{dead}-0123abcd.npz").symlink_to(elsewhere)
     (path.parent / f".partial-{here}-{dead}-abcd0123").mkdir()
@@ -271,21 +271,21 @@ def test_what_only_looks_like_a_leftover_stays(half_way, path, dead):
 
 def test_machines_and_containers_are_told_apart(monkeypatch):
     """By host, boot and namespace of processes; where these are not known nobody is taken for a neighbour."""
-    known = temporary._neighbourhood()
+    known = temporary.neighbourhood()
     if sys.platform.startswith("linux"):
-        assert known == temporary._neighbourhood()
+        assert known == temporary.neighbourhood()
         with monkeypatch.context() as patch:
             patch.setattr(os, "readlink", lambda path: "pid:[4026532999]")
-            assert temporary._neighbourhood() != known
+            assert temporary.neighbourhood() != known
         with monkeypatch.context() as patch:
             patch.setattr(temporary.Path, "read_text", lambda *_, **__: "another boot")
-            assert temporary._neighbourhood() != known
+            assert temporary.neighbourhood() != known
 
     def unknown(path):
         raise FileNotFoundError(path)
 
     monkeypatch.setattr(os, "readlink", unknown)
-    assert temporary._neighbourhood() != temporary._neighbourhood()
+    assert temporary.neighbourhood() != temporary.neighbourhood()
 
 
 # Files that are sealed, and lie: made with `forged`, which writes what no simulation leaves.
