@@ -28,6 +28,7 @@ from studies.program import Program
 from studies.report import OutputFolder, Screen, seconds_taken, today
 from studies.running.ensemble import available_cores, run_replicas
 from studies.running.ownership import SUMMARY
+from studies.running.shards import run_part
 from studies.validation.tables_measured import MEASURED, QUICK, Measured, measure
 
 __all__ = ["BEGIN", "END", "AccuracyTables", "Line", "Row", "alarm", "between_marks", "markdown", "pooled"]
@@ -312,6 +313,7 @@ class AccuracyTables(Program):
     --known {ROUNDS} adds rounds to these.
     """
     files = (ROUNDS, TABLES)
+    in_shards = True
 
     rounds: int = option(30, "Independent runs of each pressure; a fifth as many of all else.", at_least=1)
     known: str | None = option(None, f"A {ROUNDS} of this version: rounds in it are not run again.")
@@ -339,7 +341,7 @@ class AccuracyTables(Program):
         return lines
 
     def conduct(self, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:
-        """Run all rounds that are not known; sound where no row is beyond `alarm`."""
+        """Run all rounds that are not known, or those of a shard; sound where no row is beyond `alarm`."""
         began = time.perf_counter()
         known = self._known()
         out.check(self)
@@ -355,6 +357,11 @@ class AccuracyTables(Program):
             for name in dict.fromkeys(item[0] for item in items if item not in there):
                 self._table[name].load()
         ready = time.perf_counter()
+        task = _Round(self.quick, self.seed, known)
+        if out.shard is not None:
+            with out.shared(self) as shared:
+                run_part(task, list(enumerate(items)), shared, screen, workers=self.workers)
+            return {}, True
         with out.running(self) as shelf, screen.progress("rounds", len(items)) as advance:
             kept: dict[int, list[Line]] = {}
 
@@ -367,7 +374,7 @@ class AccuracyTables(Program):
                     self._write(out, [*beyond, *(line for index in sorted(kept) for line in kept[index])])
 
             found = run_replicas(
-                _Round(self.quick, self.seed, known),
+                task,
                 items,
                 workers=self.workers,
                 done=told,

@@ -2,6 +2,7 @@
 
 import json
 import math
+import shutil
 import sys
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -15,6 +16,7 @@ from analysis.statistics import Estimate
 from studies.cli import main
 from studies.fluid import Fluid
 from studies.report import OutputFolder, Screen
+from studies.running.shards import Shard
 from studies.validation import tables
 from studies.validation.tables import (
     AccuracyTables,
@@ -42,9 +44,10 @@ def same(lines):
 def run(tmp_path_factory):
     """Conduct a miniature; returns its folder, its summary and whether it was sound."""
 
-    def conduct(name="", resume=False, **more):
+    def conduct(name="", resume=False, shard=None, **more):
         folder = tmp_path_factory.mktemp("tables") if not name else Path(name)
         out = OutputFolder(folder, resume=resume)
+        out.shard = shard
         study = AccuracyTables(**{"quick": True, "workers": 1, "seed": 3} | more)
         return folder, *study.conduct(out, Screen(json_output=True))
 
@@ -96,6 +99,22 @@ def test_interrupted_or_extended_it_gives_the_same(run, tmp_path, monkeypatch):
     assert same(read_lines(tmp_path / "rounds.csv")) == lines
     other = measure(("spheres", 0), QUICK, 4)[0][0]
     assert other.measured.value != lines[0].value
+
+
+def test_shards_are_gathered_to_the_same(run, tmp_path, monkeypatch):
+    """The second of two began first; the gathering runs nothing. Sibling: it runs what no shard has."""
+    monkeypatch.setattr(tables, "QUICK", SMALL)
+    lines = same(read_lines(run(rounds=2)[0] / "rounds.csv"))
+    assert run(str(tmp_path), shard=Shard(2, 2), rounds=2)[1:] == ({}, True)
+    assert not (tmp_path / "rounds.csv").exists()
+    shutil.copytree(tmp_path, tmp_path / "half")
+    run(str(tmp_path), shard=Shard(1, 2), rounds=2)
+    with monkeypatch.context() as patch:
+        patch.setattr(tables, "measure", None)
+        run(str(tmp_path), resume=True, rounds=2)
+        with pytest.raises(TypeError):
+            run(str(tmp_path / "half"), resume=True, rounds=2)
+    assert same(read_lines(tmp_path / "rounds.csv")) == lines
 
 
 def test_more_rounds_are_more_precise():
