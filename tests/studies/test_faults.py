@@ -335,14 +335,14 @@ def test_three_shards_two_of_them_at_once_one_killed(undisturbed, tmp_path):
     out, checkpoint = tmp_path / "out", tmp_path / "out" / "checkpoint"
     options = [*ALONE, "--out", str(out)]
     first, second = (start(*options, *OFTEN, "--shard", f"{k}/3") for k in (1, 2))
-    wait_for(lambda: (checkpoint / "running-0000.npz").exists() and (checkpoint / "claim-0001").exists())
+    wait_for(lambda: (checkpoint / "running-0006.npz").exists() and (checkpoint / "claim-0005").exists())
     first.send_signal(signal.SIGSTOP)
     code, errors = finish(*options, "--resume")
     assert code == 2 and errors.count("\n") == 1
     assert f"process {first.pid}) still writes into {out}; wait until it has ended" in errors
     first.kill()
     first.communicate()
-    assert not (checkpoint / "done-0000.npz").exists()
+    assert not (checkpoint / "done-0006.npz").exists()
     _, errors = second.communicate(timeout=300)
     assert second.returncode == 0 and errors == ""
     code, errors = finish(*options, "--shard", "3/3")
@@ -360,7 +360,7 @@ def test_shards_that_start_at_once_and_one_that_is_interrupted(undisturbed, tmp_
     out = tmp_path / "out"
     options = [*ALONE, "--out", str(out)]
     shards = [start(*options, *OFTEN, "--shard", f"{k}/3") for k in (1, 2, 3)]
-    wait_for((out / "checkpoint" / "claim-0000").exists)
+    wait_for((out / "checkpoint" / "claim-0006").exists)
     shards[0].send_signal(signal.SIGTERM)
     errors = [shard.communicate(timeout=300)[1] for shard in shards]
     assert [shard.returncode for shard in shards] == [143, 0, 0] and errors[1:] == ["", ""]
