@@ -31,6 +31,7 @@ __all__ = [
     "BlockEstimator",
     "Estimator",
     "NoDataError",
+    "PlacesEstimator",
     "ReplicaEstimator",
     "TalliedEstimator",
     "require_same_simulation",
@@ -232,6 +233,31 @@ class BlockEstimator(Estimator):
         """Mean row of all samples of all runs."""
         series = self._series()
         return over_runs([run.mean for run in series], [run.n_samples for run in series])
+
+
+class PlacesEstimator(BlockEstimator):
+    """Base of estimators of where particles are: a row per frame, of one gas."""
+
+    @abstractmethod
+    def _begin(self, scene: Scene) -> None:
+        """Take the gas of the first frame; ValueError where it cannot be measured."""
+
+    def _follow(self, frame: Frame) -> Scene:
+        """Return the scene of a frame; ValueError unless it has as many particles as the first."""
+        if self._gas is None:
+            self._begin(frame.scene)
+        elif len(frame.positions) != self._gas.n:
+            raise ValueError(
+                f"frame has {len(frame.positions)} particles; expected {self._gas.n}, as in the first"
+            )
+        return frame.scene
+
+    @property
+    def _frames(self) -> int:
+        return sum(series.n_samples for series in self._series())
+
+    def _require_frames(self) -> None:
+        self._require(bool(self._series()), "frames", "add(frame)")
 
 
 def over_runs(means: Sequence[FloatArray], weights: Sequence[float]) -> FloatArray:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis import theory
-from analysis.estimator import PALETTE, BlockEstimator, axes_or_new, labelled
+from analysis.estimator import PALETTE, PlacesEstimator, axes_or_new, labelled
 from analysis.reduced import Gas
 from analysis.series import BlockSeries
 from analysis.statistics import Estimate, TheoryCheck
@@ -27,7 +27,7 @@ FEW = 10.0  # particles in a slice below which blocks do not tell their variance
 MIDDLE = (0.35, 0.65)  # of the way between the walls: there the fluid does not feel them
 
 
-class DensityProfile(BlockEstimator):
+class DensityProfile(PlacesEstimator):
     """Number density of each species against the distance along an axis with walls, from frames.
 
     n(z) is the number of centres in a slice over its volume; slices divide what centres of a species can
@@ -76,13 +76,7 @@ class DensityProfile(BlockEstimator):
         ValueError
             If the axis has no walls, or they are closer than two windows.
         """
-        scene = frame.scene
-        if self._gas is None:
-            self._begin(scene)
-        elif len(frame.positions) != self._gas.n:
-            raise ValueError(
-                f"frame has {len(frame.positions)} particles; expected {self._gas.n}, as in the first"
-            )
+        scene = self._follow(frame)
         gas = self.gas
         reach = self._reach()[scene.species]
         share = (frame.positions[:, self.axis] - scene.radii) / reach
@@ -115,13 +109,8 @@ class DensityProfile(BlockEstimator):
     @property
     def _bins(self) -> int:
         """Number of slices."""
-        room = float(self._reach().max()) / (self.width * self._diameter)
+        room = float(self._reach().max()) / (self.width * self.gas.mean_diameter)
         return max(math.ceil(room * (1.0 - 1e-9)), 1)
-
-    @property
-    def _diameter(self) -> float:
-        """Mean diameter."""
-        return float(self.gas.sizes @ self.gas.diameters) / self.gas.n
 
     def _reach(self) -> FloatArray:
         """Length that centres of each species can reach, (species,)."""
@@ -135,7 +124,7 @@ class DensityProfile(BlockEstimator):
 
     def _fitted(self) -> NDArray[np.int64]:
         """How many slices are in the window, (species,)."""
-        slices = self.window * self._diameter * self._bins / self._reach()
+        slices = self.window * self.gas.mean_diameter * self._bins / self._reach()
         return np.asarray(np.floor(slices * (1.0 + 1e-9)), np.int64)
 
     def _extrapolation(self) -> FloatArray:
@@ -149,9 +138,6 @@ class DensityProfile(BlockEstimator):
         return weights
 
     # Results ------------------------------------------------------------------------------------------------
-
-    def _require_frames(self) -> None:
-        self._require(bool(self._series()), "frames", "add(frame)")
 
     @property
     def z(self) -> FloatArray:
@@ -170,18 +156,17 @@ class DensityProfile(BlockEstimator):
     def density_error(self) -> FloatArray:
         """Standard errors of `density`, (species, bins); Poisson's where few particles were seen."""
         self._require_frames()
-        frames = sum(series.n_samples for series in self._series())
-        volume = self._volumes()[:, None] * frames
+        volume = self._volumes()[:, None] * self._frames
         seen, expected = self._mean * volume, self._mean.mean(axis=1)[:, None] * volume
         poisson = np.sqrt(np.maximum(seen, np.minimum(expected, 1.0))) / volume
-        if frames == 1:
+        if self._frames == 1:
             return np.asarray(poisson)
         along = self._extrapolation()
         return np.asarray(np.where(seen < FEW, poisson, self._errors_of_rows(along + along[:, ::-1])))
 
     @property
     def contact(self) -> tuple[Estimate, Estimate]:
-        """KT n at contact with the lower wall, and with the upper one: the pressure on each, in units of kT.
+        """Pressure over kT from the density at the lower wall, and at the upper one: n at contact.
 
         Summed over species. Bias: what the polynomial does not follow, see `extrapolation_bias`.
         """
@@ -191,7 +176,7 @@ class DensityProfile(BlockEstimator):
 
     def _sum_of(self, weights: FloatArray) -> Estimate:
         runs = [np.tensordot(series.rows, weights, 2) for series in self._series()]
-        if sum(series.n_samples for series in self._series()) > 1:
+        if self._frames > 1:
             return self._pooled(runs)
         error = float(np.linalg.norm(weights * self.density_error))
         return Estimate(float(runs[0][0]), error, 1.0)
@@ -230,7 +215,7 @@ class DensityProfile(BlockEstimator):
             np.stack([np.tensordot(series.rows, both, 2), (series.rows @ amid).sum(axis=1)], axis=1)
             for series in self._series()
         ]
-        if sum(series.n_samples for series in self._series()) > 1:
+        if self._frames > 1:
             measured = self._pooled(runs, lambda mean: mean[..., 0] / mean[..., 1])
             spread = self._pooled([run[:, 1] for run in runs]).standard_error / float(middle.sum())
         else:
@@ -250,7 +235,7 @@ class DensityProfile(BlockEstimator):
         self._require_frames()
         gas = self.gas
         needed = 6.0 + 15.0 * max(gas.packing_fraction - 0.1, 0.0)  # layers decay more slowly in dense fluids
-        wide = gas.box[self.axis] >= needed * self._diameter
+        wide = gas.box[self.axis] >= needed * self.gas.mean_diameter
         return [self.check] if wide and not self._falls else []
 
     def plot(self, ax: Axes | None = None) -> Axes:

@@ -118,6 +118,11 @@ class Gas:
         return [f"m = {mass:.3g}, \u03c3 = {diameter:.3g}" for mass, diameter in pairs]
 
     @property
+    def mean_diameter(self) -> float:
+        """Mean diameter of all particles."""
+        return float(self.sizes @ self.diameters) / self.n
+
+    @property
     def mean_a2(self) -> float:
         """Mean of a2 of all particles over gases at equilibrium, from `theory.finite_energy_law`.
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from analysis import theory
-from analysis.estimator import PALETTE, BlockEstimator, axes_or_new, labelled, over_runs
+from analysis.estimator import PALETTE, PlacesEstimator, axes_or_new, labelled, over_runs
 from analysis.reduced import Gas
 from analysis.series import BlockSeries
 from analysis.statistics import Estimate, TheoryCheck
@@ -34,7 +34,7 @@ class ContactSamplingWarning(UserWarning):
     """Frames were taken at collisions: a pair is in contact in each, which makes g at contact too large."""
 
 
-class PairDistribution(BlockEstimator):
+class PairDistribution(PlacesEstimator):
     """Pair distributions g_ij(r) between species, from frames of a periodic box.
 
     g_ij = V / (N_i N_j) <number of j in a shell around an i> / volume of the shell; i itself is not counted
@@ -91,13 +91,7 @@ class PairDistribution(BlockEstimator):
         ValueError
             If an axis has walls, or the box is not twice as long as the largest r.
         """
-        scene = frame.scene
-        if self._gas is None:
-            self._begin(scene)
-        elif len(frame.positions) != self._gas.n:
-            raise ValueError(
-                f"frame has {len(frame.positions)} particles; expected {self._gas.n}, as in the first"
-            )
+        scene = self._follow(frame)
         species, depth = self.gas, float(self.edges[-1])
         reach = float(species.diameters.max()) * (1.0 + depth)
         tree = cKDTree(frame.positions, boxsize=scene.box)
@@ -166,13 +160,6 @@ class PairDistribution(BlockEstimator):
         """Return the rows of each run."""
         self._require_frames()
         return [series.rows for series in self._series()]
-
-    def _require_frames(self) -> None:
-        self._require(bool(self._series()), "frames", "add(frame)")
-
-    @property
-    def _frames(self) -> int:
-        return sum(series.n_samples for series in self._series())
 
     @property
     def pairs(self) -> list[tuple[int, int]]:

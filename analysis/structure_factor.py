@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from analysis import theory
-from analysis.estimator import PALETTE, BlockEstimator, axes_or_new, labelled
+from analysis.estimator import PALETTE, PlacesEstimator, axes_or_new, labelled
 from analysis.reduced import Gas
 from analysis.series import BlockSeries
 from analysis.statistics import Estimate, TheoryCheck
@@ -30,7 +30,7 @@ MOST_STEPS = 50  # of k below the window, and beyond
 MANY = 20_000  # wave vectors of which those in a step are looked for
 
 
-class StructureFactor(BlockEstimator):
+class StructureFactor(PlacesEstimator):
     """Structure factor S(k) = <|sum_j exp(i k.r_j)|^2>/N of all particles, from frames of a periodic box.
 
     Wave vectors are those that fit into the box, k = 2 pi (n_x/L_x, ...). S is averaged over those of nearly
@@ -78,13 +78,7 @@ class StructureFactor(BlockEstimator):
         ValueError
             If an axis has walls, or too few waves with k < window fit into the box for the polynomial.
         """
-        scene = frame.scene
-        if self._gas is None:
-            self._begin(scene)
-        elif len(frame.positions) != self._gas.n:
-            raise ValueError(
-                f"frame has {len(frame.positions)} particles; expected {self._gas.n}, as in the first"
-            )
+        scene = self._follow(frame)
         phases = 2.0 * math.pi * frame.positions / scene.box
         largest = np.abs(self._waves).max(axis=0)
         powers = [
@@ -107,7 +101,7 @@ class StructureFactor(BlockEstimator):
         if not scene.periodic.all():
             raise ValueError("S(k) needs a box that is periodic along every axis; this one has walls")
         gas = Gas.of(scene)
-        diameter = _mean_diameter(gas)
+        diameter = gas.mean_diameter
         longest = 2.0 * math.pi * diameter / scene.box.max()
         if longest > self.k_max:
             raise ValueError(
@@ -125,12 +119,9 @@ class StructureFactor(BlockEstimator):
 
     # Results ------------------------------------------------------------------------------------------------
 
-    def _require_frames(self) -> None:
-        self._require(bool(self._series()), "frames", "add(frame)")
-
     def _reduced(self) -> FloatArray:
         """Wave number of each wave in units of 1/mean diameter, (waves,)."""
-        steps = 2.0 * math.pi * _mean_diameter(self.gas) / self.gas.box
+        steps = 2.0 * math.pi * self.gas.mean_diameter / self.gas.box
         return np.asarray(np.linalg.norm(self._waves * steps, axis=1))
 
     def _over_steps(self, values: FloatArray) -> FloatArray:
@@ -141,7 +132,7 @@ class StructureFactor(BlockEstimator):
     def k(self) -> FloatArray:
         """Mean wave number of each step, (bins,), [1/length]."""
         self._require_frames()
-        return self._over_steps(self._reduced()) / _mean_diameter(self.gas)
+        return self._over_steps(self._reduced()) / self.gas.mean_diameter
 
     @property
     def structure_factor(self) -> FloatArray:
@@ -156,8 +147,7 @@ class StructureFactor(BlockEstimator):
         Those of a single frame are those of independent waves, S times the root of 1 over their number.
         """
         self._require_frames()
-        frames = sum(series.n_samples for series in self._series())
-        if frames == 1:
+        if self._frames == 1:
             return np.asarray(self._mean / np.sqrt(np.bincount(self._bins)))
         along = self._extrapolation() if self._fitted() > self.degree else self._inside() / self._fitted()
         return self._errors_of_rows(along)
@@ -198,7 +188,7 @@ class StructureFactor(BlockEstimator):
                 f"degree {self.degree} in k^2 needs {self.degree + 2}; take a larger window, or a larger gas"
             )
         weights = self._extrapolation()
-        if sum(series.n_samples for series in self._series()) == 1:
+        if self._frames == 1:
             error = float(np.linalg.norm(weights * self.structure_factor_error))
             return Estimate(float(weights @ self._mean), error, 1.0)
         return self._pooled([series.rows @ weights for series in self._series()])
@@ -241,7 +231,7 @@ class StructureFactor(BlockEstimator):
         axes, gas = axes_or_new(ax), self.gas
         axes.errorbar(k, measured, error, fmt=".", ms=4, color=PALETTE[0], label="simulation")
         if len(gas.sizes) == 1:
-            diameter = _mean_diameter(gas)
+            diameter = gas.mean_diameter
             if gas.dim == 3:
                 fine = np.linspace(0.0, float(k[-1]), 400)
                 expected = theory.percus_yevick_structure(fine * diameter, gas.packing_fraction).value
@@ -251,10 +241,6 @@ class StructureFactor(BlockEstimator):
         axes.axhline(1.0, color="0.7", lw=1, zorder=0)
         axes.set_ylim(bottom=0.0)
         return labelled(axes, "wave number k", "structure factor S(k)")
-
-
-def _mean_diameter(gas: Gas) -> float:
-    return float(gas.sizes @ gas.diameters) / gas.n
 
 
 def _steps(longest: float, window: float, k_max: float) -> FloatArray:
