@@ -26,10 +26,11 @@ from studies.running.elsewhere import Job
 from studies.running.ensemble import run_replicas
 from studies.running.executors import executor_of, number_of_workers
 from studies.running.journal import Shelf, options_of
-from studies.running.resuming import Resumable
 from studies.study import conduct
 from studies.thermalisation import Thermalisation
 from studies.validation.calibration import Calibrations
+
+from .test_resuming import Sums
 
 STUDY = Thermalisation(n=100, replicas=4, frames=3, collisions_per_particle=2.0, seed=5)
 COMMAND = [sys.executable, "-m", "hardspheres"]
@@ -171,22 +172,6 @@ def test_what_is_recorded_is_run_here(alone, tmp_path):
     executor = Unpickled()
     summary, found = written(replace(STUDY, executor=executor), tmp_path / "out")
     assert found == alone and executor.calls == STUDY.replicas and summary["workers"] is None
-
-
-class Sums(Resumable):
-    """Adds up an item's digits, one at each step."""
-
-    def begin(self, item):
-        return {"left": item, "sum": 0}
-
-    def steps(self, item, state):
-        while state["left"]:
-            state["left"], digit = divmod(state["left"], 10)
-            state["sum"] += digit
-            yield
-
-    def result(self, item, state, seconds):
-        return state["sum"]
 
 
 # Who keeps results.

@@ -23,6 +23,8 @@ from studies.running.kept import Kept, finished_run
 from studies.study import Replica, _Running, conduct, run_study
 from studies.until_error import until_error
 
+from .test_journal import Killed, kill_after
+
 STUDY = EquationOfState(
     packing_fractions=(0.05, 0.1), n=60, collisions_per_particle=15.0, replicas=2, workers=1
 )
@@ -263,26 +265,9 @@ def test_a_file_in_the_place_of_another_is_found_out(two):
         finished_run(two)
 
 
-class Killed(BaseException):
-    pass
-
-
-def kill_after(count, patch):
-    """From the given call on that changes a file, all raise."""
-    calls = itertools.count()
-
-    def dying(call):
-        def called(*names, **options):
-            if next(calls) >= count:
-                raise Killed
-            return call(*names, **options)
-
-        return called
-
-    for owner, name in [
-        (os, "link"), (os, "replace"), (Path, "mkdir"), (Path, "rmdir"), (Path, "unlink"), (Path, "write_text")
-    ]:  # fmt: skip
-        patch.setattr(owner, name, dying(getattr(owner, name)))
+CHANGING = [
+    (os, "link"), (os, "replace"), (Path, "mkdir"), (Path, "rmdir"), (Path, "unlink"), (Path, "write_text")
+]  # fmt: skip
 
 
 def test_killed_at_any_moment_they_are_whole_or_not_there(tmp_path, monkeypatch):
@@ -299,7 +284,7 @@ def test_killed_at_any_moment_they_are_whole_or_not_there(tmp_path, monkeypatch)
             if step != "keep":
                 kept.keep(STUDY, 2, files[:4])
             with monkeypatch.context() as patch:
-                kill_after(count, patch)
+                kill_after(count, patch, *CHANGING)
                 try:
                     if step == "remove":
                         kept.remove()
