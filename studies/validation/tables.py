@@ -387,7 +387,6 @@ class AccuracyTables(Program):
             summary: dict[str, Any] = {
                 **self.made(),
                 "seed": self.seed,
-                "options": {"rounds": self.rounds, "known": self.known, "quick": self.quick},
                 "workers": available_cores() if self.workers is None else self.workers,
                 "rows": [asdict(row) for row in rows],
                 "checks": {"passed": not failures, "failures": failures, "alarm": alarm(len(rows))},

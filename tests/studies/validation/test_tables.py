@@ -64,6 +64,7 @@ def test_every_miniature_is_right(two_rounds):
     folder, summary, sound = two_rounds
     assert sound and summary["checks"] == {"passed": True, "failures": [], "alarm": alarm(15)}
     assert {path.name for path in folder.iterdir()} == {"rounds.csv", "tables.json", "summary.json"}
+    assert summary["options"] == {"rounds": 2, "known": None, "quick": True, "seed": 3}  # for --config
     lines = read_lines(folder / "rounds.csv")
     assert {line.measurement for line in lines} == set(QUICK)
     rows, made = stored(folder)
