@@ -243,7 +243,7 @@ def windows_for(scene: Scene, epoch: float, search: str = "auto") -> Windows | N
     """
     # Cells for lists are sized for the largest particles: with unequal sizes, windows stay faster up to a
     # higher density.
-    crowding = scene.packing_fraction * float(scene.radii.mean() / scene.radii.max())
+    crowding = tuning.filled_fraction(scene) * float(scene.radii.mean() / scene.radii.max())
     if search == "lists" or (search == "auto" and crowding > tuning.SPARSE_BELOW[scene.dim]):
         return None
     found = cheapest_windows(scene, epoch)
@@ -257,7 +257,7 @@ def windows_for(scene: Scene, epoch: float, search: str = "auto") -> Windows | N
 def cheapest_windows(scene: Scene, epoch: float) -> Windows | str:
     """Return the cheapest windows for epochs of this length, or the reason why there are none."""
     now = np.sum(scene.velocities * scene.velocities, axis=1)
-    rms = max(math.sqrt(float(np.mean(now))), typical_speed(scene, energy_in_play(scene)))
+    rms = max(math.sqrt(float(np.sum(now)) / scene.n_moving), typical_speed(scene, energy_in_play(scene)))
     if rms == 0.0:
         return "no particle moves"
     if math.sqrt(np.max(now)) > 50.0 * rms:

@@ -10,8 +10,9 @@ import numpy as np
 
 from .. import layout as at
 from ..common.contact_times import pair_contact
+from ..common.obstacles import is_obstacle
 from ..common.prefetch import prefetch_partners
-from ..flags import DIM
+from ..flags import DIM, OBSTACLES
 from ..simd.jit import called, fast_arithmetic, jit
 from ..simd.pointers import int64
 from ..simd.vectors import gather_transposed, keep_marked
@@ -114,6 +115,8 @@ def filter_table(s, m, since):
 @jit
 def predict_contact(s, i, j, when):
     """Compute the contact of two particles, in the image that is nearest when their segments are nearest."""
+    if OBSTACLES and is_obstacle(s, i) and is_obstacle(s, j):
+        return
     if i != j:
         about = s.number[at.MIDDLE] + s.number[at.HALF_WINDOW] * when
         keep_contact(s, min(i, j), max(i, j), pair_contact(s, i, j, about))
