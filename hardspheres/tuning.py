@@ -80,7 +80,7 @@ def energy_in_play(scene: Scene) -> float:
 
 def epoch_length_at(scene: Scene, v2: float) -> float:
     """Length of an epoch for a mean square speed above 0."""
-    return 2.0 * root_of_power_below(scene.volume / scene.n, scene.dim) / root_of_power_below(v2, 2)
+    return 2.0 * root_of_power_below(scene.volume / scene.n_moving, scene.dim) / root_of_power_below(v2, 2)
 
 
 def pace(scene: Scene, length: float) -> tuple[float, float]:

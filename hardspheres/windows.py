@@ -93,7 +93,8 @@ class Windows:
         self.widths = np.minimum(np.floor(units * self.edges), WIDEST).astype(np.int64)
         self.unit_density = self.widths / self.edges
         self.overhang = (np.ceil(OVERHANG * self.reach * self.unit_density) + 1.0).astype(np.int64)
-        self.large = np.flatnonzero(scene.radii > small_radius)
+        large = np.flatnonzero(scene.radii > small_radius)
+        self.large = large[np.argsort(~scene.obstacles[large], kind="stable")]  # obstacles first
         both = float(scene.radii.max()) + self.reach + half_length
         self.large_cells = cells_per_axis(scene, both, len(self.large))
 

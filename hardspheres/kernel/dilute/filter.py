@@ -98,12 +98,11 @@ def filter_pairs(s, m, since):
         slot, own, code = int(s.pair_slot[pair]), slot_in(s.pair_own[pair]), image_in(s.pair_own[pair])
         b, vv, c = compare(s.segments, 1, slot * at.SEGMENT, s.segments, own * at.SEGMENT, code, ex, ey, ez)
         when = min(max(-b / (vv + TINY), since), ONE)
-        predict_contact(
-            s,
-            int64(s.segment_words[own * at.SEGMENT + at.OWNER]),
-            int64(s.segment_words[slot * at.SEGMENT + at.OWNER]),
-            when,
-        )
+        i = int64(s.segment_words[own * at.SEGMENT + at.OWNER])
+        j = int64(s.segment_words[slot * at.SEGMENT + at.OWNER])
+        if OBSTACLES and i > j and own < new_segment(s) and slot < new_segment(s) and not is_obstacle(s, j):
+            continue  # `compare_all` sees this pair from both sides
+        predict_contact(s, i, j, when)
 
 
 @called
