@@ -92,6 +92,12 @@ def obstacles_among(masses: Floats, velocities: Floats) -> Bools:
     return fixed
 
 
+def inertia(masses: Floats) -> Floats:
+    """Masses with 0 for obstacles: what they stand still with counts in no sum."""
+    fixed = np.isinf(masses)
+    return np.where(fixed, 0.0, masses) if fixed.any() else masses
+
+
 def require_no_obstacles_under(gravity: Floats, fixed: Bools) -> None:
     """Refuse gravity with obstacles, which would not fall with the particles."""
     if gravity.any() and fixed.any():

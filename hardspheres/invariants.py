@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hardspheres.cells import CellGrid, distances, worst_overlap
-from hardspheres.checks import contact_tolerance
+from hardspheres.checks import contact_tolerance, inertia
 from hardspheres.collision import discriminant_2d, discriminant_3d
 from hardspheres.errors import InvariantError
 from hardspheres.gravity import impact_square, impact_time
-from hardspheres.scene import Scene, inertia, returned_to_box, squares_at_floor
+from hardspheres.scene import Scene, returned_to_box, squares_at_floor
 
 if TYPE_CHECKING:
     from hardspheres.engine import Engine
@@ -125,7 +125,9 @@ def allowed_drift(sim: "Simulation", events: int) -> float:
         The larger of the two, relative.
     """
     scene = sim.scene
-    sharing = min(float(scene.n_moving), *(_sharing(scene.masses, v) for v in (scene.velocities, sim.velocities)))
+    sharing = min(
+        float(scene.n_moving), *(_sharing(scene.masses, v) for v in (scene.velocities, sim.velocities))
+    )
     return max(1e-12, 12.0 * float(np.finfo(np.float64).eps) * events / (scene.dim * sharing))
 
 

@@ -100,7 +100,8 @@ class Lists:
         around = scene.n * math.prod(min(3, cells) / cells for cells in self.cells)
         ball = {2: math.pi, 3: 4.0 * math.pi / 3.0}[scene.dim]
         listed = (
-            scene.n / scene.volume
+            scene.n
+            / scene.volume
             * ball
             * (2.0 * float(scene.radii.mean()) + 2.0 * self.threshold) ** scene.dim
         )

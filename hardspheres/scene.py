@@ -16,6 +16,7 @@ from hardspheres.checks import (
     boundary_words,
     box_edges,
     contact_tolerance,
+    inertia,
     integer_labels,
     obstacles_among,
     one_per_particle,
@@ -85,8 +86,8 @@ class Scene:
     periodic : (d,) bool array
         True where the axis is periodic. Read-only.
     species : (N,) int32 array
-        Number of the particle's kind: particles of one kind have the same mass and the same radius, and kinds
-        are numbered in the order in which they first appear. Read-only.
+        Number of the particle's kind: particles of one kind have the same mass and the same radius, all
+        obstacles are of one kind, and kinds are numbered in the order in which they first appear. Read-only.
     obstacles : (N,) bool array
         True where the mass is infinite. Read-only.
     gravity : (d,) float64 array
@@ -438,12 +439,6 @@ def to_nearest_image(separations: Floats, scene: Scene) -> Floats:
     return separations - np.where(scene.periodic, scene.box * np.rint(separations / scene.box), 0.0)
 
 
-def inertia(masses: Floats) -> Floats:
-    """Masses with 0 for obstacles: what they stand still with counts in no sum."""
-    fixed = np.isinf(masses)
-    return np.where(fixed, 0.0, masses) if fixed.any() else masses
-
-
 def total_momentum(velocities: Floats, masses: Floats) -> Floats:
     """Total momentum sum of m v, shape (d,), read-only; obstacles have none."""
     total: Floats = np.sum(inertia(masses)[:, None] * velocities, axis=0)
@@ -594,7 +589,7 @@ def _kinds(masses: Floats, radii: Floats) -> NDArray[np.int32]:
     if masses.min() == masses.max() and radii.min() == radii.max():
         return np.zeros(len(masses), dtype=np.int32)
     pairs = np.empty(len(masses), dtype=np.complex128)  # sorts by mass, then radius
-    pairs.real, pairs.imag = masses, radii
+    pairs.real, pairs.imag = masses, np.where(np.isinf(masses), 0.0, radii)  # obstacles are of one kind
     _, first, kind = np.unique(pairs, return_index=True, return_inverse=True)
     rank = np.empty(len(first), dtype=np.int32)
     rank[np.argsort(first)] = np.arange(len(first), dtype=np.int32)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from hardspheres import __version__, atoms, checkpoint, invariants
 from hardspheres.archive import Arrays, read_archive, write_archive
 from hardspheres.arguments import ascending, finite, whole
+from hardspheres.checks import inertia
 from hardspheres.clock import FOREVER, carried, recounted
 from hardspheres.engine import Engine
 from hardspheres.errors import CheckpointError, SimulationError
@@ -23,7 +24,6 @@ from hardspheres.free_paths import MOST_SPECIES, FreePaths
 from hardspheres.patience import Patience
 from hardspheres.scene import (
     Scene,
-    inertia,
     kinetic_energy,
     potential_energy,
     read_only,
