@@ -58,8 +58,7 @@ def lyapunov_exponent(
     Parameters
     ----------
     scene : Scene
-        Any gas in which particles collide; bring it to equilibrium before. Obstacles stay where they are, also
-        in the deviation.
+        Any gas in which particles collide; bring it to equilibrium before. Obstacles have no deviation.
     collisions_per_particle : float, default 200
         How long it is measured.
     settle : float, default 30

@@ -149,9 +149,11 @@ def to_atoms(state: "Scene | FrameLike", units: str | None = None) -> Any:
     ase.Atoms
         Positions, momenta, masses, cell and pbc; radii in ``arrays["radius"]`` and, since ASE's ``.traj``
         drops that array, in ``info["radius"]`` once it is written there; velocities in ``arrays["Velo"]``;
-        labels as tags, where there are some; obstacles have mass 0, as no file holds infinity; `time`, `collisions`, `dimension` in ``info``. All particles are
+        labels as tags, where there are some; `time`, `collisions`, `dimension` in ``info``. All particles are
         ``X`` where there is one species; up to ten species are called O, N, S, Cl, I, C, P, F, B, H in the
         order of `Scene.species` (colours only, the masses are the scene's); of more than ten all are ``X``.
+        Obstacles have mass 0 and momentum 0 there, as files and ASE have no infinite mass; a mass of 0 is
+        read as an obstacle's.
     """
     from ase import Atoms
     from ase.data import atomic_numbers

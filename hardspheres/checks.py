@@ -84,8 +84,8 @@ def obstacles_among(masses: Floats, velocities: Floats) -> Bools:
     if len(moving):
         velocity = " ".join(f"{v:.6g}" for v in velocities[moving[0]])
         raise SceneError(
-            f"particle {moving[0]} has infinite mass and the velocity {velocity}; an obstacle never moves: give "
-            "it the velocity 0, or a finite mass"
+            f"particle {moving[0]} has infinite mass and the velocity {velocity}; an obstacle never moves: "
+            "give it the velocity 0, or a finite mass"
         )
     if fixed.all():
         raise SceneError("all particles have infinite mass; at least one must have a finite mass, to move")
@@ -102,8 +102,9 @@ def require_no_obstacles_under(gravity: Floats, fixed: Bools) -> None:
     """Refuse gravity with obstacles, which would not fall with the particles."""
     if gravity.any() and fixed.any():
         raise SceneError(
-            f"particle {int(np.argmax(fixed))} has infinite mass, and there is gravity; obstacles do not fall, and "
-            "where a ball in free fall meets one is not computed: leave out gravity, or the obstacles"
+            f"particle {int(np.argmax(fixed))} has infinite mass, and there is gravity; obstacles do not "
+            "fall, and where a ball in free fall meets one is not computed: leave out gravity, or the "
+            "obstacles"
         )
 
 
@@ -227,8 +228,8 @@ def require_inside(
     depth, particle, axis = worst_beyond_wall(positions, np.where(fixed, 0.0, radii), box, periodic)
     if depth > tolerance and fixed[particle]:
         raise SceneError(
-            f"the centre of obstacle {particle} lies {depth:.6g} beyond a wall along {AXES[axis]}; an obstacle "
-            f"may reach beyond a wall, but its centre lies in the box, from 0 to {box[axis]}"
+            f"the centre of obstacle {particle} lies {depth:.6g} beyond a wall along {AXES[axis]}; an "
+            f"obstacle may reach beyond a wall, but its centre lies in the box, from 0 to {box[axis]}"
         )
     if depth > tolerance:
         raise SceneError(
@@ -262,8 +263,8 @@ def require_no_overlap(
             obstacle, particle = (i, j) if fixed[i] else (j, i)
             raise SceneError(
                 f"obstacle {obstacle} overlaps particle {particle} by {depth / contact:.4g} of their contact "
-                f"distance (the worst overlap): they are {contact - depth} apart and touch at {contact}; only "
-                "obstacles may overlap each other"
+                f"distance (the worst overlap): they are {contact - depth} apart and touch at {contact}; "
+                "only obstacles may overlap each other"
             )
         raise SceneError(
             f"particles {i} and {j} overlap by {depth / contact:.4g} diameters (the worst overlap): they are "

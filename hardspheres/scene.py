@@ -98,10 +98,11 @@ class Scene:
     Raises
     ------
     SceneError
-        For the first thing that is wrong: shape, type, a value that is not finite or not positive, an obstacle
-        that moves, a particle beyond a wall, a box too short or too long, an overlap (the worst is named). Spheres may touch. They
-        may also overlap, or reach beyond a wall, by the rounding of coordinates in a box of this size,
-        `contact_tolerance`: four units in the last place of the longest edge (9e-15 in a box of edge 10).
+        For the first thing that is wrong: shape, type, a value that is not finite or not positive, an
+        obstacle that moves, a particle beyond a wall, a box too short or too long, an overlap (the worst is
+        named). Spheres may touch. They may also overlap, or reach beyond a wall, by the rounding of
+        coordinates in a box of this size, `contact_tolerance`: four units in the last place of the longest
+        edge (9e-15 in a box of edge 10).
     """
 
     positions: Floats

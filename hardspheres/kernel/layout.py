@@ -196,9 +196,10 @@ LOG_ROW = slot.end
 # What a checkpoint keeps of the numbers and counters, besides the arrays that `arrays` says. All else follows
 # from these and the scene.
 STATE_NUMBERS = (NOW, LAST_ADVANCE)
-STATE_COUNTERS = (EPOCH, PAIRS, WALL_HITS, OUT_OF_ORDER, STALE, REBUILDS, INSTANT_EVENTS, LAST_PAIR_EPOCH)
-if OBSTACLES:
-    STATE_COUNTERS += (OBSTACLE_HITS,)
+STATE_COUNTERS = (
+    *(EPOCH, PAIRS, WALL_HITS, OUT_OF_ORDER, STALE, REBUILDS, INSTANT_EVENTS, LAST_PAIR_EPOCH),
+    *((OBSTACLE_HITS,) if OBSTACLES else ()),
+)
 
 # A block of a bucket, 8 int64: the next block (-1: none) and how many entries, then 7 entries.
 # In the calendar an entry is id << 32 | stamp.

@@ -434,8 +434,7 @@ AT_REST = np.zeros((3, 2))
     [
         (
             {"velocities": [[0, 0], [0.5, 0], [0, 0]], "masses": [1, INF, 1]},
-            "particle 1 has infinite mass and the velocity 0.5 0; an obstacle never moves: give it the velocity 0, "
-            "or a finite mass",
+            "has infinite mass and the velocity 0.5 0; an obstacle never moves: give it the velocity 0, or a",
         ),
         (
             {"positions": [[2, 2], [5, 5], [5.6, 5]], "masses": [1, INF, 1]},
@@ -467,7 +466,7 @@ def test_gases_and_estimators_refuse_obstacles():
     with pytest.raises(
         ValueError, match=r"this scene has 30 obstacles \(infinite mass\), and estimators measure"
     ):
-        Pressure().add(hs.Simulation(maze(1)).frame())
+        Pressure(maze(1)).add(hs.Simulation(maze(1)).frame())
     with pytest.raises(hs.SceneError, match="mass of particle 0 is inf; it must be positive and finite"):
         hs.random_gas(n=10, packing_fraction=0.1, dim=2, masses=INF, seed=1)
 

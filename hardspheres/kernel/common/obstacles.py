@@ -1,7 +1,7 @@
 """Obstacles: particles of infinite mass. Their rows never change, and no event is theirs.
 
-Each particle that moves finds the obstacles that it meets by itself: a collision with one changes one row, and
-what others know of the obstacle stays true.
+Each particle that moves finds the obstacles that it meets by itself: a collision with one changes one row,
+and what others know of the obstacle stays true.
 """
 
 import math

@@ -4,8 +4,8 @@ Each particle has a reference position, a little ahead of where it was when its 
 every particle whose reference position lies within CUTOFF of it. CUTOFF is the contact distance and two
 displacement thresholds, so no particle outside the list can collide before one of the two exceeds its
 threshold. Then that one gets a new list, and only the lists of removed and added neighbours change with it:
-lists are symmetric, but for obstacles, whose own lists are empty. All lists are rebuilt at once, cell by cell, from a table of the particles around each
-cell.
+lists are symmetric, but for obstacles, whose own lists are empty. All lists are rebuilt at once, cell by
+cell, from a table of the particles around each cell.
 
 A list ends with the id n, the null particle, and so does every slot after that. Cells are at least CUTOFF
 wide, so 27 of them (9 in 2D) hold all neighbours; CUTOFF covers the rounding of positions in cells to single

@@ -15,8 +15,8 @@ beyond that cell than segments may; otherwise it goes to the overflow list of it
 import numpy as np
 
 from .. import layout as at
-from ..common.prefetch import prefetch_eight_rows
 from ..common.obstacles import is_obstacle
+from ..common.prefetch import prefetch_eight_rows
 from ..flags import OBSTACLES, SIZES, WALLS
 from ..simd.jit import called, jit
 from ..simd.pointers import int64

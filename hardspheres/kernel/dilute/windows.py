@@ -17,8 +17,8 @@ import numpy as np
 
 from .. import layout as at
 from ..common.bucket_queue import clear_buckets
-from ..common.prefetch import prefetch_runs, prefetch_segments
 from ..common.obstacles import is_obstacle
+from ..common.prefetch import prefetch_runs, prefetch_segments
 from ..flags import OBSTACLES, SIZES, WALLS
 from ..simd.jit import called, jit
 from ..simd.pointers import int64
