@@ -348,7 +348,10 @@ def _masses(
     if "masses" in found:
         used.update(found["masses"].names)
         column = _number(found["masses"], n)
-        return one_per_particle(np.where(column == 0.0, np.inf, column), "masses", n, infinite=True)
+        still = column == 0.0
+        if still.any():
+            notes.append(f"{np.count_nonzero(still)} particles of mass 0 are obstacles, which nothing moves")
+        return one_per_particle(np.where(still, np.inf, column), "masses", n, infinite=True)
     masses = one_per_particle(atoms.get_masses(), "masses", n)
     guessed = {
         s: m for s, m in zip(atoms.get_chemical_symbols(), masses.tolist(), strict=True) if s != SINGLE

@@ -399,7 +399,7 @@ def test_check_sees_an_obstacle_that_moved():
 
 
 @pytest.mark.parametrize("suffix", ["xyz", "traj", "gsd"])
-def test_files_have_obstacles_of_mass_zero(tmp_path, suffix):
+def test_files_have_obstacles_of_mass_zero(tmp_path, suffix, caplog):
     sim = hs.Simulation(maze(1))
     sim.run(collisions=100)
     with hs.TrajectoryWriter(tmp_path / f"maze.{suffix}") as out:
@@ -407,6 +407,7 @@ def test_files_have_obstacles_of_mass_zero(tmp_path, suffix):
     (back,) = hs.read_trajectory(tmp_path / f"maze.{suffix}")
     assert np.array_equal(back.masses, sim.scene.masses) and np.array_equal(back.positions, sim.positions)
     assert np.allclose(back.velocities, sim.velocities, rtol=1e-15, atol=0.0)
+    assert "30 particles of mass 0 are obstacles, which nothing moves" in caplog.text
     atoms = sim.to_atoms()
     assert np.all(atoms.get_masses()[sim.scene.obstacles] == 0.0) and np.isfinite(atoms.get_momenta()).all()
     symbols = np.array(atoms.get_chemical_symbols())
