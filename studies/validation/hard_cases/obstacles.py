@@ -56,7 +56,10 @@ def free_path(collisions: int) -> Case:
 
 @kept
 def speed(collisions: int) -> Case:
-    """Compare the speed with that at the start: one rounding a collision, none of them favoured."""
+    """Compare the speed with that at the start.
+
+    One rounding a collision; as r.r is nearly the same in all of them, 0.003 eps of it has one sign (here).
+    """
     simulation = hs.Simulation(billiard())
     simulation.run(collisions=collisions)
     off = abs(simulation.energy_drift)
@@ -65,7 +68,7 @@ def speed(collisions: int) -> Case:
         "the energy of the start",
         f"off by {off:.1e}",
         off,
-        allowed=10.0 * EPS * math.sqrt(collisions),
+        allowed=10.0 * EPS * math.sqrt(collisions) + 0.01 * EPS * collisions,
     )
 
 
