@@ -56,9 +56,9 @@ class HardCases(Program):
     question = "Is the engine right where the answer is exact, or where methods break?"
     explanation = """
     Collisions that count digits of pi, cradles, wide ratios of mass and size, grazing collisions, gravity,
-    obstacles, close packing, huge and tiny boxes, reversal, symmetries, solved gases. Writes a table of the exact
-    answer, the engine's, and the number of correct digits. Every finished long run is kept; an interrupted
-    one starts again.
+    obstacles, close packing, huge and tiny boxes, reversal, symmetries, solved gases. Writes a table of the
+    exact answer, the engine's, and the number of correct digits. Every finished long run is kept; an
+    interrupted one starts again.
     """
     files = ("hard_cases.csv",)
     reports = True
