@@ -58,7 +58,7 @@ def lyapunov_exponent(
     Parameters
     ----------
     scene : Scene
-        Any gas in which particles collide; bring it to equilibrium before.
+        Any gas in which particles collide; bring it to equilibrium before. Obstacles have no deviation.
     collisions_per_particle : float, default 200
         How long it is measured.
     settle : float, default 30
@@ -96,19 +96,25 @@ def lyapunov_exponent(
         raise ValueError(
             "the exponent of a gas that falls is not measured here; take a scene without gravity"
         )
+    moving = scene.n_moving
+    partners = 2.0 if moving == scene.n else 1.0  # of a collision; an obstacle is none
     tangent = Tangent(scene, *np.random.default_rng(seed).normal(size=(2, *scene.positions.shape)))
     simulation = hs.Simulation(scene, log=tangent.take)
-    step = max(round(RENORMALISED * scene.n / 2.0), 1)
-    for _ in range(math.ceil(settle * scene.n / 2.0 / step)):
+    step = max(round(RENORMALISED * moving / 2.0), 1)
+    for _ in range(math.ceil(settle * moving / partners / step)):
         simulation.run(collisions=step)
         tangent.normalise(simulation.time)
     rows = []
-    for _ in range(max(math.ceil(collisions_per_particle * scene.n / 2.0 / step), 16)):
-        began = simulation.time
+    for _ in range(max(math.ceil(collisions_per_particle * moving / partners / step), 16)):
+        began, hits = simulation.time, simulation.obstacle_collisions
         simulation.run(collisions=step)
-        rows.append((tangent.normalise(simulation.time), 2.0 * step / scene.n, simulation.time - began))
+        met = 2.0 * step - (simulation.obstacle_collisions - hits)
+        rows.append((tangent.normalise(simulation.time), met / moving, simulation.time - began))
     array = np.array(rows)
-    per_collision = estimate_from_series(array[:, 0] / array[:, 1])
+    if moving == scene.n:
+        per_collision = estimate_from_series(array[:, 0] / array[:, 1])
+    else:  # not as many collisions per particle in each row
+        per_collision = estimate_from_series(array, lambda mean: mean[..., 0] / mean[..., 1])
     per_time = estimate_from_series(array, lambda mean: mean[..., 0] / mean[..., 2])
     check = None
     if scene.periodic.all() and not scene.species.any():
@@ -136,7 +142,8 @@ class Tangent:
 
     def __init__(self, scene: hs.Scene, places: FloatArray, velocities: FloatArray) -> None:
         self.radii, self.masses, self.moving = scene.radii, scene.masses, scene.velocities.copy()
-        self.places, self.velocities = places.copy(), velocities.copy()
+        still = scene.obstacles[:, None]
+        self.places, self.velocities = np.where(still, 0.0, places), np.where(still, 0.0, velocities)
         self.clocks = np.zeros(scene.n)  # of each particle: up to when its deviation has been carried
 
     def take(self, events: NDArray[np.void]) -> None:
@@ -168,7 +175,12 @@ class Tangent:
         dn = (dr + v * dt) / (self.radii[i] + self.radii[j])
         push = (2.0 * vn * dt) * n
         dpush = 2.0 * (float(dv @ n + v @ dn) * n + vn * dn)
-        share = self.masses[j] / (self.masses[i] + self.masses[j])
+        if self.masses[i] == math.inf:
+            share = 0.0
+        elif self.masses[j] == math.inf:
+            share = 1.0
+        else:
+            share = self.masses[j] / (self.masses[i] + self.masses[j])
         self.places[i] += share * push
         self.places[j] -= (1.0 - share) * push
         self.velocities[i] -= share * dpush

@@ -81,8 +81,13 @@ class Gas:
 
     @classmethod
     def of(cls, scene: Scene) -> Gas:
-        """Return the gas of a scene, found once."""
+        """Return the gas of a scene, found once; ValueError where it has obstacles."""
         if scene not in _FOUND:
+            if scene.n_moving < scene.n:
+                raise ValueError(
+                    f"this scene has {scene.n - scene.n_moving} obstacles (infinite mass), and estimators "
+                    "measure gases without; read what the simulation and its log tell"
+                )
             first = np.unique(scene.species, return_index=True)[1]
             conserved = float(np.mean(scene.periodic)) if scene.n > 1 else 0.0
             masses = scene.masses[first]

@@ -23,7 +23,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hardspheres.cells import worst_overlap
-from hardspheres.checks import boundary_words, contact_tolerance, one_per_particle, worst_beyond_wall
+from hardspheres.checks import (
+    boundary_words,
+    contact_tolerance,
+    inertia,
+    one_per_particle,
+    worst_beyond_wall,
+)
 from hardspheres.columns import AGREE, NAMES, Found, find, unused
 from hardspheres.errors import SceneError, TrajectoryError
 
@@ -146,6 +152,8 @@ def to_atoms(state: "Scene | FrameLike", units: str | None = None) -> Any:
         labels as tags, where there are some; `time`, `collisions`, `dimension` in ``info``. All particles are
         ``X`` where there is one species; up to ten species are called O, N, S, Cl, I, C, P, F, B, H in the
         order of `Scene.species` (colours only, the masses are the scene's); of more than ten all are ``X``.
+        Obstacles have mass 0 and momentum 0 there, as files and ASE have no infinite mass; a mass of 0 is
+        read as an obstacle's.
     """
     from ase import Atoms
     from ase.data import atomic_numbers
@@ -160,8 +168,8 @@ def to_atoms(state: "Scene | FrameLike", units: str | None = None) -> Any:
         positions=np.hstack([state.positions, flat]),
         cell=cell,
         pbc=[*scene.periodic.tolist(), *[False] * (3 - scene.dim)],
-        masses=scene.masses,
-        momenta=np.hstack([scene.masses[:, None] * state.velocities, flat]),
+        masses=inertia(scene.masses),
+        momenta=np.hstack([inertia(scene.masses)[:, None] * state.velocities, flat]),
         info={"time": float(time), "collisions": int(collisions), "dimension": scene.dim},
     )
     if units is not None:
@@ -235,7 +243,8 @@ def scene_and_notes(kind: "type[Scene]", atoms: Any, reading: Reading) -> "tuple
     positions, velocities = np.array(positions[:, :dim]), np.array(velocities[:, :dim])
     rounding = SINGLE_PRECISION * float(box.max()) if atoms.info.get("precision") == "single" else PRINTED
     periodic = np.array([word == "periodic" for word in boundary])
-    make, reduced = _fitting(kind, positions, radii, box, periodic, max(rounding, PRINTED))
+    fixed = np.isinf(masses)
+    make, reduced = _fitting(kind, positions, radii, box, periodic, fixed, max(rounding, PRINTED))
     if reduced is not radii:
         less = float((radii - reduced).max())
         notes.append(f"all radii made smaller by {less:.3g}, so that rounded positions do not overlap")
@@ -335,10 +344,14 @@ def _masses(
 ) -> Floats:
     n = len(atoms)
     if reading.mass is not None:
-        return one_per_particle(_by_label(atoms, found, reading.mass, "mass"), "masses", n)
+        return one_per_particle(_by_label(atoms, found, reading.mass, "mass"), "masses", n, infinite=True)
     if "masses" in found:
         used.update(found["masses"].names)
-        return one_per_particle(_number(found["masses"], n), "masses", n)
+        column = _number(found["masses"], n)
+        still = column == 0.0
+        if still.any():
+            notes.append(f"{np.count_nonzero(still)} particles of mass 0 are obstacles, which nothing moves")
+        return one_per_particle(np.where(still, np.inf, column), "masses", n, infinite=True)
     masses = one_per_particle(atoms.get_masses(), "masses", n)
     guessed = {
         s: m for s, m in zip(atoms.get_chemical_symbols(), masses.tolist(), strict=True) if s != SINGLE
@@ -361,15 +374,17 @@ def _velocities(
         return np.zeros((len(atoms), 3))
     if momenta is not None:
         used.update(momenta.names)
+        # An obstacle's momentum, which must be 0, stands for its velocity: the scene refuses any other.
+        divisor = np.where(np.isinf(masses), 1.0, masses)[:, None]
         if velocities is None:
-            return momenta.values / masses[:, None]  # type: ignore[no-any-return]
-        product = masses[:, None] * velocities.values
+            return momenta.values / divisor  # type: ignore[no-any-return]
+        product = inertia(masses)[:, None] * velocities.values
         if np.array_equal(product, momenta.values):
             used.update(velocities.names)
             return velocities.values  # type: ignore[no-any-return]
         if np.allclose(product, momenta.values, AGREE, AGREE * np.abs(momenta.values).max(initial=0.0)):
             used.update(velocities.names)
-        return momenta.values / masses[:, None]  # type: ignore[no-any-return]
+        return momenta.values / divisor  # type: ignore[no-any-return]
     assert velocities is not None
     named = str(atoms.info.get("units", "")).lower()
     if reading.units is None and named not in UNITS:
@@ -469,6 +484,7 @@ def _fitting(
     radii: Floats,
     box: Floats,
     periodic: NDArray[np.bool_],
+    fixed: NDArray[np.bool_],
     rounding: float,
 ) -> tuple[Any, Floats]:
     """Return the constructor that a scene needs, and the radii: smaller ones where positions were rounded.
@@ -484,11 +500,11 @@ def _fitting(
     folded = np.where(periodic & (folded >= box), 0.0, folded)
     largest = 2 * float(radii.max())
     too_long = float(np.max(np.where(periodic, (2 * largest - box) / 4, (largest - box) / 2)))
-    beyond = worst_beyond_wall(folded, radii, box, periodic)[0]
+    beyond = worst_beyond_wall(folded, np.where(fixed, 0.0, radii), box, periodic)[0]
     most = min(rounding, SMALL * float(radii.min()))
     if max(too_long, beyond) > most:  # the scene's own check gives the error
         return kind, radii
-    overlap = worst_overlap(folded, radii, box, periodic)[2]
+    overlap = worst_overlap(folded, radii, box, periodic, fixed)[2]
     left = max(contact_tolerance(box), LEFT * largest)
     if too_long <= 0 and beyond <= left and overlap <= left:
         return kind.as_left, radii

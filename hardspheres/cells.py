@@ -181,7 +181,9 @@ def most_that_fit(edges: Floats, radius: float) -> int:
     return int(math.prod(edges + 2 * radius) / one) + 1
 
 
-def worst_overlap(positions: Floats, radii: Floats, box: Floats, periodic: Bools) -> tuple[int, int, float]:
+def worst_overlap(
+    positions: Floats, radii: Floats, box: Floats, periodic: Bools, fixed: Bools | None = None
+) -> tuple[int, int, float]:
     """Find the pair that overlaps most, in time and memory proportional to the number of particles.
 
     Parameters
@@ -194,6 +196,8 @@ def worst_overlap(positions: Floats, radii: Floats, box: Floats, periodic: Bools
         Edges; a periodic one at least twice the largest diameter, so that the nearest image decides.
     periodic : (d,) bool array
         Axes that wrap around.
+    fixed : (N,) bool array, optional
+        Particles that may overlap each other, though nothing else.
 
     Returns
     -------
@@ -204,10 +208,19 @@ def worst_overlap(positions: Floats, radii: Floats, box: Floats, periodic: Bools
     """
     worst = (0, 0, -math.inf)
     classes = size_classes(radii)
+    if fixed is not None and fixed.any():
+        kinds = (np.flatnonzero(~fixed), np.flatnonzero(fixed))
+        classes = [kind[members] for kind in kinds if len(kind) for members in size_classes(radii[kind])]
+        classes.sort(key=lambda members: -float(radii[members].max()))
+    else:
+        fixed = np.zeros(len(radii), dtype=np.bool_)
     grids = []
     for members in classes:
         sizes = radii[members]
         grid = CellGrid(positions[members], box, periodic, 2 * sizes.max())
+        if fixed[members[0]]:
+            grids.append(grid)
+            continue
         if np.sum(grid.occupancy.astype(np.float64) ** 2) > MOST_PAIRS:
             limit = most_that_fit(box / grid.shape, float(sizes.min()))
             if grid.occupancy.max() > limit + 1:
@@ -218,6 +231,8 @@ def worst_overlap(positions: Floats, radii: Floats, box: Floats, periodic: Bools
         for i, j in grid.pairs():
             worst = _deeper(worst, members[i], members[j], positions, radii, box, periodic)
     for large, small in itertools.combinations(range(len(classes)), 2):
+        if fixed[classes[large][0]] and fixed[classes[small][0]]:
+            continue
         places = grids[large].coordinates(positions[classes[small]])
         for offset in grids[large].offsets:
             for i, j in grids[large].pairs_with(places, offset):

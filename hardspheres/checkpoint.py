@@ -23,7 +23,7 @@ from hardspheres.clock import FOREVER
 from hardspheres.engine import Engine
 from hardspheres.errors import CheckpointError, SceneError
 from hardspheres.invariants import deepest_overlap
-from hardspheres.scene import Scene, potential_energy, returned_to_box, squares_at_floor
+from hardspheres.scene import Scene, kinetic_energy, potential_energy, returned_to_box, squares_at_floor
 from hardspheres.tuning import epoch_length, pace
 
 __all__ = ["from_arrays", "restored", "to_arrays"]
@@ -187,10 +187,12 @@ def _require_rows(engine: Engine, rows: Any, fall: Any, now: float, moment: floa
     at, scene = engine.layout, engine.scene
     x, v, t = rows[:, at.X : at.X + scene.dim], rows[:, at.V : at.V + scene.dim], rows[:, at.T]
     same = np.array_equal(rows[:, at.T + 1 :], engine.rows[:, at.T + 1 :])
+    still = np.array_equal(rows[scene.obstacles], engine.rows[scene.obstacles])
+    _require(still, "an obstacle is not where its scene has it")
     _require(same, "its rows have other radii than its scene")
     _require(np.all((t >= 0.0) & (t <= now)), "a row is of a time outside of the present epoch")
     with np.errstate(over="ignore"):
-        energy = 0.5 * float(np.sum(scene.masses * np.sum(v * v, axis=1))) + potential_energy(x, scene)
+        energy = kinetic_energy(v, scene.masses) + potential_energy(x, scene)
     had = scene.kinetic_energy + scene.potential_energy
     _require(
         abs(energy - had) <= 1e-6 * had,
@@ -203,7 +205,7 @@ def _require_rows(engine: Engine, rows: Any, fall: Any, now: float, moment: floa
     fastest = np.sqrt(2.0 * energy / scene.masses)
     rounding = max(4.0 * contact_tolerance(scene.box), LEFT_BY_ROUNDING * 2.0 * float(scene.radii.max()))
     flown = np.where(scene.periodic, (1.0 + 1e-6) * (fastest * t)[:, None], 0.0) + rounding
-    margin = np.where(scene.periodic, 0.0, scene.radii[:, None])
+    margin = np.where(scene.periodic | scene.obstacles[:, None], 0.0, scene.radii[:, None])
     near = np.all((x >= margin - flown) & (x <= scene.box - margin + flown))
     _require(near, "a particle is further from the box than it can have flown")
     dt = (moment - t)[:, None]

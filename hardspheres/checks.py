@@ -55,8 +55,11 @@ def acceleration(gravity: ArrayLike | None, words: tuple[str, ...]) -> Floats:
     return numbers + 0.0
 
 
-def one_per_particle(values: ArrayLike, name: str, n: int) -> Floats:
-    """Radii or masses as (n,) positive finite numbers, from a number or n of them; else SceneError."""
+def one_per_particle(values: ArrayLike, name: str, n: int, infinite: bool = False) -> Floats:
+    """Radii or masses as (n,) positive numbers, from a number or n of them; else SceneError.
+
+    Finite ones, or, where that is said, infinity too.
+    """
     numbers = real_numbers(values, name)
     if numbers.ndim == 0:
         numbers = np.full(n, numbers[()])
@@ -64,13 +67,45 @@ def one_per_particle(values: ArrayLike, name: str, n: int) -> Floats:
         raise SceneError(
             f"{name} have shape {numbers.shape}; they must be one number or one for each of the {n} particles"
         )
-    bad = np.flatnonzero(~(np.isfinite(numbers) & (numbers > 0)))
+    bad = np.flatnonzero(~((np.isfinite(numbers) | infinite) & (numbers > 0)))
     if len(bad):
         singular = {"radii": "radius", "masses": "mass"}.get(name, name)
         raise SceneError(
-            f"the {singular} of particle {bad[0]} is {numbers[bad[0]]}; it must be positive and finite"
+            f"the {singular} of particle {bad[0]} is {numbers[bad[0]]}; it must be positive"
+            + (" (infinity makes an obstacle)" if infinite else " and finite")
         )
     return numbers
+
+
+def obstacles_among(masses: Floats, velocities: Floats) -> Bools:
+    """Which particles are obstacles, (n,); SceneError where one of them moves, or nothing else is there."""
+    fixed: Bools = np.isinf(masses)
+    moving = np.flatnonzero(fixed & np.any(velocities != 0.0, axis=1))
+    if len(moving):
+        velocity = " ".join(f"{v:.6g}" for v in velocities[moving[0]])
+        raise SceneError(
+            f"particle {moving[0]} has infinite mass and the velocity {velocity}; an obstacle never moves: "
+            "give it the velocity 0, or a finite mass"
+        )
+    if fixed.all():
+        raise SceneError("all particles have infinite mass; at least one must have a finite mass, to move")
+    return fixed
+
+
+def inertia(masses: Floats) -> Floats:
+    """Masses with 0 for obstacles: what they stand still with counts in no sum."""
+    fixed = np.isinf(masses)
+    return np.where(fixed, 0.0, masses) if fixed.any() else masses
+
+
+def require_no_obstacles_under(gravity: Floats, fixed: Bools) -> None:
+    """Refuse gravity with obstacles, which would not fall with the particles."""
+    if gravity.any() and fixed.any():
+        raise SceneError(
+            f"particle {int(np.argmax(fixed))} has infinite mass, and there is gravity; obstacles do not "
+            "fall, and where a ball in free fall meets one is not computed: leave out gravity, or the "
+            "obstacles"
+        )
 
 
 def integer_labels(values: ArrayLike | None, n: int) -> NDArray[np.int64] | None:
@@ -186,9 +221,16 @@ def require_in_box(positions: Floats, box: Floats) -> None:
         )
 
 
-def require_inside(positions: Floats, radii: Floats, box: Floats, periodic: Bools, tolerance: float) -> None:
-    """Require that no particle reaches beyond a wall by more than the tolerance."""
-    depth, particle, axis = worst_beyond_wall(positions, radii, box, periodic)
+def require_inside(
+    positions: Floats, radii: Floats, box: Floats, periodic: Bools, tolerance: float, fixed: Bools
+) -> None:
+    """Require that no particle reaches beyond a wall by more than the tolerance; an obstacle's centre."""
+    depth, particle, axis = worst_beyond_wall(positions, np.where(fixed, 0.0, radii), box, periodic)
+    if depth > tolerance and fixed[particle]:
+        raise SceneError(
+            f"the centre of obstacle {particle} lies {depth:.6g} beyond a wall along {AXES[axis]}; an "
+            f"obstacle may reach beyond a wall, but its centre lies in the box, from 0 to {box[axis]}"
+        )
     if depth > tolerance:
         raise SceneError(
             f"particle {particle} reaches {depth:.6g} beyond a wall along {AXES[axis]}: its coordinate is "
@@ -211,12 +253,19 @@ def worst_beyond_wall(
 
 
 def require_no_overlap(
-    positions: Floats, radii: Floats, box: Floats, periodic: Bools, tolerance: float
+    positions: Floats, radii: Floats, box: Floats, periodic: Bools, tolerance: float, fixed: Bools
 ) -> None:
-    """Require that no two particles overlap by more than the tolerance."""
-    i, j, depth = worst_overlap(positions, radii, box, periodic)
+    """Require that no two particles overlap by more than the tolerance, unless both are obstacles."""
+    i, j, depth = worst_overlap(positions, radii, box, periodic, fixed)
     if depth > tolerance:
         contact = float(radii[i] + radii[j])
+        if fixed[i] or fixed[j]:
+            obstacle, particle = (i, j) if fixed[i] else (j, i)
+            raise SceneError(
+                f"obstacle {obstacle} overlaps particle {particle} by {depth / contact:.4g} of their contact "
+                f"distance (the worst overlap): they are {contact - depth} apart and touch at {contact}; "
+                "only obstacles may overlap each other"
+            )
         raise SceneError(
             f"particles {i} and {j} overlap by {depth / contact:.4g} diameters (the worst overlap): they are "
             f"{contact - depth} apart and touch at {contact}; move them apart or reduce their radii"

@@ -34,6 +34,8 @@ split in two parts:
    contact distance :math:`\sigma^2`: kinetic energy is then conserved to a rounding for *any* :math:`\mathbf
    r`, however the contact was rounded. The engine uses this form, `impulse`; where masses differ,
    `impulse_of_masses`.
+6. If :math:`m_2` grows without bound, :math:`\mu \to m_1` and :math:`\Delta \mathbf p / m_2 \to 0`: sphere 2
+   keeps its velocity. An obstacle is that limit, with the velocity 0: `reduced_mass`.
 
 When do they touch? In free flight :math:`|\mathbf r + \mathbf v t|^2 = \sigma^2` with :math:`\mathbf v =
 \mathbf v_1 - \mathbf v_2` is :math:`v^2 t^2 + 2 b t + c = 0`, :math:`c = r^2 - \sigma^2`. The first root is
@@ -53,6 +55,7 @@ The functions have no loops and assume no number type: Numba compiles them into 
 solver calls them with floats or with 50-digit numbers.
 """
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -64,6 +67,7 @@ __all__ = [
     "impulse",
     "impulse_of_masses",
     "one_dimensional_rule",
+    "reduced_mass",
 ]
 
 Number = Any  # float, numpy.float64, mpmath.mpf, fractions.Fraction: anything with + - x / and <
@@ -86,6 +90,13 @@ def one_dimensional_rule(m1: Number, v1: Number, m2: Number, v2: Number) -> tupl
     """
     total = m1 + m2
     return ((m1 - m2) * v1 + 2 * m2 * v2) / total, (2 * m1 * v1 + (m2 - m1) * v2) / total
+
+
+def reduced_mass(mass1: Number, mass2: Number) -> Number:
+    """Return m1 m2 / (m1 + m2), [mass]; where one of them is infinite, the other."""
+    if mass1 == math.inf or mass2 == math.inf:
+        return mass1 if mass2 == math.inf else mass2
+    return mass1 * mass2 / (mass1 + mass2)
 
 
 def impulse(b: Number, rr: Number, reduced_mass: Number) -> Number:
@@ -186,7 +197,7 @@ def elastic_collision(
     Parameters
     ----------
     mass1, mass2 : number
-        Masses.
+        Masses; not both infinite.
     velocity1, velocity2 : (d,) sequence of numbers
         Velocities before the collision, [length/time].
     separation : (d,) sequence of numbers
@@ -199,7 +210,7 @@ def elastic_collision(
     """
     b = sum(r * (v - w) for r, v, w in zip(separation, velocity1, velocity2, strict=True))
     rr = sum(r * r for r in separation)
-    push = impulse(b, rr, mass1 * mass2 / (mass1 + mass2))
+    push = impulse(b, rr, reduced_mass(mass1, mass2))
     return (
         [v + push / mass1 * r for v, r in zip(velocity1, separation, strict=True)],
         [w - push / mass2 * r for w, r in zip(velocity2, separation, strict=True)],

@@ -85,6 +85,7 @@ class Engine:
             growth is not None,
             flights,
             scene.falls,
+            scene.n_moving < scene.n,
         )
         self.layout: Any = self.kernels.at
         self.scene = scene

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hardspheres.cells import CellGrid, distances, worst_overlap
-from hardspheres.checks import contact_tolerance
+from hardspheres.checks import contact_tolerance, inertia
 from hardspheres.collision import discriminant_2d, discriminant_3d
 from hardspheres.errors import InvariantError
 from hardspheres.gravity import impact_square, impact_time
@@ -47,6 +47,7 @@ def verify(sim: "Simulation", engine: "Engine") -> None:
     """
     _counters_make_sense(engine)
     _energy_and_momentum_are_kept(sim)
+    _obstacles_are_where_they_were(engine)
     if sim.scene.falls:
         _falls_fit_the_rows(engine)
     _no_overlaps(sim)
@@ -92,6 +93,14 @@ def _falls_fit_the_rows(engine: "Engine") -> None:
     _require(np.all(off <= allowed), "the speed of a particle at the floor does not fit its row")
 
 
+def _obstacles_are_where_they_were(engine: "Engine") -> None:
+    """Require of obstacles the rows that they began with."""
+    scene, at = engine.scene, engine.layout
+    rows = engine.rows[scene.obstacles]
+    there = np.array_equal(rows[:, at.X : at.X + scene.dim], scene.positions[scene.obstacles])
+    _require(there and not rows[:, at.V : at.T + 1].any(), "an obstacle has moved")
+
+
 def allowed_drift(sim: "Simulation", events: int) -> float:
     """Return bounds on the rounding errors of energy (relative) and momentum (over sum m |v|).
 
@@ -116,13 +125,15 @@ def allowed_drift(sim: "Simulation", events: int) -> float:
         The larger of the two, relative.
     """
     scene = sim.scene
-    sharing = min(float(scene.n), *(_sharing(scene.masses, v) for v in (scene.velocities, sim.velocities)))
+    sharing = min(
+        float(scene.n_moving), *(_sharing(scene.masses, v) for v in (scene.velocities, sim.velocities))
+    )
     return max(1e-12, 12.0 * float(np.finfo(np.float64).eps) * events / (scene.dim * sharing))
 
 
 def _sharing(masses: Floats, velocities: Floats) -> float:
     """Effective number that share the kinetic energy: N in equilibrium, at most 3 if one has all."""
-    energies = masses * np.sum(velocities * velocities, axis=1)
+    energies = inertia(masses) * np.sum(velocities * velocities, axis=1)
     most = float(np.max(energies))
     if most == 0.0:
         return math.inf
@@ -154,11 +165,12 @@ def _energy_and_momentum_are_kept(sim: "Simulation") -> None:
 def deepest_overlap(positions: Floats, scene: Scene) -> float:
     """Depth of the deepest overlap, between particles or with a wall, in contact distances (diameters)."""
     radii, walls = scene.radii, ~scene.periodic
-    i, j, depth = worst_overlap(positions, radii, scene.box, scene.periodic)
+    i, j, depth = worst_overlap(positions, radii, scene.box, scene.periodic, scene.obstacles)
     deepest = depth / float(radii[i] + radii[j]) if depth > 0 else 0.0
     if walls.any():
         beyond = np.maximum(radii[:, None] - positions, positions + radii[:, None] - scene.box)[:, walls]
-        deepest = max(deepest, float(np.max(beyond / (2.0 * radii[:, None]))))
+        beyond = (beyond / (2.0 * radii[:, None]))[~scene.obstacles]
+        deepest = max(deepest, float(np.max(beyond)))
     return deepest
 
 
@@ -207,7 +219,8 @@ class _Search:
             near = gap < shells + scene.radii[i] + scene.radii[j]
             i, j = i[near], j[near]
             for one, other in ((i, j), (j, i)):
-                missing = np.flatnonzero(~np.any(lists[one] == other[:, None], axis=1))
+                missing = ~np.any(lists[one] == other[:, None], axis=1) & ~scene.obstacles[one]
+                missing = np.flatnonzero(missing)
                 if len(missing):
                     a, b = int(one[missing[0]]), int(other[missing[0]])
                     raise InvariantError(

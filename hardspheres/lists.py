@@ -100,7 +100,8 @@ class Lists:
         around = scene.n * math.prod(min(3, cells) / cells for cells in self.cells)
         ball = {2: math.pi, 3: 4.0 * math.pi / 3.0}[scene.dim]
         listed = (
-            scene.number_density
+            scene.n
+            / scene.volume
             * ball
             * (2.0 * float(scene.radii.mean()) + 2.0 * self.threshold) ** scene.dim
         )
@@ -120,7 +121,7 @@ def displacement_threshold(scene: Scene) -> float:
         r1, r2 = a1 + threshold, a2 + threshold * (2.0 * a1 + threshold)  # moments of radius plus threshold
         r3 = a3 + threshold * (3.0 * a2 + threshold * (3.0 * a1 + threshold))
         pairs = 2.0 * r3 + 6.0 * r1 * r2 if scene.dim == 3 else 2.0 * r2 + 2.0 * r1 * r1
-        return ball * scene.number_density * pairs
+        return ball * (scene.n / scene.volume) * pairs
 
     largest = 2.0 * float(scene.radii.max())
     low, high = 0.0, math.hypot(*scene.box.tolist())

@@ -15,6 +15,7 @@ from hardspheres.tuning import collision_rate, power_of_two_below
 __all__ = ["Patience"]
 
 PATIENCE = 1000.0  # expected times to the next collision that may pass without one,
+OBSTACLES_OVERLAP = 1000.0  # times as many with obstacles: the estimate takes none for covered by others
 LEAST_PATIENCE = 10  # but not fewer epochs
 ROWS_BETWEEN_CHECKS = 1 << 16  # it is checked after as many epochs as take so many rows into the next one,
 MOST_BETWEEN_CHECKS = 1 << 12  # but no more than these
@@ -53,7 +54,8 @@ class Patience:
             self._moving = True
             return
         v = _velocities(engine)
-        if not np.any(np.where(self.scene.periodic, v - v[0], v)):
+        drifts = self.scene.periodic & (self.scene.n_moving == self.scene.n)
+        if not np.any(np.where(drifts, v - v[0], v)):
             raise SimulationError(
                 "no collision is to come: no particle moves relative to another; give them velocities, or "
                 "use run(time=...)"
@@ -75,9 +77,10 @@ class Patience:
         idle = int(count[at.EPOCH]) - int(count[at.LAST_PAIR_EPOCH])
         if idle < LEAST_PATIENCE:
             return
-        if idle * engine.length * collision_rate(self.scene, _velocities(engine)) > PATIENCE:
+        patience = PATIENCE * (OBSTACLES_OVERLAP if self.scene.n_moving < self.scene.n else 1.0)
+        if idle * engine.length * collision_rate(self.scene, _velocities(engine)) > patience:
             raise SimulationError(
-                f"no two particles met for {idle * engine.length:.3g} time units, over {PATIENCE:.0f} times "
+                f"no two particles met for {idle * engine.length:.3g} time units, over {patience:.0f} times "
                 "the expected time to a collision; these particles may never meet: use run(time=...)"
             )
 

@@ -16,13 +16,16 @@ from hardspheres.checks import (
     boundary_words,
     box_edges,
     contact_tolerance,
+    inertia,
     integer_labels,
+    obstacles_among,
     one_per_particle,
     real_numbers,
     require_finite,
     require_in_box,
     require_inside,
     require_long_axes,
+    require_no_obstacles_under,
     require_no_overlap,
     require_resolved,
     wrapped,
@@ -53,7 +56,9 @@ class Scene:
     radii : float or (N,) array_like
         Radii, positive.
     masses : float or (N,) array_like
-        Masses, positive.
+        Masses, positive. Infinity makes a particle an obstacle, which nothing moves: its velocity is 0, and
+        it may overlap other obstacles and reach beyond walls, so that obstacles make walls of any shape. At
+        least one particle moves. Not with gravity.
     box : (d,) array_like
         Edge lengths. A periodic axis is at least two largest diameters long (so that no pair meets through
         two images at once), a wall axis at least one; the longest at most 1e9 smallest diameters (so that
@@ -81,8 +86,10 @@ class Scene:
     periodic : (d,) bool array
         True where the axis is periodic. Read-only.
     species : (N,) int32 array
-        Number of the particle's kind: particles of one kind have the same mass and the same radius, and kinds
-        are numbered in the order in which they first appear. Read-only.
+        Number of the particle's kind: particles of one kind have the same mass and the same radius, all
+        obstacles are of one kind, and kinds are numbered in the order in which they first appear. Read-only.
+    obstacles : (N,) bool array
+        True where the mass is infinite. Read-only.
     gravity : (d,) float64 array
         Acceleration of all particles; zero where none is given. Read-only.
     labels : (N,) int64 array or None
@@ -91,10 +98,11 @@ class Scene:
     Raises
     ------
     SceneError
-        For the first thing that is wrong: shape, type, a value that is not finite or not positive, a particle
-        beyond a wall, a box too short or too long, an overlap (the worst is named). Spheres may touch. They
-        may also overlap, or reach beyond a wall, by the rounding of coordinates in a box of this size,
-        `contact_tolerance`: four units in the last place of the longest edge (9e-15 in a box of edge 10).
+        For the first thing that is wrong: shape, type, a value that is not finite or not positive, an
+        obstacle that moves, a particle beyond a wall, a box too short or too long, an overlap (the worst is
+        named). Spheres may touch. They may also overlap, or reach beyond a wall, by the rounding of
+        coordinates in a box of this size, `contact_tolerance`: four units in the last place of the longest
+        edge (9e-15 in a box of edge 10).
     """
 
     positions: Floats
@@ -152,17 +160,19 @@ class Scene:
         require_finite(places, "position")
         require_finite(speeds, "velocity")
         sizes = one_per_particle(radii, "radii", n)
-        weights = one_per_particle(masses, "masses", n)
+        weights = one_per_particle(masses, "masses", n, infinite=True)
+        fixed = obstacles_among(weights, speeds)
         named = integer_labels(labels, n)
         pull = acceleration(gravity, words)
+        require_no_obstacles_under(pull, fixed)
         periodic = np.array([word == "periodic" for word in words])
         places = wrapped(places, edges, periodic)
         _require_representable(speeds, sizes, weights, edges, pull)
         require_long_axes(sizes, edges, periodic)
         require_resolved(sizes, edges)
         tolerance = max(contact_tolerance(edges), spare * 2.0 * float(sizes.max()))
-        require_inside(places, sizes, edges, periodic, tolerance)
-        require_no_overlap(places, sizes, edges, periodic, tolerance)
+        require_inside(places, sizes, edges, periodic, tolerance, fixed)
+        require_no_overlap(places, sizes, edges, periodic, tolerance, fixed)
         _require_none_at_rest(places, speeds, sizes, edges, pull, tolerance)
         kinds = _kinds(weights, sizes)
         self._store(places, speeds, sizes, weights, edges, words, periodic, kinds, pull, named)
@@ -197,17 +207,28 @@ class Scene:
 
     @property
     def number_density(self) -> float:
-        """Particles per volume of the box, 1/length^d."""
-        return self.n / self.volume
+        """Particles that move per volume of the box, 1/length^d."""
+        return self.n_moving / self.volume
+
+    @cached_property
+    def obstacles(self) -> Bools:
+        """Which particles have infinite mass, (N,). Read-only."""
+        return read_only(np.isinf(self.masses))
+
+    @cached_property
+    def n_moving(self) -> int:
+        """Number of particles that move: all but obstacles."""
+        return self.n - int(np.count_nonzero(self.obstacles))
 
     @cached_property
     def packing_fraction(self) -> float:
-        """Packing fraction: volume of the particles over that of the box (areas in 2D)."""
-        return float(np.sum(sphere_volume(self.radii, self.dim))) / self.volume
+        """Packing fraction: volume of the particles that move over that of the box (areas in 2D)."""
+        radii = self.radii if self.n_moving == self.n else self.radii[~self.obstacles]
+        return float(np.sum(sphere_volume(radii, self.dim))) / self.volume
 
     @property
     def momentum(self) -> Floats:
-        """Total momentum, shape (d,), mass length/time. Read-only."""
+        """Total momentum of all but obstacles, shape (d,), mass length/time. Read-only."""
         return total_momentum(self.velocities, self.masses)
 
     @cached_property
@@ -232,7 +253,12 @@ class Scene:
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Translational degrees of freedom: d N less the number of periodic axes; d for a single particle."""
+        """Translational degrees of freedom: d N less the number of periodic axes; d for a single particle.
+
+        Obstacles have none, and take up momentum: with them d for each particle that moves.
+        """
+        if self.n_moving < self.n:
+            return self.dim * self.n_moving
         return degrees_of_freedom(self.n, self.periodic)
 
     @property
@@ -388,15 +414,18 @@ class Scene:
     def __repr__(self) -> str:
         edges = " x ".join(f"{edge:.6g}" for edge in self.box)
         walls = self.boundary[0] if len(set(self.boundary)) == 1 else ", ".join(self.boundary)
-        kinds = int(self.species.max()) + 1
+        kinds = len(np.unique(self.species[~self.obstacles]))
         mixture = f", {kinds} species" if kinds > 1 else ""
+        if self.n_moving < self.n:
+            fixed = self.n - self.n_moving
+            mixture += f", {fixed} obstacle{'s' * (fixed != 1)}"
         if self.labels is not None:
             marks = len(np.unique(self.labels))
             mixture += f", {marks} label{'s' * (marks != 1)}"
         if self.falls:
             mixture += f", gravity {' '.join(f'{pull:.6g}' for pull in self.gravity)}"
         return (
-            f"Scene({self.n} particles in {self.dim}D{mixture}, box {edges} ({walls}), "
+            f"Scene({self.n_moving} particles in {self.dim}D{mixture}, box {edges} ({walls}), "
             f"packing_fraction={self.packing_fraction:.6g}, temperature={self.temperature:.6g})"
         )
 
@@ -412,8 +441,8 @@ def to_nearest_image(separations: Floats, scene: Scene) -> Floats:
 
 
 def total_momentum(velocities: Floats, masses: Floats) -> Floats:
-    """Total momentum sum of m v, shape (d,), read-only."""
-    total: Floats = np.sum(masses[:, None] * velocities, axis=0)
+    """Total momentum sum of m v, shape (d,), read-only; obstacles have none."""
+    total: Floats = np.sum(inertia(masses)[:, None] * velocities, axis=0)
     return read_only(total)
 
 
@@ -424,8 +453,8 @@ def read_only(array: Array) -> Array:
 
 
 def kinetic_energy(velocities: Floats, masses: Floats) -> float:
-    """Kinetic energy sum of m v^2 / 2."""
-    return 0.5 * float(np.sum(masses * np.sum(velocities * velocities, axis=1)))
+    """Kinetic energy sum of m v^2 / 2; obstacles have none."""
+    return 0.5 * float(np.sum(inertia(masses) * np.sum(velocities * velocities, axis=1)))
 
 
 def heights(positions: Floats, scene: Any) -> Floats:
@@ -450,8 +479,8 @@ def potential_energy(positions: Floats, scene: Any) -> float:
 
 
 def momentum_flux(velocities: Floats, masses: Floats) -> Floats:
-    """Sum of m v_a v_b, shape (d, d)."""
-    flux: Floats = (velocities * masses[:, None]).T @ velocities
+    """Sum of m v_a v_b, shape (d, d); obstacles add nothing."""
+    flux: Floats = (velocities * inertia(masses)[:, None]).T @ velocities
     return flux
 
 
@@ -468,14 +497,17 @@ def thermal_energy(velocities: Floats, masses: Floats, periodic: Bools) -> float
 
     K_th = K - sum over periodic axes of P_k^2 / 2M, computed as sum of m (v - P/M)^2 / 2, which has no
     cancellation. Momentum normal to a wall is not conserved, so that along wall axes all of K is thermal; so
-    it is on all axes for a single particle.
+    it is on all axes for a single particle, and with obstacles.
     """
     return kinetic_energy(velocities - drift(velocities, masses, periodic), masses)
 
 
 def drift(velocities: Floats, masses: Floats, periodic: Bools) -> Floats:
-    """Velocity of the common motion, P/M on periodic axes and zero on others (or for one particle), (d,)."""
-    if len(masses) == 1:
+    """Velocity of the common motion, P/M on periodic axes and zero on others, (d,).
+
+    Zero for one particle, and with obstacles: they take up momentum, and nothing keeps it.
+    """
+    if len(masses) == 1 or np.isinf(masses).any():
         return np.zeros(len(periodic))
     return np.where(periodic, total_momentum(velocities, masses) / float(np.sum(masses)), 0.0)
 
@@ -512,6 +544,8 @@ def _require_representable(
     two.
     """
     dim, edge, small = len(box), float(box.max()), float(radii.min())
+    moving = np.isfinite(masses)
+    velocities, masses = velocities[moving], masses[moving]
     with np.errstate(all="ignore"):
         filled = float(np.sum(sphere_volume(radii, dim)))
         energy = np.float64(kinetic_energy(velocities, masses))
@@ -556,7 +590,7 @@ def _kinds(masses: Floats, radii: Floats) -> NDArray[np.int32]:
     if masses.min() == masses.max() and radii.min() == radii.max():
         return np.zeros(len(masses), dtype=np.int32)
     pairs = np.empty(len(masses), dtype=np.complex128)  # sorts by mass, then radius
-    pairs.real, pairs.imag = masses, radii
+    pairs.real, pairs.imag = masses, np.where(np.isinf(masses), 0.0, radii)  # obstacles are of one kind
     _, first, kind = np.unique(pairs, return_index=True, return_inverse=True)
     rank = np.empty(len(first), dtype=np.int32)
     rank[np.argsort(first)] = np.arange(len(first), dtype=np.int32)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from hardspheres import __version__, atoms, checkpoint, invariants
 from hardspheres.archive import Arrays, read_archive, write_archive
 from hardspheres.arguments import ascending, finite, whole
+from hardspheres.checks import inertia
 from hardspheres.clock import FOREVER, carried, recounted
 from hardspheres.engine import Engine
 from hardspheres.errors import CheckpointError, SimulationError
@@ -280,8 +281,9 @@ class Simulation(Exclusive):
         return self._frames_at(now + k * step for k in range(number))
 
     def _goal(self, collisions_per_particle: float) -> int:
-        """Pair collisions after which each particle has had so many."""
-        goal = math.ceil(collisions_per_particle * self.scene.n / 2 - 1e-9)
+        """Pair collisions after which each particle has had so many; with obstacles, twice as many."""
+        share = 2 if self.scene.n_moving == self.scene.n else 1
+        goal = math.ceil(collisions_per_particle * self.scene.n_moving / share - 1e-9)
         return whole("the number of collisions of a frame", goal)
 
     def _frames_at(self, times: Iterable[float]) -> Iterator[Frame]:
@@ -296,9 +298,16 @@ class Simulation(Exclusive):
 
     def _frames_after(self, collisions: Iterable[int]) -> Iterator[Frame]:
         for goal in collisions:
-            if goal > self.collisions:
+            if self.scene.n_moving < self.scene.n:
+                self._alone(partial(self._run_partners, goal))
+            elif goal > self.collisions:
                 self._alone(partial(self._run_collisions, goal))
             yield self.frame()
+
+    def _run_partners(self, goal: int) -> None:
+        """Run until those that move have had so many collisions in all: two in each, one at an obstacle."""
+        while (missing := goal - (2 * self.collisions - self.obstacle_collisions)) > 0:
+            self._run_collisions(self.collisions + -(-missing // 2))
 
     @at_rest
     def frame(self) -> Frame:
@@ -332,8 +341,15 @@ class Simulation(Exclusive):
 
     @property
     def collisions(self) -> int:
-        """Pair collisions since the start."""
+        """Pair collisions since the start, those with obstacles included."""
         return int(self._engine.arrays.counter[self._at.PAIRS])
+
+    @property
+    def obstacle_collisions(self) -> int:
+        """Those of the pair collisions that were with an obstacle, since the start."""
+        if self.scene.n_moving == self.scene.n:
+            return 0
+        return int(self._engine.arrays.counter[self._at.OBSTACLE_HITS])
 
     @property
     def wall_collisions(self) -> int:
@@ -342,8 +358,11 @@ class Simulation(Exclusive):
 
     @property
     def collisions_per_particle(self) -> float:
-        """Collisions per particle s = 2 collisions / N: each counts for both partners."""
-        return 2 * self.collisions / self.scene.n
+        """Collisions per particle s = 2 collisions / N: each counts for both partners.
+
+        Obstacles are no partners, and N leaves them out: the mean number of collisions of those that move.
+        """
+        return (2 * self.collisions - self.obstacle_collisions) / self.scene.n_moving
 
     @property
     def _rows(self) -> Floats:
@@ -384,7 +403,7 @@ class Simulation(Exclusive):
     @property
     @at_rest
     def momentum(self) -> Floats:
-        """Total momentum, shape (d,). Read-only."""
+        """Total momentum of all but obstacles, shape (d,). Read-only."""
         return total_momentum(self.velocities, self.scene.masses)
 
     @property
@@ -604,7 +623,7 @@ class Simulation(Exclusive):
     @property
     def _drift(self) -> Floats:
         """Part of the momentum flux that is due to the common motion along periodic axes, (d, d)."""
-        if self.scene.n == 1:
+        if self.scene.n == 1 or self.scene.n_moving < self.scene.n:
             return np.zeros((self.scene.dim, self.scene.dim))
         p = np.where(self.scene.periodic, self.momentum, 0.0)
         return np.outer(p / float(np.sum(self.scene.masses)), p)
@@ -673,7 +692,7 @@ class Simulation(Exclusive):
     @property
     @at_rest
     def momentum_drift(self) -> Floats:
-        """Change of momentum from the start, less the walls' and gravity's impulses, over sum m |v|, (d,).
+        """Change of momentum less the impulses of walls, obstacles and gravity, over sum m |v|, (d,).
 
         Read-only.
         """
@@ -687,7 +706,7 @@ class Simulation(Exclusive):
         flown, velocities = engine.flown()
         if self.scene.falls:  # speeds at the floor: at the top of its flight a ball has none
             velocities = np.sqrt(squares_at_floor(self.scene, flown, velocities))
-        scale = float(np.sum(self.scene.masses * np.linalg.norm(velocities, axis=1)))
+        scale = float(np.sum(inertia(self.scene.masses) * np.linalg.norm(velocities, axis=1)))
         drift: Floats = read_only(change / scale if scale > 0 else change)
         return drift
 
@@ -734,6 +753,7 @@ class Simulation(Exclusive):
             "collisions": self.collisions,
             "collisions_per_particle": self.collisions_per_particle,
             "wall_collisions": self.wall_collisions,
+            "obstacle_collisions": self.obstacle_collisions,
             "temperature": self.temperature,
             "energy_drift": self.energy_drift,
             "momentum_drift": float(np.max(np.abs(self.momentum_drift))),

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hardspheres.errors import SimulationError
-from hardspheres.scene import Scene, heights
+from hardspheres.scene import Scene, heights, sphere_volume
 
 Floats = NDArray[np.float64]
 
@@ -38,8 +38,18 @@ def epoch_length(scene: Scene) -> float:
     It depends on the scene alone, and on it in a way that scales exactly: multiplying all lengths or times by
     a power of two multiplies it by a power of two. Later ones: `pace`.
     """
-    v2 = mean_square(scene.velocities) + fall_square(scene)
+    v2 = mean_square(moving(scene.velocities, scene)) + fall_square(scene)
     return 1.0 if v2 == 0.0 else epoch_length_at(scene, v2)
+
+
+def moving(values: Floats, scene: Scene) -> Floats:
+    """Return what there is for each particle without obstacles."""
+    return values if scene.n_moving == scene.n else values[~scene.obstacles]
+
+
+def filled_fraction(scene: Scene) -> float:
+    """Packing fraction with obstacles, as if none overlapped."""
+    return float(np.sum(sphere_volume(scene.radii, scene.dim))) / scene.volume
 
 
 def fall_square(scene: Scene) -> float:
@@ -70,7 +80,7 @@ def energy_in_play(scene: Scene) -> float:
 
 def epoch_length_at(scene: Scene, v2: float) -> float:
     """Length of an epoch for a mean square speed above 0."""
-    return 2.0 * root_of_power_below(scene.volume / scene.n, scene.dim) / root_of_power_below(v2, 2)
+    return 2.0 * root_of_power_below(scene.volume / scene.n_moving, scene.dim) / root_of_power_below(v2, 2)
 
 
 def pace(scene: Scene, length: float) -> tuple[float, float]:
@@ -86,7 +96,8 @@ def pace(scene: Scene, length: float) -> tuple[float, float]:
         Another length is due below the one and from the other on; 0 and infinity where all masses are equal,
         since the mean square is then constant.
     """
-    if np.all(scene.masses == scene.masses[0]) or not (np.any(scene.velocities) or scene.falls):
+    masses = moving(scene.masses, scene)
+    if np.all(masses == masses[0]) or not (np.any(scene.velocities) or scene.falls):
         return 0.0, math.inf
     root = epoch_length_at(scene, 1.0) / length
     lower = 0.0 if OUT_OF_PACE * length > epoch_length(scene) else 2.0 * root / OUT_OF_PACE
@@ -112,7 +123,8 @@ def mean_square(velocities: NDArray[np.float64]) -> float:
 
 def typical_speed(scene: Scene, energy: float) -> float:
     """Root mean square speed at equipartition of a kinetic energy (light particles move fast)."""
-    return math.sqrt(2.0 * energy / scene.n * float(np.mean(1.0 / scene.masses)))
+    masses = moving(scene.masses, scene)
+    return math.sqrt(2.0 * energy / len(masses) * float(np.mean(1.0 / masses)))
 
 
 def mean_cross_section(one: Floats, other: Floats, dim: int) -> float:
@@ -127,13 +139,14 @@ def collision_frequency(scene: Scene) -> float:
     """Approximate collisions per particle and time (Enskog with a simple contact value), for tuning only."""
     cross_section = mean_cross_section(scene.radii, scene.radii, scene.dim)
     speed = typical_speed(scene, energy_in_play(scene) if scene.falls else scene.thermal_energy)
-    return math.sqrt(2.0) * scene.number_density * cross_section * contact_value(scene) * speed
+    density = scene.n / scene.volume
+    return math.sqrt(2.0) * density * cross_section * contact_value(scene) * speed
 
 
 def contact_value(scene: Scene) -> float:
     """Approximate pair distribution at contact."""
-    room = max(1.0 - scene.packing_fraction, 0.05)
-    return (1.0 - 0.5 * scene.packing_fraction) / room**scene.dim
+    filled = min(filled_fraction(scene), 0.95)
+    return (1.0 - 0.5 * filled) / (1.0 - filled) ** scene.dim
 
 
 def collision_rate(scene: Scene, velocities: Floats) -> float:
@@ -145,7 +158,8 @@ def collision_rate(scene: Scene, velocities: Floats) -> float:
     the triangle inequality, used twice). Wall collisions do not change it.
     """
     dim, n, r = scene.dim, scene.n, scene.radii
-    still = velocities - np.where(scene.periodic, np.mean(velocities, axis=0), 0.0)
+    drifts = scene.periodic & (scene.n_moving == n)  # obstacles hold what they meet at rest
+    still = velocities - np.where(drifts, np.mean(velocities, axis=0), 0.0)
     w = np.sqrt(np.sum(still * still, axis=1))
     # Sums over pairs of (r1 + r2) (w1 + w2), in 3D of (r1 + r2)^2 (w1 + w2), from sums over particles,
     # without self-pairs.

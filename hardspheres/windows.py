@@ -93,7 +93,8 @@ class Windows:
         self.widths = np.minimum(np.floor(units * self.edges), WIDEST).astype(np.int64)
         self.unit_density = self.widths / self.edges
         self.overhang = (np.ceil(OVERHANG * self.reach * self.unit_density) + 1.0).astype(np.int64)
-        self.large = np.flatnonzero(scene.radii > small_radius)
+        large = np.flatnonzero(scene.radii > small_radius)
+        self.large = large[np.argsort(~scene.obstacles[large], kind="stable")]  # obstacles first
         both = float(scene.radii.max()) + self.reach + half_length
         self.large_cells = cells_per_axis(scene, both, len(self.large))
 
@@ -243,7 +244,7 @@ def windows_for(scene: Scene, epoch: float, search: str = "auto") -> Windows | N
     """
     # Cells for lists are sized for the largest particles: with unequal sizes, windows stay faster up to a
     # higher density.
-    crowding = scene.packing_fraction * float(scene.radii.mean() / scene.radii.max())
+    crowding = tuning.filled_fraction(scene) * float(scene.radii.mean() / scene.radii.max())
     if search == "lists" or (search == "auto" and crowding > tuning.SPARSE_BELOW[scene.dim]):
         return None
     found = cheapest_windows(scene, epoch)
@@ -257,7 +258,7 @@ def windows_for(scene: Scene, epoch: float, search: str = "auto") -> Windows | N
 def cheapest_windows(scene: Scene, epoch: float) -> Windows | str:
     """Return the cheapest windows for epochs of this length, or the reason why there are none."""
     now = np.sum(scene.velocities * scene.velocities, axis=1)
-    rms = max(math.sqrt(float(np.mean(now))), typical_speed(scene, energy_in_play(scene)))
+    rms = max(math.sqrt(float(np.sum(now)) / scene.n_moving), typical_speed(scene, energy_in_play(scene)))
     if rms == 0.0:
         return "no particle moves"
     if math.sqrt(np.max(now)) > 50.0 * rms:

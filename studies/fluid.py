@@ -254,7 +254,7 @@ def _kind(dim: int, species: int, boundary: Boundary) -> str:
 
 def kind_of(scene: hs.Scene) -> str:
     """Return what the engine is compiled for, in words."""
-    return _kind(scene.dim, int(scene.species.max()) + 1, scene.boundary)
+    return _kind(scene.dim, len(np.unique(scene.species[~scene.obstacles])), scene.boundary)
 
 
 def ordered(simulation: hs.Simulation) -> bool:

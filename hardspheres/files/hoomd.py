@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from hardspheres import __version__
 from hardspheres.atoms import SINGLE, VELOCITY, FrameLike, symbols
+from hardspheres.checks import inertia
 from hardspheres.errors import TrajectoryError
 from hardspheres.files.xyz import said
 
@@ -99,14 +100,14 @@ def as_chunks(state: "Scene | FrameLike", units: str | None = None) -> Chunks:
     """
     scene: Scene = getattr(state, "scene", state)  # type: ignore[arg-type]
     exact = {"position": state.positions, "velocity": state.velocities, "radius": scene.radii}
-    exact["mass"] = scene.masses
+    exact["mass"] = inertia(scene.masses)  # obstacles have mass 0: infinity is for no file
     if not all(np.isfinite(array).all() for array in exact.values()):
         raise TrajectoryError("a number is not finite; a file with it could not be read back")
     names = list(dict.fromkeys(symbols(scene)))
     width = max(map(len, names)) + 1
     letters = np.array([name.encode() for name in names], dtype=f"S{width}")
     kinds = np.array([names.index(symbol) for symbol in symbols(scene)], dtype=np.uint32)
-    chunks = rounded(state.positions, state.velocities, scene.radii, scene.masses, scene.box, scene.periodic)
+    chunks = rounded(state.positions, state.velocities, scene.radii, exact["mass"], scene.box, scene.periodic)
     chunks |= {
         "configuration/step": np.array([getattr(state, "collisions", 0)], dtype=np.uint64),
         "configuration/dimensions": np.array([scene.dim], dtype=np.uint8),
@@ -158,7 +159,7 @@ def rounded(
             "particles/image": _three(wraps.astype(np.int32)),
         }
     tiny = np.finfo(np.float32).tiny
-    positive = [edges, chunks["particles/diameter"], chunks["particles/mass"]]
+    positive = [edges, chunks["particles/diameter"], chunks["particles/mass"][masses > 0.0]]
     if not all(np.isfinite(chunk).all() for chunk in chunks.values()) or min(map(np.min, positive)) < tiny:
         raise TrajectoryError(
             "a length, speed or mass leaves the range of single precision, which .gsd has; write .xyz, or "

@@ -71,6 +71,10 @@ begins, so that reference positions stay where they are until the lists of the n
 is at rest in their middle. Only walls see parabolas. A bounce takes its speed from what the particle had at
 the floor after its last collision, which is kept beside its row.
 
+**Obstacles.** A particle of infinite mass keeps its row, its version and its segment for ever (`obstacles`).
+It has no events: those that move find it in their lists, or near their segments, and a collision with it
+changes one row. Two of them are never compared, and may overlap.
+
 **`simd`: how it is compiled.** `jit`, `parts`, `pointers`, `vectors`. Kernels find the arrays by a table of
 their `addresses`. Arithmetic is strict wherever it enters the
 trajectory: only + - x / sqrt and integers, no fused or reordered operations, so one scene gives the same bits

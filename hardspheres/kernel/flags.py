@@ -6,5 +6,6 @@ SIZES = False  # radii differ
 MASSES = False  # masses differ
 SPARSE = False  # dilute: common windows of time in place of neighbour lists
 GROWS = False  # all radii grow linearly in time (never with SPARSE)
-GRAVITY = False  # all particles fall with the same acceleration (never with GROWS)
+OBSTACLES = False  # some particles have infinite mass and stay where they are (with MASSES only)
+GRAVITY = False  # all particles fall with the same acceleration (never with GROWS or OBSTACLES)
 FLIGHTS = False  # free flights are tallied, and events logged if there is a log (never with GROWS)

@@ -3,7 +3,7 @@
 The arrays themselves are listed in `arrays`.
 """
 
-from .flags import DIM, FLIGHTS, GRAVITY, MASSES, SIZES, SPARSE  # noqa: F401  `arrays` reads MASSES
+from .flags import DIM, FLIGHTS, GRAVITY, MASSES, OBSTACLES, SIZES, SPARSE  # noqa: F401  `arrays` reads MASSES
 
 
 class Slots:
@@ -89,7 +89,7 @@ STRESS_EPOCHS = slot(6)  # sum of (epoch) d(m v_a v_b) of earlier epochs
 WALL_IMPULSE = slot(6)  # momentum given to the wall, per axis: lower, upper
 WALL_RADIUS_IMPULSE = slot(6)  # the same times the particle's radius
 SUMS = slot.end  # how many begin anew with the tallies
-LEDGER = slot(3)  # net momentum given to the walls since the start, less that of gravity: exact to rounding
+LEDGER = slot(3)  # net momentum given to walls and obstacles since the start, less that of gravity
 FLIGHT_SUMS = slot.end
 
 # Counters, int64.
@@ -139,6 +139,7 @@ OVERHANG = slot(3)  # how far a segment may reach beyond its cell in these units
 LARGE = slot()  # how many particles are in the coarse grid
 LARGE_CELLS = slot(3)  # coarse cells per axis
 RESTING = slot(1 if GRAVITY else 0)  # 1 + a particle that has come to rest on a wall
+OBSTACLE_HITS = slot(1 if OBSTACLES else 0)  # those of the pair collisions with an obstacle
 COUNTERS = slot.end
 FLIGHT_COUNTS = COUNTERS
 
@@ -195,7 +196,10 @@ LOG_ROW = slot.end
 # What a checkpoint keeps of the numbers and counters, besides the arrays that `arrays` says. All else follows
 # from these and the scene.
 STATE_NUMBERS = (NOW, LAST_ADVANCE)
-STATE_COUNTERS = (EPOCH, PAIRS, WALL_HITS, OUT_OF_ORDER, STALE, REBUILDS, INSTANT_EVENTS, LAST_PAIR_EPOCH)
+STATE_COUNTERS = (
+    *(EPOCH, PAIRS, WALL_HITS, OUT_OF_ORDER, STALE, REBUILDS, INSTANT_EVENTS, LAST_PAIR_EPOCH),
+    *((OBSTACLE_HITS,) if OBSTACLES else ()),
+)
 
 # A block of a bucket, 8 int64: the next block (-1: none) and how many entries, then 7 entries.
 # In the calendar an entry is id << 32 | stamp.

@@ -11,9 +11,10 @@ stands for, and whether it still holds) and `predict_again`. Lists also have the
 
 from . import layout as at
 from .common.event_heap import pop_event
+from .common.obstacles import is_obstacle
 from .common.particles import begin_epoch, collide_pair, epoch_length_due, hit_wall
 from .common.prefetch import prefetch_next_event
-from .flags import FLIGHTS, GRAVITY, GROWS, MASSES, SPARSE, WALLS
+from .flags import FLIGHTS, GRAVITY, GROWS, MASSES, OBSTACLES, SPARSE, WALLS
 from .simd.jit import entry_point, jit
 from .simd.pointers import handed_over, pointers
 
@@ -126,6 +127,11 @@ def execute(s, entry, time):
         if partner < s.counter[at.N]:
             collide_pair(s, i, partner, time)
             other = partner
+            if OBSTACLES:  # the row of one of them is as it was
+                if is_obstacle(s, i):
+                    i, other = other, -1
+                elif is_obstacle(s, other):
+                    other = -1
         elif WALLS:
             hit_wall(s, i, partner, time)
     elif not SPARSE and partner == at.REBUILD:

@@ -63,7 +63,7 @@ class Replay:
     @property
     def _title(self) -> str:
         scene = self.scene
-        return f"{scene.n} {kind_of(scene)}, packing fraction {scene.packing_fraction:.3g}"
+        return f"{scene.n_moving} {kind_of(scene)}, packing fraction {scene.packing_fraction:.3g}"
 
     def _head(self) -> dict[str, Any]:
         scene = self.scene
@@ -183,7 +183,8 @@ def view(start: hs.Scene | hs.Simulation, collisions_per_particle: float = 10.0)
         raise hs.SimulationError(
             f"the viewer shows up to {MOST_PARTICLES} particles, and this gas has {n}; show a smaller one"
         )
-    collisions = max(1, collisions_at(s, n))
+    share = 1 if gas.n_moving == n else 2  # a collision with an obstacle has one partner that counts
+    collisions = max(1, share * collisions_at(s, gas.n_moving))
     if collisions > MOST_EVENTS:
         raise _too_many(n)
     chunks: list[NDArray[np.void]] = []
@@ -196,7 +197,10 @@ def view(start: hs.Scene | hs.Simulation, collisions_per_particle: float = 10.0)
     simulation = hs.Simulation(start, log=keep) if isinstance(start, hs.Scene) else start.with_log(keep)
     scene, began = simulation.to_scene(), simulation.time
     try:
-        simulation.run(collisions=collisions)
+        if gas.n_moving == n:
+            simulation.run(collisions=collisions)
+        else:
+            list(simulation.frames(collisions_per_particle=[simulation.collisions_per_particle + s]))
     except hs.SimulationError as error:  # none to come: what it says of `run` is of no use here
         told = re.sub(r"(; |, or |: )use run\(time=\.\.\.\)$", "", str(error))
         raise hs.SimulationError(told) from error
@@ -219,6 +223,8 @@ def replay_by_steps(scene: hs.Scene, collisions_per_particle: float = 10.0) -> R
     collisions_per_particle : float, default 10
         How long, s = 2 collisions / N.
     """
+    if scene.n_moving < scene.n:
+        return view(scene, collisions_per_particle)
     simulation, n, walled = hs.Simulation(scene), scene.n, not scene.periodic.all()
     time, x, v = 0.0, simulation.positions, simulation.velocities
     found: list[tuple[float, int, int, NDArray[np.float64]]] = []  # time, i, j, momentum transferred

@@ -87,19 +87,22 @@ export class Gas {
     return sum;
   }
 
-  follow() { // pair collisions s = 2 c / N and a2 after each event
-    const {n, dim, events, masses} = this;
+  obstacle(i) { return this.masses[i] === Infinity; } // nothing moves it, and it counts in no sum
+
+  follow() { // collisions per particle s = 2 c / N and a2 after each event
+    const {n, dim, events} = this, masses = this.masses.map(m => m === Infinity ? 0 : m);
     const total = masses.reduce((a, b) => a + b, 0);
+    this.moving = masses.reduce((count, m) => count + (m > 0), 0);
     this.drift = Array.from({length: dim}, (_, k) => {
-      if (!this.periodic[k] || n < 2) return 0;
+      if (!this.periodic[k] || !this.fixed()) return 0;
       let p = 0;
       for (let i = 0; i < n; i++) p += masses[i] * this.velocities[i * dim + k];
       return p / total;
     });
     const energy = (p, i) => masses[i] * this.squaredSpeed(p);
-    let two = 0, four = 0, pairs = 0;
+    let two = 0, four = 0, partners = 0;
     for (let i = 0; i < n; i++) { const q = energy(i, i); two += q; four += q * q; }
-    const a2 = () => two > 0 ? dim * n * four / ((dim + 2) * two * two) - 1 : 0;
+    const a2 = () => two > 0 ? dim * this.moving * four / ((dim + 2) * two * two) - 1 : 0;
     this.s = new Float64Array(events + 1); this.a2 = new Float64Array(events + 1);
     this.a2[0] = a2();
     for (let e = 0; e < events; e++) {
@@ -108,8 +111,8 @@ export class Gas {
         const old = energy(this.before[p], i), q = energy(p, i);
         two += q - old; four += q * q - old * old;
       }
-      if (this.second[e] < n) pairs++;
-      this.s[e + 1] = 2 * pairs / n; this.a2[e + 1] = a2();
+      if (this.second[e] < n) partners += !this.obstacle(this.first[e]) + !this.obstacle(this.second[e]);
+      this.s[e + 1] = partners / this.moving; this.a2[e + 1] = a2();
     }
   }
 
@@ -136,19 +139,21 @@ export class Gas {
     const {dim, n} = this, kinds = [];
     for (let i = 0; i < n; i++) {
       const kind = kinds[this.species[i]] ??= {count: 0, sum: 0, mass: this.masses[i]};
-      kind.count++; kind.sum += this.masses[i] * this.squaredSpeed(this.flight[i]);
+      kind.count++;
+      if (!this.obstacle(i)) kind.sum += this.masses[i] * this.squaredSpeed(this.flight[i]);
     }
     const total = kinds.reduce((sum, k) => sum + k.count * k.mass, 0);
     return kinds.map(({count, mass, sum}) => {
+      if (mass === Infinity) return {count, mass, kT: 0};
       const freedom = count * dim - this.fixed() * count * mass / total; // 0 of one obstacle of nearly all the mass
       return {count, mass, kT: freedom > 1e-9 ? sum / freedom : 0};
     });
   }
 
-  fixed() { return this.n < 2 ? 0 : this.periodic.filter(Boolean).length; } // degrees of freedom of the drift
+  fixed() { return this.n < 2 || this.moving < this.n ? 0 : this.periodic.filter(Boolean).length; } // degrees of freedom of the drift
 
   // What a2 is on average where all velocities of this energy are equally likely: -2 / (degrees of freedom + 2).
-  thermalA2() { return -2 / (this.n * this.dim - this.fixed() + 2); }
+  thermalA2() { return -2 / (this.moving * this.dim - this.fixed() + 2); }
 }
 
 const RAMP = [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]]; // viridis
@@ -183,7 +188,7 @@ function start() {
     [ink, faint, paper, accent] = ["--ink", "--faint", "--paper", "--accent"].map(css);
     palette = css("--palette").split(" ");
     const [from, to] = css("--ramp").split(" ").map(Number);
-    colours = Array.from({length: LEVELS}, (_, k) => ramp(from + (to - from) * k / (LEVELS - 1))).concat(palette);
+    colours = Array.from({length: LEVELS}, (_, k) => ramp(from + (to - from) * k / (LEVELS - 1))).concat(palette, faint);
     sprites = dim === 3 && [96, 24].map(size => colours.map(colour => sphere(colour, size)));
   };
   const fit = canvas => { // to its place on the page, sharp on every screen
@@ -198,17 +203,19 @@ function start() {
   };
   const level = speed => Math.min(Math.floor(LEVELS * speed / fastest), LEVELS - 1);
   const colour = i => {
+    if (gas.obstacle(i)) return colours.length - 1;
     if (ways[way] !== "speed") return LEVELS + (ways[way] === "label" ? gas.label : gas.species)[i] % palette.length;
     return level(Math.sqrt(gas.squaredSpeed(gas.flight[i])));
   };
   const legend = () => { // of the colours
-    const name = ways[way], swatch = k => `<i style="background:${palette[k % palette.length]}"></i>`;
+    const name = ways[way], swatch = colour => `<i style="background:${colour}"></i>`;
     const bar = `<i class="bar" style="background:linear-gradient(90deg,${colours.slice(0, LEVELS).join(",")})"></i>`;
     const groups = name === "label" ? gas.labels.map(label => `label ${label}`)
-      : kinds.map((kind, k) => `species ${k + 1}, mass ${+kind.mass.toPrecision(3)}`);
+      : kinds.map((kind, k) => kind.mass === Infinity ? "obstacles" : `species ${k + 1}, mass ${+kind.mass.toPrecision(3)}`);
+    const own = k => name === "species" && kinds[k].mass === Infinity ? faint : palette[k % palette.length];
     $("legend").innerHTML = name === "speed"
       ? `speed 0 ${bar} ${fastest.toPrecision(3)}${kinds.length > 1 ? "" : " = 3 √(kT/m)"}`
-      : groups.slice(0, 8).map((text, k) => `<span>${swatch(k)} ${text}</span>`).join(" ") +
+      : groups.slice(0, 8).map((text, k) => `<span>${swatch(own(k))} ${text}</span>`).join(" ") +
         (groups.length > 8 ? ` and so on: ${groups.length} of them, and colours repeat` : "");
     $("colour").textContent = `by ${name}`;
     $("colour").hidden = ways.length < 2;
@@ -376,9 +383,11 @@ function start() {
   function drawSpeeds() {
     const [g, w, h] = fit($("speeds")), now = gas.temperatures(), many = now.length > palette.length;
     const bins = 30, reach = 1.15 * fastest, width = reach / bins, L = 8, B = h - 32, T = 8, R = w - 8;
-    const groups = many ? [now.reduce((a, k) => ({count: a.count + k.count, mass: 1, kT: 0}), {count: 0})] : now;
+    const moving = now.filter(k => k.mass !== Infinity);
+    const groups = many ? [moving.reduce((a, k) => ({count: a.count + k.count, mass: 1, kT: 0}), {count: 0})] : now;
     const counts = groups.map(() => new Float64Array(bins));
     for (let i = 0; i < n; i++) {
+      if (gas.obstacle(i)) continue;
       const bin = Math.floor(Math.sqrt(gas.squaredSpeed(gas.flight[i])) / width);
       if (bin < bins) counts[many ? 0 : gas.species[i]][bin] += 1 / (groups[many ? 0 : gas.species[i]].count * width);
     }
@@ -389,6 +398,7 @@ function start() {
     const peak = 1.7 * Math.max(...groups.filter(k => k.kT > 0).map(k => law(Math.sqrt((dim - 1) * k.kT / k.mass), k)), 1e-300);
     const px = v => L + (R - L) * v / reach, py = f => B - (B - T) * Math.min(f / peak, 1);
     groups.forEach((kind, s) => {
+      if (kind.mass === Infinity) return;
       g.globalAlpha = groups.length > 1 ? .55 : 1;
       counts[s].forEach((f, k) => {
         g.fillStyle = groups.length > 1 ? palette[s] : colours[level((k + .5) * width)];

@@ -371,7 +371,7 @@ def array(name, value):
         (array("radius", [0.5, math.nan]), "the radius of particle 1 is nan"),
         (array("positions", [[1, 1, 1], [4, math.inf, 4]]), "the position of particle 1 along y is inf"),
         (array("momenta", [[1, 1, math.nan], [4, 1, 4]]), "the velocity of particle 0 along z is nan"),
-        (array("masses", [1, 0]), "the mass of particle 1 is 0.0"),
+        (array("masses", [1, -2]), "the mass of particle 1 is -2.0"),
         (array("velo", np.ones((2, 3))), 'velocities are in a column "velo"'),
         (lambda a: a.__delitem__([0, 1]), "at least one particle"),
         (lambda a: a.set_pbc([True, False, True]) or a.translate([0, -0.8, 0]), "beyond a wall along y"),

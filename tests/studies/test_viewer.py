@@ -370,6 +370,29 @@ def test_an_obstacle_has_no_temperature(tmp_path):
     assert {kind["mass"]: kind["kT"] for kind in kinds} == {1e18: 0, 1: pytest.approx(1 / 3)}
 
 
+@pytest.mark.slow
+def test_obstacles_stay_and_count_in_no_sum(tmp_path):
+    """Obstacles of infinite mass, two of which overlap: flights end at them, and nothing of theirs is a number."""
+    scene = hs.Scene(
+        [[2, 2], [2.5, 2], [7, 7], [5, 5], [8, 3]],
+        [[0, 0], [0, 0], [0, 0], [1, 0.3], [-0.4, 0.8]],
+        radii=[0.5, 0.5, 1.0, 0.3, 0.3],
+        masses=[np.inf, np.inf, np.inf, 1, 1],
+        box=(10, 10),
+        boundary="wall",
+    )
+    replay = view(scene, 6)
+    out = asked_of_node(tmp_path, replay, [0.0, 0.7 * replay.duration])
+    there = hs.Simulation(scene)
+    there.run(time=0.7 * replay.duration)
+    assert np.abs(np.reshape(out["forwards"][1], (5, 2)) - there.positions).max() < 1e-9
+    assert out["s"][-1] >= 6 and np.isfinite(out["a2"]).all()
+    energies = np.sum(scene.velocities[3:] ** 2, axis=1)
+    assert out["a2"][0] == pytest.approx(0.5 * np.mean(energies**2) / np.mean(energies) ** 2 - 1)
+    assert [kind["kT"] for kind in out["kT"]] == [0, pytest.approx(scene.temperature)]
+    assert out["thermal"] == pytest.approx(-2 / (scene.degrees_of_freedom + 2))
+
+
 def test_a_thousand_spheres_with_twenty_collisions_are_under_a_megabyte():
     """From bytes for each particle and event of a small page, without running the large one."""
     page, n, s = view(gas("3d", 40, 0.1), 2), 1000, 20

@@ -8,9 +8,10 @@ read by the dynamics.
 import math
 
 from .. import layout as at
-from ..flags import DIM, GRAVITY, MASSES, SIZES
+from ..flags import DIM, GRAVITY, MASSES, OBSTACLES, SIZES
 from ..simd.jit import jit
 from ..simd.pointers import bits
+from .obstacles import is_obstacle
 
 BELOW = (
     (1023 + at.LEAST_OCTAVE) << at.OCTAVE_BITS
@@ -54,6 +55,8 @@ def octave_bin(x):
 @jit
 def end_flight(s, i, t):
     """Tally the flight of i that a collision at time t ends, and begin the next; returns its path or NaN."""
+    if OBSTACLES and is_obstacle(s, i):
+        return math.nan
     time, speed = flown_for(s, i, t), speed_of(s, i)
     path = speed * time
     known = began_here(s, i)

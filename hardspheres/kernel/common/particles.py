@@ -9,13 +9,14 @@ import math
 from hardspheres import collision, growth
 
 from .. import layout as at
-from ..flags import DIM, FLIGHTS, GRAVITY, GROWS, MASSES, SIZES
+from ..flags import DIM, FLIGHTS, GRAVITY, GROWS, MASSES, OBSTACLES, SIZES
 from ..simd.jit import called, jit
 from ..simd.pointers import bits, from_bits
 from .contact_times import full_contact, note_fall, rint, square_at_wall
 from .flights import end_flight, tally_encounter
 from .log import log_pair, log_wall
-from .tallies import tally_fall, tally_pair, tally_stress, tally_wall
+from .obstacles import is_obstacle
+from .tallies import tally_fall, tally_obstacle, tally_pair, tally_stress, tally_wall
 
 impulse = jit(collision.impulse)
 impulse_of_masses = jit(collision.impulse_of_masses)
@@ -46,6 +47,8 @@ def stretch(sigma):
 @jit
 def fly(s, i, t):
     """Free flight of row i to time t."""
+    if OBSTACLES and is_obstacle(s, i):
+        return
     ri = i * at.ROW
     dt = t - s.row[ri + at.T]
     if GRAVITY:
@@ -94,6 +97,8 @@ def collide_pair(s, i, j, t):
     if MASSES:
         mi, mj = s.mass[i], s.mass[j]
         push = impulse_of_masses(b, rr, mi, mj)
+        if OBSTACLES and max(mi, mj) == math.inf:  # the reduced mass is that of the other
+            push = impulse(b, rr, min(mi, mj))
     else:
         mi, mj = s.number[at.MASS], s.number[at.MASS]
         push = impulse(b, rr, s.number[at.REDUCED])
@@ -115,8 +120,12 @@ def collide_pair(s, i, j, t):
     u += row[ri + at.V] - row[rj + at.V]
     v += row[ri + at.V + 1] - row[rj + at.V + 1]
     tally_pair(s, push, t, x, y, z, u, v, w, 1.0 if factor == 1.0 else 1.0 / THREE_QUARTERS)
-    s.version[i] += 1
-    s.version[j] += 1
+    if OBSTACLES and max(mi, mj) == math.inf:
+        tally_obstacle(s, push if mi == math.inf else -push, x, y, z)
+        s.version[j if mi == math.inf else i] += 1
+    else:
+        s.version[i] += 1
+        s.version[j] += 1
     s.counter[at.PAIRS] += 1
     s.counter[at.LAST_PAIR_EPOCH] = s.counter[at.EPOCH]
 
@@ -180,6 +189,8 @@ def begin_epoch(s):
     """
     length = s.number[at.EPOCH_LENGTH]
     for i in range(s.counter[at.N]):
+        if OBSTACLES and is_obstacle(s, i):
+            continue
         ri = i * at.ROW
         fly(s, i, length)
         s.row[ri + at.T] = 0.0
@@ -204,13 +215,16 @@ def begin_epoch(s):
 
 @jit
 def mean_square(s):
-    """Mean square speed; equal masses keep it."""
+    """Mean square speed of those that move; equal masses keep it."""
     total = 0.0
+    obstacles = 0
     for i in range(s.counter[at.N]):
+        if OBSTACLES:
+            obstacles += 1 if is_obstacle(s, i) else 0
         for d in range(DIM):
             v = s.row[i * at.ROW + at.V + d]
             total += v * v
-    return total / s.counter[at.N]
+    return total / (s.counter[at.N] - obstacles)
 
 
 @jit

@@ -57,6 +57,15 @@ def tally_pair(s, push, t, x, y, z, u, v, w, scale):
 
 
 @jit
+def tally_obstacle(s, push, x, y, z):
+    """Add a collision that gave an obstacle the momentum push (x, y, z)."""
+    s.counter[at.OBSTACLE_HITS] += 1
+    s.total[at.LEDGER] += push * x
+    s.total[at.LEDGER + 1] += push * y
+    s.total[at.LEDGER + 2] += push * z
+
+
+@jit
 def tally_wall(s, axis, side, impulse, radius):
     """Add the momentum that a particle gave to a wall (positive: outwards)."""
     s.total[at.LEDGER + axis] += impulse if side else -impulse

@@ -7,6 +7,9 @@ entry.
 """
 
 from .. import layout as at
+from ..common.contact_times import NEVER
+from ..common.obstacles import is_obstacle
+from ..flags import OBSTACLES
 from ..simd.jit import called, jit
 from .calendar import clear_calendar, schedule
 from .neighbour_lists import make_all_lists
@@ -27,6 +30,9 @@ def detect(s):
 @jit
 def predict(s, i, now):
     """Find i's next event and enter it in the calendar."""
+    if OBSTACLES and is_obstacle(s, i):
+        schedule(s, i, NEVER, at.NOTHING)
+        return
     time, partner = next_event(s, i, now)
     # A rebuild has the number of the latest rebuild of all in place of a version: that one makes it stale.
     met = 0 <= partner < s.counter[at.N]

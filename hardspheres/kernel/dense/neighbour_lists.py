@@ -4,8 +4,8 @@ Each particle has a reference position, a little ahead of where it was when its 
 every particle whose reference position lies within CUTOFF of it. CUTOFF is the contact distance and two
 displacement thresholds, so no particle outside the list can collide before one of the two exceeds its
 threshold. Then that one gets a new list, and only the lists of removed and added neighbours change with it:
-lists are symmetric. All lists are rebuilt at once, cell by cell, from a table of the particles around each
-cell.
+lists are symmetric, but for obstacles, whose own lists are empty. All lists are rebuilt at once, cell by
+cell, from a table of the particles around each cell.
 
 A list ends with the id n, the null particle, and so does every slot after that. Cells are at least CUTOFF
 wide, so 27 of them (9 in 2D) hold all neighbours; CUTOFF covers the rounding of positions in cells to single
@@ -16,7 +16,8 @@ lists then store the image index.
 import numpy as np
 
 from .. import layout as at
-from ..flags import DIM, GRAVITY, SIZES
+from ..common.obstacles import is_obstacle
+from ..flags import DIM, GRAVITY, OBSTACLES, SIZES
 from ..simd.jit import called, jit
 from .cell_grid import fallen, image_of, locate, neighbour_cell, place_of_slot, put_in_cell, take_from_cell
 from .cutoff import copy_columns, cutoff_test
@@ -91,6 +92,13 @@ def clear_list(s, i):
 @jit
 def add_pair(s, i, j, sx, sy, sz):
     """Enter i and j in each other's lists; j is seen in the image that is shifted by (sx, sy, sz) boxes."""
+    if OBSTACLES and is_obstacle(s, i):
+        if not is_obstacle(s, j):
+            add_obstacle(s, j, i, -sx, -sy, -sz)
+        return
+    if OBSTACLES and is_obstacle(s, j):
+        add_obstacle(s, i, j, sx, sy, sz)
+        return
     a = add_neighbour(s, i, j)
     b = add_neighbour(s, j, i)
     if s.counter[at.IMAGES] and a >= 0 and b >= 0:
@@ -99,6 +107,16 @@ def add_pair(s, i, j, sx, sy, sz):
             image = int(shift + image_of(s, i, d) - image_of(s, j, d))
             s.images[a * DIM + d] = image
             s.images[b * DIM + d] = -image
+
+
+@jit
+def add_obstacle(s, i, j, sx, sy, sz):
+    """Enter the obstacle j in the list of i, in this image; its own list stays empty."""
+    a = add_neighbour(s, i, j)
+    if s.counter[at.IMAGES] and a >= 0:
+        for d in range(DIM):
+            shift = sx if d == 0 else (sy if d == 1 else sz)
+            s.images[a * DIM + d] = int(shift + image_of(s, i, d) - image_of(s, j, d))
 
 
 @jit
@@ -169,7 +187,7 @@ def update_list(s, i):
         return
     for k in range(kept):
         j = s.near[k]
-        if position_in_list(s, i, j) == room:
+        if position_in_list(s, i, j) == room and not (OBSTACLES and is_obstacle(s, j)):
             add_neighbour(s, j, i)
     for k in range(room):
         j = s.neighbours[i * room + k]
@@ -239,6 +257,9 @@ def make_lists_of_cell(s, cx, cy, cz):
     m, own, count = gather_cells(s, cx, cy, cz)
     for k_own in range(own, own + count):
         i = s.around_ids[k_own]
+        if OBSTACLES and is_obstacle(s, i):
+            write_list(s, i, 0)
+            continue
         x, y = s.around[k_own + wide], s.around[k_own + 2 * wide]
         z = s.around[k_own + 3 * wide] if DIM == 3 else np.float32(0.0)
         cutoff = np.float32(s.number[at.CUTOFF])

@@ -5,7 +5,8 @@ follow each other in y, in which they are narrow, so the segments near another s
 column of cells that its box, OVERHANG wider on all sides, overlaps. Runs are compared by their bounding
 boxes, 16 at a time (`vectors.keep_overlapping`). What is left is compared as segments (`filter`). To see each
 pair once, a segment is compared with all that stand behind it in its own column, in that at z + 1, and in
-those at x + 1.
+those at x + 1. With obstacles, only those that move are compared, with all around, and pairs of two of them
+are passed on once (`filter`).
 
 The new segment of a particle that has collided takes the place of the old one where it reaches no further
 beyond that cell than segments may; otherwise it goes to the overflow list of its cell (`overflow`).
@@ -14,13 +15,14 @@ beyond that cell than segments may; otherwise it goes to the overflow list of it
 import numpy as np
 
 from .. import layout as at
+from ..common.obstacles import is_obstacle
 from ..common.prefetch import prefetch_eight_rows
-from ..flags import SIZES, WALLS
+from ..flags import OBSTACLES, SIZES, WALLS
 from ..simd.jit import called, jit
 from ..simd.pointers import int64
 from ..simd.vectors import AT_ONCE, copy_lanes, keep_overlapping
 from .filter import filter_pairs, filter_table
-from .grid import cell_at, cells_along_y, column_at, columns_after, fits
+from .grid import cell_at, cells_along_y, column_at, columns_after, columns_around, fits
 from .pair_table import checked, seen_in
 from .predicted_contacts import keep_wall_contact
 from .segments import CELL, EDGE, EIGHT, FAR, segments_of, write_eight, write_unsorted
@@ -179,7 +181,7 @@ def pairs_beyond(s, m, own, cells, first, last, code):
 
 @called
 def compare_all(s):
-    """Compare all segments with those near them, each pair once."""
+    """Compare all segments with those near them, each pair once; obstacles with those that move."""
     ny = s.counter[at.CELLS + 1]
     m = int64(0)
     for x in range(s.counter[at.CELLS]):
@@ -187,11 +189,14 @@ def compare_all(s):
             cells = column_at(s, x, z) * ny
             for y in range(ny):
                 for k in range(int64(s.cell_count[cells + y]), int64(s.cell_count[cells + y + 1])):
+                    if OBSTACLES and is_obstacle(s, s.segment_words[k * at.SEGMENT + at.OWNER]):
+                        continue
                     near = s.boxes[k] >> at.NEAR_SHIFT
                     first, last = cells_along_y(s, near, y)
-                    for a in range(columns_after(s, near, x, z)):
+                    places = columns_around(s, 0, near, x, z) if OBSTACLES else columns_after(s, near, x, z)
+                    for a in range(places):
                         column, code = int64(s.column[s.places[a]]), int64(s.column_code[s.places[a]])
-                        least, after = (y, k + 1) if a == 0 else (first, 0)
+                        least, after = (y, k + 1) if a == 0 and not OBSTACLES else (first, 0)
                         m = pairs_in_column(s, m, k, column, least, last, after, code)
                     if m >= ENOUGH:
                         filter_pairs(s, m, ALWAYS)

@@ -10,8 +10,9 @@ import numpy as np
 
 from .. import layout as at
 from ..common.contact_times import pair_contact
+from ..common.obstacles import is_obstacle
 from ..common.prefetch import prefetch_partners
-from ..flags import DIM
+from ..flags import DIM, OBSTACLES
 from ..simd.jit import called, fast_arithmetic, jit
 from ..simd.pointers import int64
 from ..simd.vectors import gather_transposed, keep_marked
@@ -97,12 +98,11 @@ def filter_pairs(s, m, since):
         slot, own, code = int(s.pair_slot[pair]), slot_in(s.pair_own[pair]), image_in(s.pair_own[pair])
         b, vv, c = compare(s.segments, 1, slot * at.SEGMENT, s.segments, own * at.SEGMENT, code, ex, ey, ez)
         when = min(max(-b / (vv + TINY), since), ONE)
-        predict_contact(
-            s,
-            int64(s.segment_words[own * at.SEGMENT + at.OWNER]),
-            int64(s.segment_words[slot * at.SEGMENT + at.OWNER]),
-            when,
-        )
+        i = int64(s.segment_words[own * at.SEGMENT + at.OWNER])
+        j = int64(s.segment_words[slot * at.SEGMENT + at.OWNER])
+        if OBSTACLES and i > j and own < new_segment(s) and slot < new_segment(s) and not is_obstacle(s, j):
+            continue  # `compare_all` sees this pair from both sides
+        predict_contact(s, i, j, when)
 
 
 @called
@@ -114,6 +114,8 @@ def filter_table(s, m, since):
 @jit
 def predict_contact(s, i, j, when):
     """Compute the contact of two particles, in the image that is nearest when their segments are nearest."""
+    if OBSTACLES and is_obstacle(s, i) and is_obstacle(s, j):
+        return
     if i != j:
         about = s.number[at.MIDDLE] + s.number[at.HALF_WINDOW] * when
         keep_contact(s, min(i, j), max(i, j), pair_contact(s, i, j, about))

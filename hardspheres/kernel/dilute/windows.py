@@ -17,8 +17,9 @@ import numpy as np
 
 from .. import layout as at
 from ..common.bucket_queue import clear_buckets
+from ..common.obstacles import is_obstacle
 from ..common.prefetch import prefetch_runs, prefetch_segments
-from ..flags import SIZES, WALLS
+from ..flags import OBSTACLES, SIZES, WALLS
 from ..simd.jit import called, jit
 from ..simd.pointers import int64
 from .cells import ALWAYS, SEVERAL, compare_all, pairs_in_column, register_all, replace_segment, withdraw
@@ -76,7 +77,9 @@ def register_large(s, begin):
         for p in range(parts):
             time = begin + duration * (p + 0.5) / parts
             write_new(s, new, i, time, duration, parts)
-            m = pairs_with_large(s, pairs_with_small(s, 0, i, new, time), i, new, time)
+            m = pairs_with_small(s, 0, i, new, time)
+            if not (OBSTACLES and is_obstacle(s, i)):  # obstacles come first
+                m = pairs_with_large(s, m, i, new, time)
             filter_table(s, m, ALWAYS)
             overflow_large(s, i, new, time, p == 0)
     if s.counter[at.SHORT_LISTS]:

@@ -20,6 +20,7 @@ from studies.validation.hard_cases import (
     falling,
     galperin,
     grazing,
+    obstacles,
     packing,
     ratios,
     reversal,
@@ -35,6 +36,7 @@ GROUPS: dict[str, ModuleType] = {
     "ratios": ratios,
     "grazing": grazing,
     "gravity": falling,
+    "obstacles": obstacles,
     "packing": packing,
     "distances": distances,
     "reversal": reversal,
@@ -54,9 +56,9 @@ class HardCases(Program):
     question = "Is the engine right where the answer is exact, or where methods break?"
     explanation = """
     Collisions that count digits of pi, cradles, wide ratios of mass and size, grazing collisions, gravity,
-    close packing, huge and tiny boxes, reversal, symmetries, solved gases. Writes a table of the exact
-    answer, the engine's, and the number of correct digits. Every finished long run is kept; an interrupted
-    one starts again.
+    obstacles, close packing, huge and tiny boxes, reversal, symmetries, solved gases. Writes a table of the
+    exact answer, the engine's, and the number of correct digits. Every finished long run is kept; an
+    interrupted one starts again.
     """
     files = ("hard_cases.csv",)
     reports = True
@@ -70,7 +72,7 @@ class HardCases(Program):
         (),
         f"One group of cases: {', '.join(GROUPS)}; may be given several times.",
         several=True,
-        shown="all ten",
+        shown="all eleven",
         **word("--only", *GROUPS),
     )
 
