@@ -1,10 +1,11 @@
-"""Viscosity by Einstein and Helfand's formula, and by Green and Kubo's, from what the engine tallies."""
+"""Transport coefficients by the formulas of Einstein and Helfand and of Green and Kubo, from tallies."""
 
 from __future__ import annotations
 
 import math
+import warnings
 from abc import abstractmethod
-from collections import deque
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -21,7 +22,7 @@ from analysis.estimator import (
     tallies_of,
 )
 from analysis.reduced import Gas
-from analysis.series import BlockSeries, estimate_from_runs
+from analysis.series import BlockSeries, SeriesWarning, estimate_from_runs
 from analysis.statistics import Estimate, TheoryCheck
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 
     from hardspheres import Frame, Scene
 
-__all__ = ["HelfandEstimator", "Viscosity"]
+__all__ = ["HeatConductivity", "HelfandEstimator", "MutualDiffusion", "Viscosity"]
 
 FloatArray = NDArray[np.float64]
 
@@ -38,33 +39,47 @@ class _Levels:
     """Mean squares of the increments of a moment G(t) over lags spaced by powers of two.
 
     Level l keeps the last `points` of every 2^l-th sample; a row has, of each lag and group of components of
-    G, the mean square of the increment and its mean, (points, groups, 2).
+    G, the mean square of the increment and its mean, (points, 2, groups).
     """
 
     def __init__(self, points: int) -> None:
         self.points, self.count = points, 0
-        self.past: list[deque[FloatArray]] = []
+        self.past: list[FloatArray] = []  # each sample twice, `points` apart: the last ones stand in a row
+        self.kept: list[int] = []  # how many samples each level has seen
         self.rows: list[BlockSeries] = []
         self.first = np.zeros(0)
 
-    def add(self, moment: FloatArray, groups: list[slice]) -> None:
-        """Compare a sample with the last ones of each level that it belongs to."""
+    def add(self, moment: FloatArray, groups: FloatArray) -> None:
+        """Compare a sample with the last ones of each level that it belongs to.
+
+        Parameters
+        ----------
+        moment : (c,) array
+            G now.
+        groups : (c, g) array
+            Weights of the components in each mean.
+        """
         if self.count == 0:
             self.first = moment
         level, every = 0, 1
         while self.count % every == 0 and (self.count or level == 0):
             if level == len(self.past):
-                self.past.append(deque([self.first] if self.count else [], maxlen=self.points))
-                self.rows.append(BlockSeries(256))
-            past = self.past[level]
-            if len(past) == self.points:
-                change = moment - np.array(past)[::-1]
-                squares = change * change
-                both = [(squares[:, group].mean(axis=1), change[:, group].mean(axis=1)) for group in groups]
-                self.rows[level].add(np.array(both).transpose(2, 0, 1))
-            past.append(moment)
+                self.past.append(np.zeros((2 * self.points, len(moment))))
+                self.kept.append(0)
+                self.rows.append(BlockSeries(128))
+                if self.count:
+                    self._keep(level, self.first)
+            if self.kept[level] >= self.points:
+                begin = self.kept[level] % self.points
+                change = moment - self.past[level][begin : begin + self.points]
+                self.rows[level].add(np.array([change * change, change])[:, ::-1] @ groups)
+            self._keep(level, moment)
             level, every = level + 1, 2 * every
         self.count += 1
+
+    def _keep(self, level: int, moment: FloatArray) -> None:
+        self.past[level][self.kept[level] % self.points :: self.points] = moment
+        self.kept[level] += 1
 
     def reaches(self, level: int) -> bool:
         """Whether the level has two origins or more."""
@@ -104,9 +119,9 @@ class HelfandEstimator(Estimator):
     def _moment(self, frame: Frame) -> FloatArray:
         """Return G(t), all components."""
 
-    @abstractmethod
-    def _groups(self) -> list[slice]:
-        """Return which components of G belong to each coefficient."""
+    def _groups(self, components: int) -> FloatArray:
+        """Return the weight of each component of G in each coefficient, (c, groups)."""
+        return np.full((components, 1), 1.0 / components)
 
     @abstractmethod
     def _unit(self, group: int) -> float:
@@ -139,7 +154,7 @@ class HelfandEstimator(Estimator):
         self._check_time(float(frame.time))
         if self._scene is None:
             self._scene, self._gas = scene, self._gas or Gas.of(scene)
-        self._levels.add(moment, self._groups())
+        self._levels.add(moment, self._groups(len(moment)))
         return self
 
     def _require_gas(self, scene: Scene) -> None:
@@ -155,20 +170,22 @@ class HelfandEstimator(Estimator):
         if known:
             if not time > self._times[-1]:
                 raise ValueError(
-                    f"time = {time:g} is not after {self._times[-1]:g}; add each frame once, in the order of time"
+                    f"time = {time:g} is not after {self._times[-1]:g}; add each frame once, in the order of "
+                    "time"
                 )
             if known > 1:
                 spacing = self._times[1] - self._times[0]
                 expected = self._times[0] + self._levels.count * spacing
                 if abs(time - expected) > 1e-3 * spacing:
                     raise ValueError(
-                        f"time = {time:g}; expected {expected:g}: frames must be equally spaced, here by {spacing:g}"
+                        f"time = {time:g}; expected {expected:g}: frames must be equally spaced, here by "
+                        f"{spacing:g}"
                     )
         self._times = [*self._times[:2], time]
 
     @property
     def _added(self) -> str:
-        return counted(sum(run._levels.count for run in (self, *self._merged)), "frame")
+        return counted(sum(run._levels.count for run in self._every()), "frame")
 
     def _take_in(self, other: Self) -> None:
         spacings = [run.spacing for run in (self, other) if run._knows_spacing]
@@ -184,18 +201,21 @@ class HelfandEstimator(Estimator):
 
     @property
     def _knows_spacing(self) -> bool:
-        return any(len(run._times) > 1 for run in (self, *self._merged))
+        return any(len(run._times) > 1 for run in self._every())
 
     @property
     def spacing(self) -> float:
         """Time between two frames, [time]."""
         self._require(self._knows_spacing, "spacing", "add(frame) at least twice")
-        times = next(run._times for run in (self, *self._merged) if len(run._times) > 1)
+        times = next(run._times for run in self._every() if len(run._times) > 1)
         return times[1] - times[0]
+
+    def _every(self) -> list[Self]:
+        return [self, *self._merged]
 
     def _runs(self) -> list[Self]:
         """Return all runs that have lags."""
-        return [run for run in (self, *self._merged) if run._levels.reaches(0)]
+        return [run for run in self._every() if run._levels.reaches(0)]
 
     def _lags(self) -> list[tuple[int, int]]:
         """Level and place within it of every lag that has at least two origins in each run."""
@@ -216,7 +236,7 @@ class HelfandEstimator(Estimator):
         return [run._levels.rows[level].n_samples for run in self._runs()]
 
     def _mean(self, level: int) -> FloatArray:
-        """Mean over all origins of all runs, (points, groups, 2)."""
+        """Mean over all origins of all runs, (2, points, groups)."""
         return over_runs([run._levels.rows[level].mean for run in self._runs()], self._origins(level))
 
     def _drift(self, group: int) -> float:
@@ -229,12 +249,13 @@ class HelfandEstimator(Estimator):
         return sum(run._levels.count - 1 for run in self._runs()) * self.spacing
 
     def _squares(self, rows: FloatArray, level: int, group: int) -> FloatArray:
-        """Return squares of increments less those of the mean flux, (..., points), from rows of a level."""
+        """Return squares of increments less those of the mean flux, (rows, points), from rows of a level."""
         lags = np.arange(1, self.points + 1) * self.spacing * 2.0**level
         drift = self._drift(group)
         if drift == 0.0:
-            return rows[..., group, 0]
-        return np.asarray(rows[..., group, 0] - 2.0 * drift * lags * rows[..., group, 1] + (drift * lags) ** 2)
+            return rows[:, 0, :, group]
+        means = 2.0 * drift * lags * rows[:, 1, :, group]
+        return np.asarray(rows[:, 0, :, group] - means + (drift * lags) ** 2)
 
     def _slope(self, group: int, level: int, first: int, last: int) -> Estimate:
         """Return the coefficient from the slope between two lags of a level."""
@@ -243,7 +264,7 @@ class HelfandEstimator(Estimator):
         if self._drift(group) != 0.0:  # the mean flux was fitted to the same data
             unit *= 1.0 - (first + last) * step / self._length
         runs = []
-        for run in self._runs():
+        for run in self._runs():  # rows are means over the same number of origins
             squares = self._squares(run._levels.rows[level].rows, level, group)
             before = squares[:, first - 1] if first else 0.0
             runs.append((squares[:, last - 1] - before) / unit)
@@ -251,13 +272,48 @@ class HelfandEstimator(Estimator):
 
     # Results ------------------------------------------------------------------------------------------------
 
+    _NAMES: tuple[str, ...]  # of the coefficients, one per group
+
+    @abstractmethod
+    def _expected(self) -> list[theory.Prediction]:
+        """Return Enskog's value of each coefficient; none where there is no theory of this gas."""
+
+    @property
+    def checks(self) -> list[TheoryCheck]:
+        """Each coefficient beside Enskog's; an empty list in a mixture, but for mutual diffusion."""
+        self._lags()
+        return [
+            TheoryCheck(
+                name, "Enskog", self._coefficient(group, None), float(one.value), float(one.uncertainty)
+            )
+            for group, (name, one) in enumerate(zip(self._NAMES, self._expected(), strict=False))
+        ]
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw Green and Kubo's integrals up to four windows, with their errors, beside Enskog's values."""
+        curves = [self._running(group) for group in range(len(self._NAMES))]
+        axes = axes_or_new(ax)
+        for group, (times, values, errors) in enumerate(curves):
+            shown = times <= 4.0 * self.window[1]
+            axes.errorbar(
+                times[shown],
+                values[shown],
+                np.nan_to_num(errors[shown]),
+                fmt="os"[group],
+                ms=3,
+                color=f"C{group}",
+                label=self._NAMES[group],
+            )
+        for group, one in enumerate(self._expected()):
+            axes.axhline(float(one.value), color=f"C{group}", lw=1.5, label=f"{self._NAMES[group]}, Enskog")
+        axes.set_xscale("log")
+        return labelled(axes, "time", "integral up to this time")
+
     @property
     def mean_free_time(self) -> float:
         """Of the gas by theory; in a mixture, of one of its mean diameter and mass, [time]."""
         gas = self.gas
-        diameter, mass = (
-            float(np.average(each, weights=gas.sizes)) for each in (gas.diameters, gas.masses)
-        )
+        diameter, mass = (float(np.average(each, weights=gas.sizes)) for each in (gas.diameters, gas.masses))
         rate = theory.collision_rate(gas.packing_fraction, gas.dim, diameter, mass, gas.temperature)
         return 1.0 / float(rate)
 
@@ -291,26 +347,42 @@ class HelfandEstimator(Estimator):
         level = max(math.ceil(math.log2((at / self.spacing + 1.0) / (self.points - 1)) - 1e-9), 0)
         step = self.spacing * 2.0**level
         place = max(math.floor(at / step + 0.5), 1)
-        self._require((place + 1) * step <= self.lags[-1] * (1.0 + 1e-9), f"lag of {at:.4g}", "add(frame) in a longer run")
+        self._require(
+            (place + 1) * step <= self.lags[-1] * (1.0 + 1e-9),
+            f"lag of {at:.4g}",
+            "add(frame) in a longer run",
+        )
         return self._slope(group, level, place - 1, place + 1)
 
     def _running(self, group: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return times, Green and Kubo's integrals up to them, and standard errors."""
-        lags, times, values, errors = self._lags(), [], [], []
-        for level in range(lags[-1][0] + 1):
-            for k in range(1 if level == 0 else self.points // 2, self.points):
-                estimate = self._slope(group, level, k - 1, k + 1)
-                times.append(k * 2.0**level * self.spacing)
-                values.append(estimate.value)
-                errors.append(estimate.standard_error)
+        """Return times, Green and Kubo's integrals up to them, and standard errors.
+
+        Late in a run, where it holds few times of that length, the errors are lower bounds.
+        """
+        times, found = [], []
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SeriesWarning)
+            for level in range(self._lags()[-1][0] + 1):
+                for k in range(1 if level == 0 else self.points // 2, self.points):
+                    found.append(self._slope(group, level, k - 1, k + 1))
+                    times.append(k * 2.0**level * self.spacing)
+        values, errors = [one.value for one in found], [one.standard_error for one in found]
         return np.array(times), np.array(values), np.array(errors)
+
+
+def _enskog(gas: Gas, *laws: Callable[..., theory.Prediction]) -> list[theory.Prediction]:
+    """Return what theories of one species say of this gas; nothing of a mixture."""
+    if len(gas.sizes) > 1:
+        return []
+    units = float(gas.diameters[0]), float(gas.masses[0]), gas.temperature
+    return [law(gas.packing_fraction, gas.dim, *units) for law in laws]
 
 
 class Viscosity(HelfandEstimator):
     """Shear and bulk viscosity from the tallied pressure tensor.
 
     >>> viscosity = Viscosity()
-    >>> for frame in sim.frames(every=0.25 * mean_free_time, count=10000):  # doctest: +SKIP
+    >>> for frame in sim.frames(every=0.25 * free_time, count=10000):  # doctest: +SKIP
     ...     viscosity.add(frame)
     >>> print(viscosity.shear(), viscosity.bulk())  # doctest: +SKIP
 
@@ -327,6 +399,8 @@ class Viscosity(HelfandEstimator):
     box of order 1/N.
     """
 
+    _NAMES = ("shear viscosity", "bulk viscosity")
+
     def _moment(self, frame: Frame) -> FloatArray:
         tallies = tallies_of(frame)
         scene, dim = frame.scene, frame.scene.dim
@@ -338,8 +412,9 @@ class Viscosity(HelfandEstimator):
             traceless.append((g[0, 0] + g[1, 1] - 2.0 * g[2, 2]) / math.sqrt(12.0))
         return np.array([*traceless, np.trace(g) / dim])
 
-    def _groups(self) -> list[slice]:
-        return [slice(0, -1), slice(-1, None)]
+    def _groups(self, components: int) -> FloatArray:
+        shear = components - 1
+        return np.array([[1.0 / shear, 0.0]] * shear + [[0.0, 1.0]])
 
     def _unit(self, group: int) -> float:
         return self.gas.volume * self.gas.temperature
@@ -347,7 +422,7 @@ class Viscosity(HelfandEstimator):
     def _drift(self, group: int) -> float:
         if group == 0:
             return 0.0
-        means = self._mean(0)[self.points - 1, 1, 1]
+        means = self._mean(0)[1, -1, 1]
         return float(means) / (self.points * self.spacing)
 
     def shear(self, window: tuple[float, float] | None = None) -> Estimate:
@@ -380,32 +455,156 @@ class Viscosity(HelfandEstimator):
         """Return times, Green and Kubo's integrals of the bulk viscosity up to these, standard errors."""
         return self._running(1)
 
-    @property
-    def checks(self) -> list[TheoryCheck]:
-        """Both beside Enskog's theory; empty in a mixture."""
-        gas = self.gas
-        self._lags()
-        if len(gas.sizes) > 1:
-            return []
-        units = float(gas.diameters[0]), float(gas.masses[0]), gas.temperature
-        shear = theory.shear_viscosity(gas.packing_fraction, gas.dim, *units)
-        bulk = theory.bulk_viscosity(gas.packing_fraction, gas.dim, *units)
-        return [
-            TheoryCheck("shear viscosity", "Enskog", self.shear(), float(shear.value), float(shear.uncertainty)),
-            TheoryCheck("bulk viscosity", "Enskog", self.bulk(), float(bulk.value), float(bulk.uncertainty)),
-        ]
+    def _expected(self) -> list[theory.Prediction]:
+        return _enskog(self.gas, theory.shear_viscosity, theory.bulk_viscosity)
 
-    def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw Green and Kubo's running integrals with their errors, beside Enskog's values."""
-        axes = axes_or_new(ax)
-        gas, names = self.gas, ("shear", "bulk")
-        for group, name in enumerate(names):
-            times, values, errors = self._running(group)
-            axes.errorbar(times, values, np.nan_to_num(errors), fmt="os"[group], ms=3, label=f"{name} viscosity")
-        if len(gas.sizes) == 1:
-            units = float(gas.diameters[0]), float(gas.masses[0]), gas.temperature
-            for law, style in ((theory.shear_viscosity, "-"), (theory.bulk_viscosity, "--")):
-                value = float(law(gas.packing_fraction, gas.dim, *units).value)
-                axes.axhline(value, color="0.25", ls=style, lw=1.5, label="Enskog" if style == "-" else None)
-        axes.set_xscale("log")
-        return labelled(axes, "time", "viscosity: integral up to this time")
+
+class HeatConductivity(HelfandEstimator):
+    """Heat conductivity of one species from the tallied heat flux; k_B = 1.
+
+    >>> sim = hs.Simulation(scene, heat=True)  # doctest: +SKIP
+    >>> conductivity = HeatConductivity()
+    >>> for frame in sim.frames(every=0.25 * free_time, count=10000):  # doctest: +SKIP
+    ...     conductivity.add(frame)
+    >>> print(conductivity.conductivity())  # doctest: +SKIP
+
+    G(t) is the integral of sum v m v^2/2 over time plus sum r dE over collisions (`Tallies.heat_flux`,
+    `Tallies.heat_transfer`), as seen from the centre of mass: <|G(t) - G(0)|^2> = 2 d lambda V (kT)^2 t. The
+    enthalpy that the particles carry does not enter, as their total momentum is 0. Standard error and bias as
+    of `Viscosity`; relaxation takes half as long again, so the slope begins at 12 mean free times.
+    """
+
+    _NAMES = ("heat conductivity",)
+    _BEGIN = 12.0
+
+    def _require_gas(self, scene: Scene) -> None:
+        super()._require_gas(scene)
+        kinds = int(scene.species.max()) + 1
+        if kinds > 1:
+            raise ValueError(
+                f"the gas has {kinds} species; the heat flux here is that of one (in a mixture diffusion "
+                "carries heat too)"
+            )
+
+    def _moment(self, frame: Frame) -> FloatArray:
+        tallies = tallies_of(frame)
+        if tallies.heat_flux is None or tallies.heat_transfer is None:
+            raise ValueError("the frame has no heat flux; construct with Simulation(scene, heat=True)")
+        mass = float(frame.scene.masses.sum())
+        u = frame.scene.momentum / mass
+        g = tallies.virial + tallies.kinetic
+        energy = float(np.trace(tallies.kinetic)) - 2.0 * mass * tallies.time * float(u @ u)
+        return np.asarray(tallies.heat_flux + tallies.heat_transfer - g @ u - 0.5 * energy * u)
+
+    def _unit(self, group: int) -> float:
+        return self.gas.volume * self.gas.temperature**2
+
+    def _expected(self) -> list[theory.Prediction]:
+        return _enskog(self.gas, theory.heat_conductivity)
+
+    def conductivity(self, window: tuple[float, float] | None = None) -> Estimate:
+        """Heat conductivity, [length^(2-d)/time].
+
+        Parameters
+        ----------
+        window : (float, float), optional
+            Lags between which the slope is taken; `window` by default.
+        """
+        return self._coefficient(0, window)
+
+    def integral(self, time: float | None = None) -> Estimate:
+        """Heat conductivity as Green and Kubo's integral up to a time; by default the middle of `window`."""
+        return self._integral(0, time)
+
+    def running(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return times, Green and Kubo's integrals up to these, standard errors."""
+        return self._running(0)
+
+
+class MutualDiffusion(HelfandEstimator):
+    """Mutual diffusion of two species: Maxwell and Stefan's coefficient.
+
+    G(t) = x_2 R_1 - x_1 R_2, R_s the sum of all positions of species s and x_s its share of the particles;
+    <|G(t) - G(0)|^2> = 2 d N x_1 x_2 D_12 t, whatever the common motion. Fick's coefficient is D_12 times the
+    thermodynamic factor, 1 in a dilute gas. The tail of the current's autocorrelation beyond the window, and
+    the effect of the periodic box, of order 1/L, are those of self-diffusion (`theory`'s
+    `periodic_diffusion_correction`), and not put right: the result is that of this box.
+
+    Parameters
+    ----------
+    points : int, default 16
+        As of `HelfandEstimator`.
+    labels : bool, default False
+        Tell the two apart by `Scene.labels` in place of `Scene.species`: equal spheres diffuse among each
+        other as one of them does, D_12 = D N/(N - 1).
+    """
+
+    _NAMES = ("mutual diffusion",)
+
+    def __init__(self, points: int = 16, labels: bool = False) -> None:
+        super().__init__(points)
+        self.labels = labels
+        self._shares: tuple[float, float] | None = None
+
+    def _sorts(self, scene: Scene) -> NDArray[np.bool_]:
+        """Return which particles are of the second sort."""
+        words, sorts = ("labels", scene.labels) if self.labels else ("species", scene.species)
+        kinds = np.unique(sorts) if sorts is not None else np.zeros(0)
+        if len(kinds) != 2:
+            raise ValueError(f"mutual diffusion is of two {words}; this gas has {len(kinds) or 'none'}")
+        return np.asarray(sorts == kinds[1])
+
+    def _require_gas(self, scene: Scene) -> None:
+        super()._require_gas(scene)
+        second = self._sorts(scene)
+        self._shares = (float(np.mean(~second)), float(np.mean(second)))
+
+    def _take_in(self, other: Self) -> None:
+        if self._shares and other._shares and self._shares != other._shares:
+            raise ValueError("the two gases have other shares of the two labels; they cannot be merged")
+        self._shares = self._shares or other._shares
+        super()._take_in(other)
+
+    def _moment(self, frame: Frame) -> FloatArray:
+        second, x = self._sorts(frame.scene), frame.unwrapped_positions
+        assert self._shares is not None
+        return np.asarray(self._shares[1] * x[~second].sum(axis=0) - self._shares[0] * x[second].sum(axis=0))
+
+    def _unit(self, group: int) -> float:
+        assert self._shares is not None
+        return self.gas.n * self._shares[0] * self._shares[1]
+
+    def _expected(self) -> list[theory.Prediction]:
+        gas = self.gas
+        if len(gas.sizes) != 2:  # told apart by labels
+            return _enskog(gas, theory.enskog_diffusion)
+        rho = gas.sizes / gas.volume
+        return [theory.mutual_diffusion(rho, gas.diameters, gas.masses, gas.dim, gas.temperature)]
+
+    @property
+    def window(self) -> tuple[float, float]:
+        """Lags of the slope by default, [time]: 8 relaxation times of the current, or 8 mean free times."""
+        begin, _ = super().window
+        if self._expected() and len(self.gas.sizes) == 2:
+            share, mass = self.gas.sizes / self.gas.n, self.gas.masses
+            speed = self.gas.temperature * float(share[0] / mass[1] + share[1] / mass[0])
+            begin = max(begin, self._BEGIN * float(self._expected()[0].value) / speed)
+        return begin, 2.0 * begin
+
+    def diffusion(self, window: tuple[float, float] | None = None) -> Estimate:
+        """D_12, [length^2/time].
+
+        Parameters
+        ----------
+        window : (float, float), optional
+            Lags between which the slope is taken; `window` by default.
+        """
+        return self._coefficient(0, window)
+
+    def integral(self, time: float | None = None) -> Estimate:
+        """D_12 as Green and Kubo's integral up to a time; by default the middle of `window`."""
+        return self._integral(0, time)
+
+    def running(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return times, Green and Kubo's integrals up to these, standard errors."""
+        return self._running(0)

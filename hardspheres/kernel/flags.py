@@ -7,4 +7,5 @@ MASSES = False  # masses differ
 SPARSE = False  # dilute: common windows of time in place of neighbour lists
 GROWS = False  # all radii grow linearly in time (never with SPARSE)
 GRAVITY = False  # all particles fall with the same acceleration (never with GROWS)
+HEAT = False  # the heat flux is tallied (never with GROWS or GRAVITY)
 FLIGHTS = False  # free flights are tallied, and events logged if there is a log (never with GROWS)

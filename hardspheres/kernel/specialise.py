@@ -27,6 +27,7 @@ def specialise(
     grows: bool = False,
     flights: bool = False,
     gravity: bool = False,
+    heat: bool = False,
 ) -> types.ModuleType:
     """Load the kernels for one kind of scene.
 
@@ -44,6 +45,8 @@ def specialise(
         Free flights are tallied and events can be logged; not with `grows`.
     gravity : bool
         All particles have the same acceleration; not with `grows`.
+    heat : bool
+        The heat flux is tallied; not with `grows` or `gravity`.
 
     Returns
     -------
@@ -59,6 +62,7 @@ def specialise(
         + "_grows" * grows
         + "_flights" * flights
         + "_gravity" * gravity
+        + "_heat" * heat
     )
     name = f"{__package__}.{tag}"
     with _ONE_AT_A_TIME:
@@ -69,7 +73,7 @@ def specialise(
             package.__path__ = [str(_KERNEL)]
             flags = types.ModuleType(f"{name}.flags")
             vars(flags).update(DIM=dim, WALLS=walls, SIZES=sizes, MASSES=masses, SPARSE=sparse)
-            vars(flags).update(GROWS=grows, FLIGHTS=flights, GRAVITY=gravity)
+            vars(flags).update(GROWS=grows, FLIGHTS=flights, GRAVITY=gravity, HEAT=heat)
             sys.modules[name] = package
             sys.modules[flags.__name__] = flags
             with cached_in(cache_folder(tag)):
