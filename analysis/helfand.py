@@ -6,6 +6,7 @@ import math
 import warnings
 from abc import abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -34,7 +35,10 @@ __all__ = ["HeatConductivity", "HelfandEstimator", "MutualDiffusion", "Viscosity
 
 FloatArray = NDArray[np.float64]
 
+FEWEST_WINDOWS = 8  # origins of the longest lag, in lags: for an error from blocks that are as long
 
+
+@dataclass
 class _Levels:
     """Mean squares of the increments of a moment G(t) over lags spaced by powers of two.
 
@@ -42,12 +46,12 @@ class _Levels:
     G, the mean square of the increment and its mean, (points, 2, groups).
     """
 
-    def __init__(self, points: int) -> None:
-        self.points, self.count = points, 0
-        self.past: list[FloatArray] = []  # each sample twice, `points` apart: the last ones stand in a row
-        self.kept: list[int] = []  # how many samples each level has seen
-        self.rows: list[BlockSeries] = []
-        self.first = np.zeros(0)
+    points: int
+    count: int = 0
+    past: list[FloatArray] = field(default_factory=list)  # samples twice, `points` apart: the last in a row
+    kept: list[int] = field(default_factory=list)  # how many samples each level has seen
+    rows: list[BlockSeries] = field(default_factory=list)
+    first: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def add(self, moment: FloatArray, groups: FloatArray) -> None:
         """Compare a sample with the last ones of each level that it belongs to.
@@ -66,7 +70,7 @@ class _Levels:
             if level == len(self.past):
                 self.past.append(np.zeros((2 * self.points, len(moment))))
                 self.kept.append(0)
-                self.rows.append(BlockSeries(128))
+                self.rows.append(BlockSeries(256))
                 if self.count:
                     self._keep(level, self.first)
             if self.kept[level] >= self.points:
@@ -257,18 +261,25 @@ class HelfandEstimator(Estimator):
         means = 2.0 * drift * lags * rows[:, 1, :, group]
         return np.asarray(rows[:, 0, :, group] - means + (drift * lags) ** 2)
 
+    def _holds(self, level: int, place: int) -> bool:
+        """Whether there are enough origins of a lag for an error."""
+        return sum(self._origins(level)) >= FEWEST_WINDOWS * place
+
     def _slope(self, group: int, level: int, first: int, last: int) -> Estimate:
         """Return the coefficient from the slope between two lags of a level."""
         step = self.spacing * 2.0**level
+        enough = self._holds(level, last)
+        self._require(enough, f"error for a lag of {last * step:.4g}", "add(frame) in a longer run")
         unit = 2.0 * self._unit(group) * (last - first) * step
         if self._drift(group) != 0.0:  # the mean flux was fitted to the same data
             unit *= 1.0 - (first + last) * step / self._length
-        runs = []
+        runs, shortest = [], []
         for run in self._runs():  # rows are means over the same number of origins
             squares = self._squares(run._levels.rows[level].rows, level, group)
             before = squares[:, first - 1] if first else 0.0
             runs.append((squares[:, last - 1] - before) / unit)
-        return estimate_from_runs(runs, weights=self._origins(level))
+            shortest.append(math.ceil(last / run._levels.rows[level].samples_per_row))
+        return estimate_from_runs(runs, shortest=shortest, weights=self._origins(level))
 
     # Results ------------------------------------------------------------------------------------------------
 
@@ -364,6 +375,8 @@ class HelfandEstimator(Estimator):
             warnings.simplefilter("ignore", SeriesWarning)
             for level in range(self._lags()[-1][0] + 1):
                 for k in range(1 if level == 0 else self.points // 2, self.points):
+                    if not self._holds(level, k + 1):
+                        break
                     found.append(self._slope(group, level, k - 1, k + 1))
                     times.append(k * 2.0**level * self.spacing)
         values, errors = [one.value for one in found], [one.standard_error for one in found]
@@ -386,8 +399,8 @@ class Viscosity(HelfandEstimator):
     ...     viscosity.add(frame)
     >>> print(viscosity.shear(), viscosity.bulk())  # doctest: +SKIP
 
-    G_ab(t) is the integral of sum m v_a v_b over time plus sum r_a dp_b over collisions: `Tallies.kinetic` and
-    `Tallies.virial`, less what the common motion adds. Shear: <(G_ab(t) - G_ab(0))^2> = 2 eta V kT t, the
+    G_ab(t) is the integral of sum m v_a v_b over time plus sum r_a dp_b over collisions: `Tallies.kinetic`
+    and `Tallies.virial`, less what the common motion adds. Shear: <(G_ab(t) - G_ab(0))^2> = 2 eta V kT t, the
     mean over all (d - 1)(d + 2)/2 independent components of the traceless tensor. Bulk: the same of the trace
     over d, less its mean. At fixed energy and momentum its fluctuations are those of the virial alone, and
     nothing else has to be subtracted (Zwanzig, Annu. Rev. Phys. Chem. 16, 67 (1965)); the mean is that of the

@@ -55,25 +55,26 @@ def add_all(estimator, frames):
 def test_random_walks_are_unbiased(scene):
     """300 short runs with a coefficient of exactly 1, beside 4 standard errors of their mean.
 
-    Sibling: without what the fitted mean takes off, a bulk viscosity of 0.74.
+    Sibling: without what the fitted mean takes off, a bulk viscosity of 0.85.
     """
     rng, window = np.random.default_rng(3), (2.0, 4.0)
-    runs = [add_all(Viscosity(points=4), walk(scene, rng, 24)) for _ in range(300)]
+    runs = [add_all(Viscosity(points=4), walk(scene, rng, 40)) for _ in range(300)]
     shear = np.array([run.shear(window).value for run in runs])
     bulk = np.array([run.bulk(window).value for run in runs])
     for found in (shear, bulk):
         assert abs(found.mean() - 1.0) < 4.0 * found.std() / math.sqrt(len(runs))
-    uncorrected = bulk * (1.0 - 6.0 / 23.0)
+    uncorrected = bulk * (1.0 - 6.0 / 39.0)
     assert abs(uncorrected.mean() - 1.0) > 4.0 * uncorrected.std() / math.sqrt(len(runs))
 
 
+@pytest.mark.filterwarnings("ignore::analysis.series.SeriesWarning")
 def test_errors_of_random_walks_follow_students_t(scene):
-    """40 runs, false alarm 1e-3; merged, they agree with 1, and the drift of all is found from all.
+    """30 runs, false alarm 1e-3; merged, they agree with 1, and the drift of all is found from all.
 
     Sibling: errors as of independent origins, too small by some sqrt(window).
     """
     rng, window = np.random.default_rng(4), (2.0, 4.0)
-    runs = [add_all(Viscosity(points=4), walk(scene, rng, 300)) for _ in range(40)]
+    runs = [add_all(Viscosity(points=4), walk(scene, rng, 600)) for _ in range(30)]
     for kind in (Viscosity.shear, Viscosity.bulk, Viscosity.shear_integral):
         found = [kind(run, window if kind is not Viscosity.shear_integral else 3.0) for run in runs]
         z = [each.z(1.0) for each in found]
@@ -99,20 +100,27 @@ def test_integral_is_that_of_the_autocorrelation(scene):
     assert slope == pytest.approx(products[0] / 2 + products[1] + products[2] + products[3] / 2, rel=0.03)
 
 
-def test_collisions_at_one_instant_give_enskogs_bulk_viscosity_exactly():
-    """Within a fraction of the free time the virial is a sum of independent jumps; 4 standard errors.
+def test_jumps_of_the_virial_give_enskogs_bulk_viscosity_exactly():
+    """Within 1 % of the free time collisions are independent jumps: bulk and, 3/5 of it, shear viscosity.
 
-    Sibling: twice that time after time the shear viscosity has grown, as the kinetic stress has not decayed.
+    4 standard errors. To the latter the kinetic stress adds rho kT times half the lag; sibling: at three times
+    the lag it has added more than that.
     """
     sim = hs.Simulation(random_gas("3d", 500, 0.1, seed=6))
     sim.run(collisions=5000)
     step = 0.01 * FREE_TIME
-    viscosity = add_all(Viscosity(points=4), sim.frames(every=step, count=8000))
+    viscosity = add_all(Viscosity(points=4), sim.frames(every=step, count=6000))
     chi = float(theory.finite_size_compressibility(0.1, 3, 500).value - 1.0) / 0.4
     expected = float(theory.bulk_viscosity(0.1, 3).value) * chi / float(theory.contact_value(0.1, 3))
-    bulk, shear = viscosity.bulk((0.0, step)), viscosity.shear((0.0, step))
-    assert abs(bulk.z(expected, 0.003 * expected)) < 4.0 and bulk.standard_error < 0.04 * expected
-    assert shear.value > 3.0 / 5.0 * bulk.value + 4.0 * shear.standard_error
+    bulk, shear, later = (
+        viscosity.bulk((0.0, step)),
+        viscosity.shear((0.0, step)),
+        viscosity.shear((2.0 * step, 4.0 * step)),
+    )
+    assert abs(bulk.z(expected, 0.003 * expected)) < 4.0 and bulk.standard_error < 0.03 * expected
+    jumps = 0.6 * expected + 0.5 * sim.scene.number_density * step
+    assert abs(shear.z(jumps, 0.01 * jumps)) < 4.0 and shear.standard_error < 0.02 * jumps
+    assert not abs(later.z(jumps, 0.01 * jumps)) < 4.0
 
 
 def test_common_motion_changes_nothing(scene):
@@ -134,12 +142,12 @@ def test_equal_spheres_mix_as_fast_as_they_diffuse(scene):
     """D_12 = D N/(N - 1), measured in the same run; sibling: D_12 of the first half alone with the rest, x = 1/4."""
     sim = hs.Simulation(scene.replace(labels=np.arange(SPHERES) % 2))
     mixing, self_diffusion = MutualDiffusion(labels=True), Diffusion()
-    for _ in range(6000):
+    for _ in range(4000):
         sim.run(time=0.5 * FREE_TIME)
         mixing.add(sim.frame())
         self_diffusion.add(sim)
     expected = self_diffusion.diffusion(mixing.window).value * SPHERES / (SPHERES - 1)
-    assert mixing.diffusion().standard_error < 0.1 * expected
+    assert mixing.diffusion().standard_error < 0.13 * expected
     assert abs(mixing.diffusion().z(expected)) < 4.0
     assert abs(mixing.integral().z(expected)) < 4.0
 

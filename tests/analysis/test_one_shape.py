@@ -72,7 +72,7 @@ def walled(n):
 
 
 def frames(kind):
-    """31 frames of a small gas that this kind of estimator can measure."""
+    """31 frames (of moments, 91) of a small gas that this kind of estimator can measure."""
     if kind in WALLED:
         return list(hs.Simulation(walled(64)).frames(every=1.0, count=31))
     scene = random_gas("3d_mixture" if kind in (TemperatureEquilibration, MutualDiffusion) else "3d", 64, 0.1)
@@ -82,7 +82,7 @@ def frames(kind):
     sim = hs.Simulation(scene, free_paths=kind is FreePath, heat=kind is HeatConductivity)
     if kind not in REPLICAS:
         sim.run(collisions=640)
-    return list(sim.frames(every=0.3 if kind in REPLICAS else 2.0, count=31))
+    return list(sim.frames(every=0.3 if kind in REPLICAS else 2.0, count=91 if kind in MOMENTS else 31))
 
 
 def measured(kind, given):
@@ -243,7 +243,7 @@ def test_repr_tells_results_or_that_there_are_none(kind):
     assert repr(new(kind)) == f"<{name}: nothing added yet>"
     special = {
         TemperatureEquilibration: random_gas("3d_mixture", 60, 0.02),
-        MutualDiffusion: random_gas("3d_mixture", 60, 0.05),
+        MutualDiffusion: random_gas("3d_mixture", 60, 0.2),
         Spreading: walled(32),
         DensityProfile: walled(64),
         StructureFactor: random_gas("3d", 60, 0.1),
@@ -252,13 +252,13 @@ def test_repr_tells_results_or_that_there_are_none(kind):
     estimator = kind(scene) if kind in (Pressure, FreePath) else new(kind)
     sim = hs.Simulation(scene, free_paths=kind is FreePath, heat=kind is HeatConductivity)
     sim.run(collisions=0 if kind is Spreading else 400)
-    for frame in sim.frames(every=3.0, count=21):
+    for frame in sim.frames(every=3.0, count=91 if kind in MOMENTS else 21):
         estimator.add(frame)
     text = repr(estimator)
     assert text.startswith(f"<{name} of {scene.n} particles") and "\n" not in text
     assert ("no result yet" in text) == (kind is AnisotropyDecay)  # in an isotropic gas
     assert len(text) < 300 and re.search(
-        r"D at packing fraction 0\.\d+, (21|20|1) (frames|moments|blocks|replica):", text
+        r"D at packing fraction 0\.\d+, (91|21|20|1) (frames|moments|blocks|replica):", text
     )
     if kind is Pressure:
         assert f"virial {estimator.virial}" in text and "20 blocks" in text
