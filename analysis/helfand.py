@@ -7,7 +7,7 @@ import warnings
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from hardspheres import Frame, Scene
 
-__all__ = ["HeatConductivity", "HelfandEstimator", "MutualDiffusion", "Viscosity"]
+__all__ = ["HeatConductivity", "HelfandEstimator", "MutualDiffusion", "Viscosity", "mean_free_time"]
 
 FloatArray = NDArray[np.float64]
 
@@ -148,7 +148,7 @@ class HelfandEstimator(Estimator):
             If the simulation tallied nothing, the gas has walls or gravity, or the frame is of another
             simulation or comes at another spacing than the others.
         """
-        tallies_of(frame)
+        tallies_of(frame)  # or refuses it
         scene = frame.scene
         if self._scene is None:
             self._require_gas(scene)
@@ -283,10 +283,11 @@ class HelfandEstimator(Estimator):
 
     # Results ------------------------------------------------------------------------------------------------
 
-    _NAMES: tuple[str, ...]  # of the coefficients, one per group
+    names: ClassVar[tuple[str, ...]]
+    """The coefficients, one per group of components."""
 
     @abstractmethod
-    def _expected(self) -> list[theory.Prediction]:
+    def expected(self) -> list[theory.Prediction]:
         """Return Enskog's value of each coefficient; none where there is no theory of this gas."""
 
     @property
@@ -294,15 +295,13 @@ class HelfandEstimator(Estimator):
         """Each coefficient beside Enskog's; an empty list in a mixture, but for mutual diffusion."""
         self._lags()
         return [
-            TheoryCheck(
-                name, "Enskog", self._coefficient(group, None), float(one.value), float(one.uncertainty)
-            )
-            for group, (name, one) in enumerate(zip(self._NAMES, self._expected(), strict=False))
+            TheoryCheck(name, "Enskog", self.slope(name), float(one.value), float(one.uncertainty))
+            for group, (name, one) in enumerate(zip(self.names, self.expected(), strict=False))
         ]
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw Green and Kubo's integrals up to four windows, with their errors, beside Enskog's values."""
-        curves = [self._running(group) for group in range(len(self._NAMES))]
+        curves = [self.running(name) for name in self.names]
         axes = axes_or_new(ax)
         for group, (times, values, errors) in enumerate(curves):
             shown = times <= 4.0 * self.window[1]
@@ -313,20 +312,18 @@ class HelfandEstimator(Estimator):
                 fmt="os"[group],
                 ms=3,
                 color=f"C{group}",
-                label=self._NAMES[group],
+                label=self.names[group],
             )
-        for group, one in enumerate(self._expected()):
-            axes.axhline(float(one.value), color=f"C{group}", lw=1.5, label=f"{self._NAMES[group]}, Enskog")
+        for group, one in enumerate(self.expected()):
+            axes.axhline(float(one.value), color=f"C{group}", lw=1.5, label=f"{self.names[group]}, Enskog")
         axes.set_xscale("log")
         return labelled(axes, "time", "integral up to this time")
 
     @property
     def mean_free_time(self) -> float:
-        """Of the gas by theory; in a mixture, of one of its mean diameter and mass, [time]."""
+        """Time between two collisions of a particle by theory, the mean over all of them, [time]."""
         gas = self.gas
-        diameter, mass = (float(np.average(each, weights=gas.sizes)) for each in (gas.diameters, gas.masses))
-        rate = theory.collision_rate(gas.packing_fraction, gas.dim, diameter, mass, gas.temperature)
-        return 1.0 / float(rate)
+        return mean_free_time(gas.sizes / gas.volume, gas.diameters, gas.masses, gas.dim, gas.temperature)
 
     _BEGIN = 8.0  # of the slope, in mean free times
 
@@ -336,8 +333,22 @@ class HelfandEstimator(Estimator):
         begin = self._BEGIN * self.mean_free_time
         return begin, 2.0 * begin
 
-    def _coefficient(self, group: int, window: tuple[float, float] | None) -> Estimate:
-        """Return the slope of the mean square over a window."""
+    def _group(self, name: str | None) -> int:
+        if name is not None and name not in self.names:
+            raise ValueError(f"no coefficient is named {name!r:.60}; there is {' and '.join(self.names)}")
+        return self.names.index(name) if name else 0
+
+    def slope(self, name: str | None = None, window: tuple[float, float] | None = None) -> Estimate:
+        """Return a coefficient as the slope of the mean square between two lags.
+
+        Parameters
+        ----------
+        name : str, optional
+            One of `names`, by default the first.
+        window : (float, float), optional
+            The lags; `window` by default.
+        """
+        group = self._group(name)
         begin, end = window or self.window
         if not 0.0 <= begin < end:
             raise ValueError(f"window = ({begin:g}, {end:g}); expected 0 <= begin < end")
@@ -349,8 +360,17 @@ class HelfandEstimator(Estimator):
         first = min(math.floor(begin / step + 0.5), last - 1)
         return self._slope(group, level, first, last)
 
-    def _integral(self, group: int, time: float | None) -> Estimate:
-        """Return Green and Kubo's integral up to a time."""
+    def integral(self, name: str | None = None, time: float | None = None) -> Estimate:
+        """Return a coefficient as Green and Kubo's integral up to a time.
+
+        Parameters
+        ----------
+        name : str, optional
+            One of `names`, by default the first.
+        time : float, optional
+            By default the middle of `window`.
+        """
+        group = self._group(name)
         begin, end = self.window
         at = 0.5 * (begin + end) if time is None else time
         if not at >= 0.0:
@@ -365,11 +385,12 @@ class HelfandEstimator(Estimator):
         )
         return self._slope(group, level, place - 1, place + 1)
 
-    def _running(self, group: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return times, Green and Kubo's integrals up to them, and standard errors.
+    def running(self, name: str | None = None) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return times, Green and Kubo's integrals up to them, and standard errors; `name` as in `integral`.
 
         Late in a run, where it holds few times of that length, the errors are lower bounds.
         """
+        group = self._group(name)
         times, found = [], []
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SeriesWarning)
@@ -381,6 +402,14 @@ class HelfandEstimator(Estimator):
                     times.append(k * 2.0**level * self.spacing)
         values, errors = [one.value for one in found], [one.standard_error for one in found]
         return np.array(times), np.array(values), np.array(errors)
+
+
+def mean_free_time(
+    number_densities: FloatArray, diameters: FloatArray, masses: FloatArray, dim: int, temperature: float
+) -> float:
+    """Return the time between two collisions of a particle by theory, the mean over all species, [time]."""
+    rates = theory.mixture_collision_rates(number_densities, diameters, masses, dim, temperature)
+    return float(number_densities.sum() / (number_densities @ rates.sum(axis=1)))
 
 
 def _enskog(gas: Gas, *laws: Callable[..., theory.Prediction]) -> list[theory.Prediction]:
@@ -412,7 +441,7 @@ class Viscosity(HelfandEstimator):
     box of order 1/N.
     """
 
-    _NAMES = ("shear viscosity", "bulk viscosity")
+    names = ("shear viscosity", "bulk viscosity")
 
     def _moment(self, frame: Frame) -> FloatArray:
         tallies = tallies_of(frame)
@@ -446,29 +475,14 @@ class Viscosity(HelfandEstimator):
         window : (float, float), optional
             Lags between which the slope is taken; `window` by default.
         """
-        return self._coefficient(0, window)
+        return self.slope(window=window)
 
     def bulk(self, window: tuple[float, float] | None = None) -> Estimate:
         """Bulk viscosity, [mass length^(2-d)/time]; as `shear`."""
-        return self._coefficient(1, window)
+        return self.slope("bulk viscosity", window)
 
-    def shear_integral(self, time: float | None = None) -> Estimate:
-        """Shear viscosity as Green and Kubo's integral up to a time; by default the middle of `window`."""
-        return self._integral(0, time)
-
-    def bulk_integral(self, time: float | None = None) -> Estimate:
-        """Bulk viscosity as Green and Kubo's integral up to a time; by default the middle of `window`."""
-        return self._integral(1, time)
-
-    def running_shear(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return times, Green and Kubo's integrals of the shear viscosity up to these, standard errors."""
-        return self._running(0)
-
-    def running_bulk(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return times, Green and Kubo's integrals of the bulk viscosity up to these, standard errors."""
-        return self._running(1)
-
-    def _expected(self) -> list[theory.Prediction]:
+    def expected(self) -> list[theory.Prediction]:
+        """Return Enskog's shear and bulk viscosity; none in a mixture."""
         return _enskog(self.gas, theory.shear_viscosity, theory.bulk_viscosity)
 
 
@@ -487,7 +501,7 @@ class HeatConductivity(HelfandEstimator):
     of `Viscosity`; relaxation takes half as long again, so the slope begins at 12 mean free times.
     """
 
-    _NAMES = ("heat conductivity",)
+    names = ("heat conductivity",)
     _BEGIN = 12.0
 
     def _require_gas(self, scene: Scene) -> None:
@@ -512,7 +526,8 @@ class HeatConductivity(HelfandEstimator):
     def _unit(self, group: int) -> float:
         return self.gas.volume * self.gas.temperature**2
 
-    def _expected(self) -> list[theory.Prediction]:
+    def expected(self) -> list[theory.Prediction]:
+        """Return Enskog's heat conductivity."""
         return _enskog(self.gas, theory.heat_conductivity)
 
     def conductivity(self, window: tuple[float, float] | None = None) -> Estimate:
@@ -523,15 +538,7 @@ class HeatConductivity(HelfandEstimator):
         window : (float, float), optional
             Lags between which the slope is taken; `window` by default.
         """
-        return self._coefficient(0, window)
-
-    def integral(self, time: float | None = None) -> Estimate:
-        """Heat conductivity as Green and Kubo's integral up to a time; by default the middle of `window`."""
-        return self._integral(0, time)
-
-    def running(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return times, Green and Kubo's integrals up to these, standard errors."""
-        return self._running(0)
+        return self.slope(window=window)
 
 
 class MutualDiffusion(HelfandEstimator):
@@ -552,7 +559,7 @@ class MutualDiffusion(HelfandEstimator):
         other as one of them does, D_12 = D N/(N - 1).
     """
 
-    _NAMES = ("mutual diffusion",)
+    names = ("mutual diffusion",)
 
     def __init__(self, points: int = 16, labels: bool = False) -> None:
         super().__init__(points)
@@ -587,7 +594,8 @@ class MutualDiffusion(HelfandEstimator):
         assert self._shares is not None
         return self.gas.n * self._shares[0] * self._shares[1]
 
-    def _expected(self) -> list[theory.Prediction]:
+    def expected(self) -> list[theory.Prediction]:
+        """Return Enskog's D_12; of equal spheres that labels tell apart, his D."""
         gas = self.gas
         if len(gas.sizes) != 2:  # told apart by labels
             return _enskog(gas, theory.enskog_diffusion)
@@ -598,10 +606,10 @@ class MutualDiffusion(HelfandEstimator):
     def window(self) -> tuple[float, float]:
         """Lags of the slope by default, [time]: 8 relaxation times of the current, or 8 mean free times."""
         begin, _ = super().window
-        if self._expected() and len(self.gas.sizes) == 2:
+        if self.expected() and len(self.gas.sizes) == 2:
             share, mass = self.gas.sizes / self.gas.n, self.gas.masses
             speed = self.gas.temperature * float(share[0] / mass[1] + share[1] / mass[0])
-            begin = max(begin, self._BEGIN * float(self._expected()[0].value) / speed)
+            begin = max(begin, self._BEGIN * float(self.expected()[0].value) / speed)
         return begin, 2.0 * begin
 
     def diffusion(self, window: tuple[float, float] | None = None) -> Estimate:
@@ -612,12 +620,4 @@ class MutualDiffusion(HelfandEstimator):
         window : (float, float), optional
             Lags between which the slope is taken; `window` by default.
         """
-        return self._coefficient(0, window)
-
-    def integral(self, time: float | None = None) -> Estimate:
-        """D_12 as Green and Kubo's integral up to a time; by default the middle of `window`."""
-        return self._integral(0, time)
-
-    def running(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return times, Green and Kubo's integrals up to these, standard errors."""
-        return self._running(0)
+        return self.slope(window=window)

@@ -1,6 +1,7 @@
 """What a simulation shows: the gas at one moment, and what was counted up to it."""
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -106,7 +107,7 @@ class Frame:
             f"({self.collisions_per_particle:.4g} per particle)>"
         )
 
-    @property
+    @cached_property
     def tallies(self) -> Tallies | None:
         """What was counted since the start of the simulation, whatever `Simulation.reset_tallies` did.
 

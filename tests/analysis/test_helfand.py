@@ -75,9 +75,8 @@ def test_errors_of_random_walks_follow_students_t(scene):
     """
     rng, window = np.random.default_rng(4), (2.0, 4.0)
     runs = [add_all(Viscosity(points=4), walk(scene, rng, 600)) for _ in range(30)]
-    for kind in (Viscosity.shear, Viscosity.bulk, Viscosity.shear_integral):
-        found = [kind(run, window if kind is not Viscosity.shear_integral else 3.0) for run in runs]
-        z = [each.z(1.0) for each in found]
+    for kind in (Viscosity.shear, Viscosity.bulk, lambda run, window: run.integral(time=3.0)):
+        z = [kind(run, window).z(1.0) for run in runs]
         assert stats.kstest(z, "norm").pvalue > 1e-3
     assert stats.kstest(2.0 * np.array(z), "norm").pvalue < 1e-2
     whole = Viscosity(points=4)
