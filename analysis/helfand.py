@@ -115,6 +115,7 @@ class HelfandEstimator(Estimator):
         self._levels = _Levels(points)
         self._times: list[float] = []  # the first two, and the last
         self._scene: Scene | None = None
+        self._motion = np.zeros(0)  # of the centre of mass
         self._merged: list[Self] = []  # other runs
 
     # What a coefficient is ----------------------------------------------------------------------------------
@@ -152,6 +153,7 @@ class HelfandEstimator(Estimator):
         scene = frame.scene
         if self._scene is None:
             self._require_gas(scene)
+            self._motion = scene.momentum / float(scene.masses.sum())
         else:
             require_same_simulation(self._scene, frame)
         moment = self._moment(frame)
@@ -445,9 +447,8 @@ class Viscosity(HelfandEstimator):
 
     def _moment(self, frame: Frame) -> FloatArray:
         tallies = tallies_of(frame)
-        scene, dim = frame.scene, frame.scene.dim
-        common = np.outer(scene.momentum, scene.momentum) / float(scene.masses.sum())
-        g = tallies.virial + tallies.kinetic - common * tallies.time
+        dim, u, mass = frame.scene.dim, self._motion, float(frame.scene.masses.sum())
+        g = tallies.virial + tallies.kinetic - mass * np.outer(u, u) * tallies.time
         g = 0.5 * (g + g.T)
         traceless = [g[a, b] for a in range(dim) for b in range(a + 1, dim)] + [0.5 * (g[0, 0] - g[1, 1])]
         if dim == 3:
@@ -517,8 +518,7 @@ class HeatConductivity(HelfandEstimator):
         tallies = tallies_of(frame)
         if tallies.heat_flux is None or tallies.heat_transfer is None:
             raise ValueError("the frame has no heat flux; construct with Simulation(scene, heat=True)")
-        mass = float(frame.scene.masses.sum())
-        u = frame.scene.momentum / mass
+        u, mass = self._motion, float(frame.scene.masses.sum())
         g = tallies.virial + tallies.kinetic
         energy = float(np.trace(tallies.kinetic)) - 2.0 * mass * tallies.time * float(u @ u)
         return np.asarray(tallies.heat_flux + tallies.heat_transfer - g @ u - 0.5 * energy * u)
