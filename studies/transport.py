@@ -28,7 +28,7 @@ __all__ = ["Transport"]
 
 USUAL_DENSITIES = "0.1,0.3"
 SPACING = 0.25  # of the sampled times, in mean free times
-USUAL = 4000.0  # collisions per particle: errors of 3 % with 12 replicas, where there is one species
+USUAL = 7000.0  # collisions per particle: errors of 1 % (shear), 2 % (the others) with 12 replicas
 SHORTEST = 400.0
 
 

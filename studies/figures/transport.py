@@ -104,7 +104,9 @@ def _draw_coefficients(axes: Axes, answers: Sequence[Answer], names: Sequence[st
     )
     axes.axhspan(1 - first, 1 + first, color=COLOURS["band"], alpha=0.35, lw=0, label="its uncertainty")
     axes.axhline(1.0, color=COLOURS["theory"], lw=1.2, label="Enskog")
+    low, high = axes.get_ylim()
+    axes.set_ylim(min(low, 0.85), max(high, 1.15) + 0.15)  # room for the legend
     axes.set_xlabel("packing fraction")
     axes.set_ylabel("coefficient over Enskog's value")
     axes.set_title("Transport coefficients")
-    axes.legend(loc="best", fontsize=8)
+    axes.legend(loc="upper left", fontsize=8, ncols=2)
