@@ -151,6 +151,31 @@ def test_equal_spheres_mix_as_fast_as_they_diffuse(scene):
     assert abs(mixing.integral().z(expected)) < 4.0
 
 
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::analysis.series.SeriesWarning")
+def test_errors_of_hard_spheres_follow_students_t():
+    """48 runs of 500 mean free times beside their mean; false alarm 1e-3 for each coefficient.
+
+    Sibling: half the errors.
+    """
+    z = {}
+    for seed in range(48):
+        sim = hs.Simulation(random_gas("3d", SPHERES, ETA, seed=100 + seed), heat=True, search="lists")
+        sim.run(collisions=20 * SPHERES)
+        viscosity, conductivity = Viscosity(), HeatConductivity()
+        for frame in sim.frames(every=0.5 * FREE_TIME, count=1001):
+            viscosity.add(frame)
+            conductivity.add(frame)
+        for name in viscosity.names:
+            z.setdefault(name, []).append(viscosity.slope(name))
+        z.setdefault("heat", []).append(conductivity.conductivity())
+    for name, found in z.items():
+        mean = float(np.mean([each.value for each in found]))
+        deviations = np.array([each.z(mean) for each in found])
+        assert stats.kstest(deviations, "norm").pvalue > 1e-3, name
+        assert stats.kstest(2.0 * deviations, "norm").pvalue < 1e-2, name
+
+
 def still(scene):
     return scene.replace(velocities=np.zeros((scene.n, 3)))
 
