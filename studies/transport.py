@@ -28,7 +28,7 @@ __all__ = ["Transport"]
 
 USUAL_DENSITIES = "0.1,0.3"
 SPACING = 0.25  # of the sampled times, in mean free times
-USUAL = 7000.0  # collisions per particle: errors of 1 % (shear), 2 % (the others) with 12 replicas
+USUAL = 8500.0  # collisions per particle: with 12 replicas errors of 3 % or better
 SHORTEST = 400.0
 
 
