@@ -211,3 +211,19 @@ def test_bad_input_is_refused_in_a_sentence(scene, name):
     call, words = WRONG[name]
     with pytest.raises(ValueError, match=words):
         call(scene)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_mutual_diffusion_of_equal_spheres_is_enskogs_and_scales(dim):
+    """Kinetic theory's square root of kT over the reduced mass; sibling: unequal species have another value."""
+    density = 0.2 / float(theory.packing_fraction(1.0, 1.0, dim))
+    half = [density / 2, density / 2]
+    equal = theory.mutual_diffusion(half, [1.0, 1.0], [1.0, 1.0], dim)
+    assert equal.value == pytest.approx(float(theory.enskog_diffusion(0.2, dim).value), rel=1e-9)
+    heavier = theory.mutual_diffusion(half, [1.0, 1.0], [4.0, 4.0], dim, temperature=16.0)
+    assert heavier.value == pytest.approx(2.0 * equal.value)
+    unequal = theory.mutual_diffusion(half, [1.0, 1.0], [1.0, 4.0], dim)
+    assert unequal.value == pytest.approx(equal.value * math.sqrt(5.0 / 8.0))
+    assert unequal.uncertainty / unequal.value > equal.uncertainty / equal.value
+    with pytest.raises(ValueError, match="mutual diffusion is of two species"):
+        theory.mutual_diffusion([density], [1.0], [1.0], dim)
