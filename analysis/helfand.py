@@ -437,10 +437,10 @@ class Viscosity(HelfandEstimator):
     nothing else has to be subtracted (Zwanzig, Annu. Rev. Phys. Chem. 16, 67 (1965)); the mean is that of the
     same data, whose effect on the slope, (begin + end) / (length of all runs), is put back.
 
-    Relative standard error of the shear viscosity: about 2.9 sqrt(begin/T) / sqrt(number of components), T
-    the length of the run, at any number of particles. Bias: what the window leaves out, 0.1 % of relaxation
-    after 8 mean free times and the tail t^(-d/2) of the stress autocorrelation, and an effect of the periodic
-    box of order 1/N.
+    Relative standard error: about 2.3 sqrt(begin / T c), T the length of the run and c the number of
+    components (5 in 3D and 2 in 2D for shear, 1 for bulk), at any number of particles. Bias: what the
+    window leaves out, 0.1 % of relaxation after 8 mean free times and the tail t^(-d/2) of the stress
+    autocorrelation, and an effect of the periodic box of order 1/N.
     """
 
     names = ("shear viscosity", "bulk viscosity")

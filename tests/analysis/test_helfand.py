@@ -172,8 +172,9 @@ def test_errors_of_hard_spheres_follow_students_t():
     for name, found in z.items():
         mean = float(np.mean([each.value for each in found]))
         deviations = np.array([each.z(mean) for each in found])
-        assert stats.kstest(deviations, "norm").pvalue > 1e-3, name
-        assert stats.kstest(2.0 * deviations, "norm").pvalue < 1e-2, name
+        squares = float((deviations**2).sum())
+        assert 5e-4 < stats.chi2.sf(squares, len(found) - 1) < 1.0 - 5e-4, name
+        assert stats.chi2.sf(4.0 * squares, len(found) - 1) < 1e-6, name
 
 
 def still(scene):
