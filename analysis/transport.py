@@ -1,4 +1,7 @@
-"""Diffusion: mean square displacement and velocity autocorrelation over lags spaced by powers of two."""
+"""Diffusion: mean square displacement and velocity autocorrelation over lags spaced by powers of two.
+
+The other transport coefficients, from tallied moments, are in `helfand`; their names are here too.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,7 @@ from numpy.typing import NDArray
 
 from analysis import theory
 from analysis.estimator import Estimator, NoDataError, axes_or_new, counted, labelled, over_runs
+from analysis.helfand import HeatConductivity, MutualDiffusion, Viscosity
 from analysis.reduced import Gas
 from analysis.series import BlockSeries, SeriesWarning, estimate_from_runs, estimate_from_series
 from analysis.statistics import Estimate, TheoryCheck
@@ -23,7 +27,14 @@ if TYPE_CHECKING:
 
     from hardspheres import Scene
 
-__all__ = ["Diffusion", "Moving", "ShortWindowWarning"]
+__all__ = [
+    "Diffusion",
+    "HeatConductivity",
+    "Moving",
+    "MutualDiffusion",
+    "ShortWindowWarning",
+    "Viscosity",
+]
 
 FloatArray = NDArray[np.float64]
 

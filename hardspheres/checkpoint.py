@@ -44,6 +44,8 @@ def to_arrays(engine: Engine) -> Arrays:
         "clock": list(engine.now),
         "tallied_since": list(engine.since),
     }
+    if engine.heat:
+        about["heat"] = True
     text = np.frombuffer(json.dumps(about).encode(), dtype=np.uint8)
     scene = {name: getattr(engine.scene, name) for name in SCENE}
     if engine.scene.labels is not None:
@@ -71,6 +73,8 @@ def from_arrays(arrays: Arrays, logs: bool = False, search: str = "auto") -> Eng
         "log=... needs what only a simulation with free_paths=True or a log keeps, and this was none",
     )
     scene = _scene(arrays, about)
+    heats = not (scene.falls or scene.n_moving < scene.n)
+    _require(heats or not about.get("heat"), "it tallies heat under gravity or with obstacles, which no run does")
     _require_epochs(scene, about["epoch_length"])
     engine = _fresh(scene, arrays, about, logs, search)
     _require_like(arrays, engine.state())
@@ -89,7 +93,8 @@ def _with_flights(engine: Engine, arrays: Arrays) -> Arrays:
 
 def _fresh(scene: Scene, arrays: Arrays, about: dict[str, Any], logs: bool, search: str) -> Engine:
     """Return an engine of this scene with the epochs of the checkpoint."""
-    engine = Engine(scene, flights=logs or "flight" in arrays, logs=logs, search=search)
+    heat = about.get("heat", False)
+    engine = Engine(scene, flights=logs or "flight" in arrays, logs=logs, search=search, heat=heat)
     length = about["epoch_length"]
     return engine if length == engine.length else engine.with_epochs(length)
 
@@ -122,6 +127,7 @@ def _read_about(arrays: Arrays) -> dict[str, Any]:
     times = _is_list(clock, int, float) and _is_list(since, int, float, int, int)
     _require(times, "its clock or the start of its tallies is invalid")
     _require(_is_list([length], float), "its epoch has no length")
+    _require(isinstance(about.get("heat", False), bool), "whether it tallies heat is neither true nor false")
     return about
 
 

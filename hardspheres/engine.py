@@ -13,7 +13,7 @@ from hardspheres.free_paths import FlightTallies
 from hardspheres.kernel.arrays import OF_RUN, OF_SEARCH, allocated, bytes_of, record
 from hardspheres.lists import Lists
 from hardspheres.memory import require_memory
-from hardspheres.scene import Scene, momentum_flux, squares_at_floor
+from hardspheres.scene import Scene, energy_flux, momentum_flux, squares_at_floor
 from hardspheres.tuning import epoch_length, epoch_length_at, pace
 from hardspheres.windows import Windows, windows_for
 
@@ -39,6 +39,8 @@ class Engine:
         Keep a log of events, which `sink` receives; needs `flights`.
     search : str
         One of `tuning.SEARCHES`; spheres that grow have lists.
+    heat : bool
+        Tally the heat flux; not where spheres grow or fall.
 
     Attributes
     ----------
@@ -50,6 +52,8 @@ class Engine:
         Those names, for this kind of scene.
     flights : FlightTallies or None
         The layout of the tallies of flights.
+    heat : bool
+        Whether the heat flux is tallied.
     sink : callable or None
         Receives chunks of the event log; set by the owner of one.
     now : (int, float)
@@ -68,6 +72,7 @@ class Engine:
         flights: bool = False,
         logs: bool = False,
         search: str = "auto",
+        heat: bool = False,
     ) -> None:
         from hardspheres.kernel import specialise
 
@@ -86,10 +91,12 @@ class Engine:
             flights,
             scene.falls,
             scene.n_moving < scene.n,
+            heat,
         )
         self.layout: Any = self.kernels.at
         self.scene = scene
         self.flights = FlightTallies(scene, self.layout) if flights else None
+        self.heat = heat
         self.sink: Sink | None = None
         at = self.layout
         n, dim = scene.n, scene.dim
@@ -133,7 +140,7 @@ class Engine:
             self.arrays.fall[:] = squares_at_floor(scene, scene.positions, scene.velocities).ravel()
         self.now = (0, 0.0)
         self.since = (0, 0.0, 0, 0)
-        self.earlier = np.zeros(2 * dim * dim + 4 * dim)
+        self.earlier = np.zeros(2 * dim * dim + (6 if heat else 4) * dim)
         self._afresh = True
         self._handed_over: tuple[Any, Any] = (None, None)  # the arrays, and what kernels take in their place
         self.paused = False  # whether the last run ended because its budget of work ran out
@@ -192,11 +199,13 @@ class Engine:
         """Return what was tallied since `since`, in one row.
 
         Virial and kinetic tensor, (d, d) each; wall impulses, and these times radii, (d, 2) each: as in
-        `simulation.Tallies`.
+        `simulation.Tallies`. Where heat is tallied, then heat transfer and flux, (d,) each.
         """
         dim, (_, v) = self.scene.dim, self.flown()
         row = self.tallied_by_events()
         row[dim * dim : 2 * dim * dim] += (momentum_flux(v, self.scene.masses) * self.passed).ravel()
+        if self.heat:
+            row[-dim:] += energy_flux(v, self.scene.masses) * self.passed
         return row
 
     def flown(self) -> tuple[Any, Any]:
@@ -229,7 +238,7 @@ class Engine:
         return change, moment, change * epoch
 
     def tallied_by_events(self) -> Any:
-        """Return what `tallied` does, less the part of the kinetic tensor that needs all velocities.
+        """Return what `tallied` does, less what of kinetic tensor and heat flux needs all velocities.
 
         The integral of K from t0 to t1 is K(t1) (t1 - t0) - sum over events of dK (t - t0): the first term is
         missing.
@@ -245,7 +254,14 @@ class Engine:
             stress, by_moment, by_epoch = stress + change, by_moment + by_time, by_epoch + in_epoch
         moments = (by_epoch - epoch * stress) * self.length + (by_moment - moment * stress)
         walls = [total[first : first + 2 * dim] for first in (at.WALL_IMPULSE, at.WALL_RADIUS_IMPULSE)]
-        return np.concatenate([total[at.VIRIAL + places].ravel(), -moments.ravel(), *walls])
+        heat = []
+        if self.heat:
+            transfer, flux, by_moment, by_epoch = (
+                total[first : first + dim]
+                for first in (at.HEAT_TRANSFER, at.HEAT_FLUX, at.HEAT_MOMENT, at.HEAT_EPOCHS)
+            )
+            heat = [transfer, -((by_epoch - epoch * flux) * self.length + (by_moment - moment * flux))]
+        return np.concatenate([total[at.VIRIAL + places].ravel(), -moments.ravel(), *walls, *heat])
 
     def reset_tallies(self) -> None:
         """Begin the tallies anew; what there was is added to `earlier`.
@@ -304,6 +320,7 @@ class Engine:
             count[epoch], _ = recounted(int(count[epoch]), 0.0, before, length)
         count[at.BUCKET] = 0
         total[at.STRESS_EPOCHS : at.WALL_IMPULSE] *= before / length
+        total[at.HEAT_EPOCHS : at.SUMS] *= before / length
         if self.flights:
             self.flights.recount(flight, before, length)
         other.arrays = old._replace(

@@ -1,6 +1,7 @@
 """What a simulation shows: the gas at one moment, and what was counted up to it."""
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,7 @@ from numpy.typing import NDArray
 
 from hardspheres.errors import SimulationError
 from hardspheres.free_paths import FreePaths
-from hardspheres.scene import Scene, momentum_flux, read_only
+from hardspheres.scene import Scene, energy_flux, momentum_flux, read_only
 
 __all__ = ["Frame", "Tallies"]
 
@@ -36,6 +37,11 @@ class Tallies:
         Momentum that the particles gave to the lower and upper wall of each axis; 0 on periodic axes.
     wall_radius_impulses : (d, 2) float64 array
         The same, each wall collision times the particle's radius.
+    heat_transfer : (d,) float64 array, optional
+        Sum of r_a dE over pair collisions, r from the centre that loses kinetic energy dE to the one that
+        gains it, [energy length]; None unless the simulation has ``heat=True``.
+    heat_flux : (d,) float64 array, optional
+        Integral over time of sum v_a m v^2/2, [energy length]; as `heat_transfer`.
     """
 
     time: float
@@ -45,6 +51,8 @@ class Tallies:
     kinetic: Floats
     wall_impulses: Floats
     wall_radius_impulses: Floats
+    heat_transfer: Floats | None = None
+    heat_flux: Floats | None = None
 
     def __repr__(self) -> str:
         """Return how much was counted, and the traces and sums of it."""
@@ -77,7 +85,7 @@ class Frame:
         simulation made.
     counted : tuple of tallies, time, velocities and masses, optional
         All that `tallies` are made of, when they are asked for: they lack what the velocities add to the
-        kinetic tensor in this time.
+        kinetic tensor and the heat flux in this time.
     free_paths : FreePaths, optional
         As `tallies`, of free flights, where the simulation tallies them. Otherwise None.
     """
@@ -99,7 +107,7 @@ class Frame:
             f"({self.collisions_per_particle:.4g} per particle)>"
         )
 
-    @property
+    @cached_property
     def tallies(self) -> Tallies | None:
         """What was counted since the start of the simulation, whatever `Simulation.reset_tallies` did.
 
@@ -110,7 +118,11 @@ class Frame:
             return None
         by_events, passed, velocities, masses = self.counted
         now = momentum_flux(velocities, masses) * passed
-        return replace(by_events, kinetic=read_only(by_events.kinetic + now))
+        whole = replace(by_events, kinetic=read_only(by_events.kinetic + now))
+        if by_events.heat_flux is None:
+            return whole
+        flux = by_events.heat_flux + energy_flux(velocities, masses) * passed
+        return replace(whole, heat_flux=read_only(flux))
 
     @property
     def unwrapped_positions(self) -> Floats:

@@ -484,6 +484,12 @@ def momentum_flux(velocities: Floats, masses: Floats) -> Floats:
     return flux
 
 
+def energy_flux(velocities: Floats, masses: Floats) -> Floats:
+    """Sum of v_a m v^2/2, shape (d,)."""
+    flux: Floats = (0.5 * masses * np.sum(velocities * velocities, axis=1)) @ velocities
+    return flux
+
+
 def degrees_of_freedom(n: int, periodic: Bools) -> int:
     """Degrees of freedom: d N less one for each periodic axis, where the total momentum is conserved.
 

@@ -71,6 +71,8 @@ class Simulation(Exclusive):
         there. Events are handed over 8192 at a time, and the rest when `run` returns or a frame is due; there
         is nothing to close. A log tallies free flights too. A simulation with a path has no copies; a
         function goes along (pickled, or copied, as Python does that).
+    heat : bool, default False
+        Tally the heat flux too: `Tallies.heat_transfer` and `Tallies.heat_flux`.
     search : str, default "auto"
         How collision partners are found: "lists" (neighbour lists, for dense gases), "windows" (windows of
         time, for dilute ones), or "auto", the faster of the two. All give the same bits; `status` tells which
@@ -79,10 +81,10 @@ class Simulation(Exclusive):
     Raises
     ------
     SimulationError
-        If free paths are asked for and there are more than 32 species, or gravity; if the log cannot be
-        written; if
-        windows are asked for and impossible: no particle moves, one is more than 50 times as fast as a
-        typical one, or the box is too small; from every method, if the simulation is at work already.
+        If free paths are asked for and there are more than 32 species, or gravity; if the heat flux is asked
+        for and there are gravity or obstacles; if the log cannot be written; if windows are asked for and impossible: no
+        particle moves, one is more than 50 times as fast as a typical one, or the box is too small; from
+        every method, if the simulation is at work already.
 
     Examples
     --------
@@ -98,6 +100,7 @@ class Simulation(Exclusive):
         scene: Scene,
         *,
         free_paths: bool = False,
+        heat: bool = False,
         log: Log | None = None,
         search: str = "auto",
     ) -> None:
@@ -105,17 +108,30 @@ class Simulation(Exclusive):
             raise SimulationError(f"a simulation starts from a Scene, not from {scene!r:.60}")
         if not isinstance(free_paths, (bool, np.bool_)):
             raise SimulationError(f"free_paths is {free_paths!r}; it must be True or False")
+        if not isinstance(heat, (bool, np.bool_)):
+            raise SimulationError(f"heat is {heat!r}; it must be True or False")
         _require_search(search)
         kinds = int(scene.species.max()) + 1
         if free_paths and scene.falls:
             raise SimulationError(CURVED)
+        if heat and scene.falls:
+            raise SimulationError(
+                "the heat flux is tallied where velocities change in collisions alone, and under gravity "
+                "they change all the time; leave heat out"
+            )
+        if heat and scene.n_moving < scene.n:
+            raise SimulationError(
+                "the heat flux is tallied where collisions pass energy on, and at an obstacle they pass none; "
+                "leave heat out"
+            )
         if free_paths and kinds > MOST_SPECIES:
             raise SimulationError(
                 f"free_paths=True tells up to {MOST_SPECIES} species apart, and this scene has {kinds}; "
                 "leave it out, and use log=... for the path of each flight"
             )
         logs = log is not None
-        self._take(Engine(scene, flights=free_paths or logs, logs=logs, search=search), log, search)
+        engine = Engine(scene, flights=free_paths or logs, logs=logs, search=search, heat=bool(heat))
+        self._take(engine, log, search)
 
     def _take(self, engine: Engine, log: Log | None, search: str) -> None:
         """Run this engine from now on."""
@@ -569,9 +585,11 @@ class Simulation(Exclusive):
     def _tallies(self, sums: Floats, time: float, collisions: int, wall_collisions: int) -> Tallies:
         """Return a row of sums by name, of this time, counted from so many collisions on."""
         dim, sums = self.scene.dim, read_only(sums)
-        tensors, walls = sums[: 2 * dim * dim].reshape(2, dim, dim), sums[2 * dim * dim :].reshape(2, dim, 2)
+        of_walls, of_heat = 2 * dim * dim, 2 * dim * dim + 4 * dim
+        tensors, walls = sums[:of_walls].reshape(2, dim, dim), sums[of_walls:of_heat].reshape(2, dim, 2)
+        heat = sums[of_heat:].reshape(-1, dim)  # empty where it is not tallied
         collisions, wall_collisions = self.collisions - collisions, self.wall_collisions - wall_collisions
-        return Tallies(time, collisions, wall_collisions, *tensors, *walls)
+        return Tallies(time, collisions, wall_collisions, *tensors, *walls, *heat)
 
     @property
     @at_rest

@@ -24,6 +24,10 @@ QUESTIONS = {
         "Measure free paths between collisions, beside kinetic theory.",
     ),
     "diffusion": ("studies.diffusion:SelfDiffusion", "Measure self-diffusion, beside Enskog's theory."),
+    "transport": (
+        "studies.transport:Transport",
+        "Measure viscosities, heat conductivity and mutual diffusion, beside Enskog's theory.",
+    ),
     "mixture": (
         "studies.mixture:Mixture",
         "Follow the temperature equilibration of two species, beside kinetic theory.",

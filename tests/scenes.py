@@ -47,6 +47,8 @@ SEARCHES = ("lists", "windows")
 # Kinds and searches that the default tests compile with tallies of flights.
 WITH_FLIGHTS = [("3d", "windows"), ("3d_mixture", "lists")]
 
+WITH_HEAT = [("3d", "lists"), ("3d", "windows")]  # the same for tallies of the heat flux
+
 
 def state_without_flights(sim):
     """Every bit that the tallies of flights must not change."""

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from analysis.theory.collisions import collision_rate, quadrature
+from analysis.theory.mixtures import mixture_contact_values
 from analysis.theory.prediction import Prediction, check_dim, inside_range, only_inside, packing_fraction
 from analysis.theory.state import contact_value
 
@@ -15,6 +16,7 @@ __all__ = [
     "bulk_viscosity",
     "enskog_diffusion",
     "heat_conductivity",
+    "mutual_diffusion",
     "periodic_diffusion_correction",
     "periodic_diffusion_window",
     "shear_viscosity",
@@ -150,6 +152,47 @@ def bulk_viscosity(
     rate = collision_rate(eta, dim, diameter, mass, temperature)
     value = _density(eta, dim, diameter) * mass * rate * diameter**2 / dim**2
     return Prediction(value, 0.1 * value)
+
+
+def mutual_diffusion(
+    number_densities: ArrayLike,
+    diameters: ArrayLike,
+    masses: ArrayLike,
+    dim: int,
+    temperature: float = 1.0,
+) -> Prediction:
+    """Return Enskog's coefficient of mutual diffusion of two species, that of Maxwell and Stefan.
+
+    D_12 = 3/(8 rho sigma_12^2 chi_12) sqrt(kT/2 pi mu) in 3D, 1/(2 rho sigma_12 chi_12) sqrt(kT/2 pi mu) in
+    2D: the first Sonine term (Chapman and Cowling, chapters 9 and 16), with the exact initial decay rate of
+    the relative current. mu is the reduced mass, sigma_12 the mean diameter, rho that of all particles. The
+    flux is driven by chemical potentials; Fick's coefficient is this one times the thermodynamic factor.
+
+    Parameters
+    ----------
+    number_densities, diameters, masses : (2,) array_like
+        Of each species.
+    dim : {2, 3}
+        Dimension d.
+    temperature : float
+        kT.
+
+    Returns
+    -------
+    Prediction
+        [length^2/time]. NaN above freezing. u: further Sonine terms add between 2 % (equal masses) and 13 %
+        (light particles among heavy ones), in quadrature with what `enskog_diffusion` leaves out.
+    """
+    rho, sigma, m = (np.asarray(each, dtype=np.float64) for each in (number_densities, diameters, masses))
+    if not rho.shape == sigma.shape == m.shape == (2,):
+        raise ValueError("mutual diffusion is of two species; give two densities, diameters and masses")
+    chi = float(mixture_contact_values(rho, sigma, dim)[0, 1])
+    reduced, between = float(m[0] * m[1] / m.sum()), 0.5 * float(sigma.sum())
+    value = (3 / 8 if dim == 3 else 1 / 2) / (float(rho.sum()) * between ** (dim - 1) * chi)
+    value *= math.sqrt(temperature / (2 * math.pi * reduced)) * _DIFFUSION[dim]
+    eta = float(np.sum(packing_fraction(rho, sigma, dim)))
+    unequal = 0.1 * abs(float(m[0] - m[1])) / float(m.sum())
+    return Prediction(value, math.hypot(min(1.5 * eta, 0.3), unequal) * value)
 
 
 def velocity_correlation_rate(

@@ -3,7 +3,16 @@
 The arrays themselves are listed in `arrays`.
 """
 
-from .flags import DIM, FLIGHTS, GRAVITY, MASSES, OBSTACLES, SIZES, SPARSE  # noqa: F401  `arrays` reads MASSES
+from .flags import (  # noqa: F401  `arrays` reads MASSES
+    DIM,
+    FLIGHTS,
+    GRAVITY,
+    HEAT,
+    MASSES,
+    OBSTACLES,
+    SIZES,
+    SPARSE,
+)
 
 
 class Slots:
@@ -88,6 +97,10 @@ STRESS_MOMENT = slot(6)  # sum of (time within the epoch) d(m v_a v_b)
 STRESS_EPOCHS = slot(6)  # sum of (epoch) d(m v_a v_b) of earlier epochs
 WALL_IMPULSE = slot(6)  # momentum given to the wall, per axis: lower, upper
 WALL_RADIUS_IMPULSE = slot(6)  # the same times the particle's radius
+HEAT_TRANSFER = slot(3 if HEAT else 0)  # sum of r_a dE over pair collisions
+HEAT_FLUX = slot(3 if HEAT else 0)  # sum of d(v_a E) over events, E the energy of a particle
+HEAT_MOMENT = slot(3 if HEAT else 0)  # as of the stress
+HEAT_EPOCHS = slot(3 if HEAT else 0)
 SUMS = slot.end  # how many begin anew with the tallies
 LEDGER = slot(3)  # net momentum given to walls and obstacles since the start, less that of gravity
 FLIGHT_SUMS = slot.end

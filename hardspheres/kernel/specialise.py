@@ -28,6 +28,7 @@ def specialise(
     flights: bool = False,
     gravity: bool = False,
     obstacles: bool = False,
+    heat: bool = False,
 ) -> types.ModuleType:
     """Load the kernels for one kind of scene.
 
@@ -47,6 +48,8 @@ def specialise(
         All particles have the same acceleration; not with `grows`.
     obstacles : bool
         Some particles have infinite mass; with `masses` only, not with `grows` or `gravity`.
+    heat : bool
+        The heat flux is tallied; not with `grows`, `gravity` or `obstacles`.
 
     Returns
     -------
@@ -63,6 +66,7 @@ def specialise(
         + "_flights" * flights
         + "_gravity" * gravity
         + "_obstacles" * obstacles
+        + "_heat" * heat
     )
     name = f"{__package__}.{tag}"
     with _ONE_AT_A_TIME:
@@ -73,7 +77,7 @@ def specialise(
             package.__path__ = [str(_KERNEL)]
             flags = types.ModuleType(f"{name}.flags")
             vars(flags).update(DIM=dim, WALLS=walls, SIZES=sizes, MASSES=masses, SPARSE=sparse)
-            vars(flags).update(GROWS=grows, FLIGHTS=flights, GRAVITY=gravity, OBSTACLES=obstacles)
+            vars(flags).update(GROWS=grows, FLIGHTS=flights, GRAVITY=gravity, OBSTACLES=obstacles, HEAT=heat)
             sys.modules[name] = package
             sys.modules[flags.__name__] = flags
             with cached_in(cache_folder(tag)):

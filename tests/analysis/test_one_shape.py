@@ -21,6 +21,7 @@ from analysis.distributions import ComponentDistribution, EnergyDistribution, Sp
 from analysis.estimator import Estimator, NoDataError
 from analysis.expansion import Spreading
 from analysis.free_path import FreePath
+from analysis.helfand import HeatConductivity, MutualDiffusion, Viscosity
 from analysis.maxwell_test import MaxwellTest
 from analysis.moments import VelocityMoments
 from analysis.order import BondOrder
@@ -33,6 +34,7 @@ from analysis.structure_factor import StructureFactor
 from analysis.temperatures import AnisotropyDecay, TemperatureEquilibration
 from analysis.transport import Diffusion
 from analysis.velocities import FourthCumulant, HFunction, KolmogorovSmirnov
+from hardspheres.frame import Tallies
 from studies.running.encoding import decode, encode
 
 STREAMING = [
@@ -49,9 +51,10 @@ STREAMING = [
     StructureFactor,
     Diffusion,
 ]
+MOMENTS = [Viscosity, HeatConductivity, MutualDiffusion]
 REPLICAS = [RelaxationCurve, TemperatureEquilibration, AnisotropyDecay]
 WALLED = [Spreading, DensityProfile]
-EVERY = [*STREAMING, *REPLICAS, *WALLED, Pressure, FreePath]
+EVERY = [*STREAMING, *MOMENTS, *REPLICAS, *WALLED, Pressure, FreePath]
 # true before anything is added
 WITHOUT_DATA = {"n_replicas", "n_blocks", "discarded_rows", "predictions", "flights"}
 WITH_SCENE = {"gas", "scene", "labels"}  # where the constructor takes the scene
@@ -69,17 +72,17 @@ def walled(n):
 
 
 def frames(kind):
-    """31 frames of a small gas that this kind of estimator can measure."""
+    """31 frames (of moments, 91) of a small gas that this kind of estimator can measure."""
     if kind in WALLED:
         return list(hs.Simulation(walled(64)).frames(every=1.0, count=31))
-    scene = random_gas("3d_mixture" if kind is TemperatureEquilibration else "3d", 64, 0.1)
+    scene = random_gas("3d_mixture" if kind in (TemperatureEquilibration, MutualDiffusion) else "3d", 64, 0.1)
     if kind in REPLICAS:
         faster = np.where(scene.species == 0, 1.5, 1.0)[:, None] if scene.species.any() else (1.5, 1.0, 1.0)
         scene = scene.replace(velocities=scene.velocities * faster)
-    sim = hs.Simulation(scene, free_paths=kind is FreePath)
+    sim = hs.Simulation(scene, free_paths=kind is FreePath, heat=kind is HeatConductivity)
     if kind not in REPLICAS:
         sim.run(collisions=640)
-    return list(sim.frames(every=0.3 if kind in REPLICAS else 2.0, count=31))
+    return list(sim.frames(every=0.3 if kind in REPLICAS else 2.0, count=91 if kind in MOMENTS else 31))
 
 
 def measured(kind, given):
@@ -181,11 +184,11 @@ def sizes(estimator, samples, add):
     return found
 
 
-@pytest.mark.parametrize("kind", STREAMING)
+@pytest.mark.parametrize("kind", [*STREAMING, *MOMENTS])
 def test_memory_does_not_grow_with_the_frames(kind):
     """One number kept of each of 1536 more frames would be 12 000 bytes."""
     rng = np.random.default_rng(1)
-    scene = random_gas("3d", 16, 0.02)
+    scene = random_gas("3d_mixture" if kind is MutualDiffusion else "3d", 16, 0.02)
     positions = rng.random((16, 3)) * scene.box
 
     def frame(index):
@@ -196,12 +199,16 @@ def test_memory_does_not_grow_with_the_frames(kind):
             unwrapped_positions=positions,
             velocities=rng.standard_normal((16, 3)),
             scene=scene,
+            tallies=Tallies(
+                float(index), 0, 0, *rng.standard_normal((4, 3, 3)), *rng.standard_normal((2, 3))
+            ),
         )
 
-    estimator = Diffusion(points=4) if kind is Diffusion else new(kind)
+    by_levels = kind in (Diffusion, *MOMENTS)
+    estimator = kind(points=4) if by_levels else new(kind)
     first, last = sizes(estimator, frame, lambda estimator, frame: estimator.add(frame))
-    # Diffusion keeps one more level of 4 snapshots and up to 256 rows: the logarithm of the number of frames
-    assert last - first < (40_000 if kind is Diffusion else 1000)
+    # those with levels keep one more, of 4 snapshots and up to 256 rows: the logarithm of the number of frames
+    assert last - first < (40_000 if by_levels else 1000)
 
 
 @pytest.mark.parametrize("kind", [*STREAMING[:6], *REPLICAS])
@@ -236,21 +243,22 @@ def test_repr_tells_results_or_that_there_are_none(kind):
     assert repr(new(kind)) == f"<{name}: nothing added yet>"
     special = {
         TemperatureEquilibration: random_gas("3d_mixture", 60, 0.02),
+        MutualDiffusion: random_gas("3d_mixture", 60, 0.2),
         Spreading: walled(32),
         DensityProfile: walled(64),
         StructureFactor: random_gas("3d", 60, 0.1),
     }
     scene = special.get(kind, random_gas("3d", 32, 0.1))
     estimator = kind(scene) if kind in (Pressure, FreePath) else new(kind)
-    sim = hs.Simulation(scene, free_paths=kind is FreePath)
+    sim = hs.Simulation(scene, free_paths=kind is FreePath, heat=kind is HeatConductivity)
     sim.run(collisions=0 if kind is Spreading else 400)
-    for frame in sim.frames(every=3.0, count=21):
+    for frame in sim.frames(every=3.0, count=91 if kind in MOMENTS else 21):
         estimator.add(frame)
     text = repr(estimator)
     assert text.startswith(f"<{name} of {scene.n} particles") and "\n" not in text
     assert ("no result yet" in text) == (kind is AnisotropyDecay)  # in an isotropic gas
     assert len(text) < 300 and re.search(
-        r"D at packing fraction 0\.\d+, (21|20|1) (frames|moments|blocks|replica):", text
+        r"D at packing fraction 0\.\d+, (91|21|20|1) (frames|moments|blocks|replica):", text
     )
     if kind is Pressure:
         assert f"virial {estimator.virial}" in text and "20 blocks" in text

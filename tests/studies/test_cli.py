@@ -178,6 +178,7 @@ COMMANDS = [
     "pressure",
     "free-path",
     "diffusion",
+    "transport",
     "mixture",
     "view",
     "analyse",

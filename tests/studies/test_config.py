@@ -43,6 +43,9 @@ OTHERS = {  # a value for every option that is not its default, whether they mak
     "diffusion": OF_STUDIES | REAL | {
         "packing_fractions": (0.1,), "n": 50, "dim": 2, "collisions_per_particle": 80.0, "diameter": "kinetic",
     },
+    "transport": OF_STUDIES | TWO | {
+        "packing_fractions": (0.1,), "n": 50, "dim": 2, "collisions_per_particle": 800.0,
+    },
     "mixture": OF_STUDIES | TWO | {
         "packing_fraction": 0.02, "n": 50, "dim": 2, "temperature_ratio": 0.5, "relaxation_times": 18.0,
     },

@@ -38,6 +38,7 @@ SMALL = {
     "free-path": {"n": 100, "packing_fractions": (0.05,), "collisions_per_particle": 20.0},
     "mixture": {"n": 100, "packing_fraction": 0.02, "relaxation_times": 18.0, "replicas": 4},
     "soak": {"n": 100, "dim": 2, "collisions": 5000},
+    "transport": {"n": 64, "packing_fractions": (0.1,), "collisions_per_particle": 400.0, "replicas": 4},
     "thermalise": {"n": 100, "replicas": 4, "collisions_per_particle": 2.0, "frames": 5, "animate": True},
 }
 RESTARTED = ("stale_events", "list_renewals", "bytes_per_particle", "collisions_per_second")

@@ -9,14 +9,24 @@ import math
 from hardspheres import collision, growth
 
 from .. import layout as at
-from ..flags import DIM, FLIGHTS, GRAVITY, GROWS, MASSES, OBSTACLES, SIZES
+from ..flags import DIM, FLIGHTS, GRAVITY, GROWS, HEAT, MASSES, OBSTACLES, SIZES
 from ..simd.jit import called, jit
 from ..simd.pointers import bits, from_bits
 from .contact_times import full_contact, note_fall, rint, square_at_wall
 from .flights import end_flight, tally_encounter
 from .log import log_pair, log_wall
 from .obstacles import is_obstacle
-from .tallies import tally_fall, tally_obstacle, tally_pair, tally_stress, tally_wall
+from .tallies import (
+    energy,
+    tally_fall,
+    tally_heat_flux,
+    tally_heat_of_wall,
+    tally_heat_transfer,
+    tally_obstacle,
+    tally_pair,
+    tally_stress,
+    tally_wall,
+)
 
 impulse = jit(collision.impulse)
 impulse_of_masses = jit(collision.impulse_of_masses)
@@ -105,6 +115,10 @@ def collide_pair(s, i, j, t):
     if FLIGHTS and s.counter[at.LOG_ROOM] > 0:
         sign = 1.0 if i == low else -1.0
         log_pair(s, low, high, t, push, rr, sign * x, sign * y, sign * z, path_low, path_high)
+    unequal = 0.0
+    if HEAT:
+        unequal = energy(s, i) - energy(s, j)
+        tally_heat_flux(s, i, j, -1.0, t)
     pi, pj = push / mi, push / mj
     row[ri + at.V] += pi * x
     row[rj + at.V] -= pj * x
@@ -120,6 +134,9 @@ def collide_pair(s, i, j, t):
     u += row[ri + at.V] - row[rj + at.V]
     v += row[ri + at.V + 1] - row[rj + at.V + 1]
     tally_pair(s, push, t, x, y, z, u, v, w, 1.0 if factor == 1.0 else 1.0 / THREE_QUARTERS)
+    if HEAT:
+        tally_heat_flux(s, i, j, 1.0, t)
+        tally_heat_transfer(s, i, j, unequal, x, y, z, 1.0 if factor == 1.0 else 1.0 / THREE_QUARTERS)
     if OBSTACLES and max(mi, mj) == math.inf:
         tally_obstacle(s, push if mi == math.inf else -push, x, y, z)
         s.version[j if mi == math.inf else i] += 1
@@ -159,6 +176,8 @@ def hit_wall(s, i, wall, t):
     for d in range(DIM):
         if d != axis:
             tally_stress(s, d + axis + 2, -2.0 * mass * v * s.row[ri + at.V + d], t)
+    if HEAT:
+        tally_heat_of_wall(s, i, axis, t)
     s.version[i] += 1
     s.counter[at.WALL_HITS] += 1
 

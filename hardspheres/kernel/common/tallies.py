@@ -3,6 +3,9 @@
 The virial is a sum over collisions. The kinetic part is an integral over time of sum m v_a v_b, which is
 constant between events: each event adds its change, and the change times its time. The integral follows from
 these sums and the present velocities (`Engine.tallied`), without a look at all particles at each event.
+
+The heat flux, where it is tallied, has the same two parts: energy E = m v^2/2 that collisions pass from one
+centre to the other, and sum v_a E between events.
 """
 
 from .. import layout as at
@@ -63,6 +66,46 @@ def tally_obstacle(s, push, x, y, z):
     s.total[at.LEDGER] += push * x
     s.total[at.LEDGER + 1] += push * y
     s.total[at.LEDGER + 2] += push * z
+
+
+@jit
+def energy(s, i):
+    """Kinetic energy of row i."""
+    ri = i * at.ROW
+    square = s.row[ri + at.V] * s.row[ri + at.V] + s.row[ri + at.V + 1] * s.row[ri + at.V + 1]
+    if DIM == 3:
+        square += s.row[ri + at.V + 2] * s.row[ri + at.V + 2]
+    return 0.5 * (s.mass[i] if MASSES else s.number[at.MASS]) * square
+
+
+@jit
+def tally_heat_flux(s, i, j, sign, t):
+    """Add or take off what rows i and j are of sum v_a E, at time t; the same bits in either order."""
+    ei, ej = energy(s, i), energy(s, j)
+    for a in range(DIM):
+        part = sign * (s.row[i * at.ROW + at.V + a] * ei + s.row[j * at.ROW + at.V + a] * ej)
+        s.total[at.HEAT_FLUX + a] += part
+        s.total[at.HEAT_MOMENT + a] += part * t
+        s.total[at.HEAT_EPOCHS + a] += part * s.counter[at.EPOCH]
+
+
+@jit
+def tally_heat_transfer(s, i, j, before, x, y, z, scale):
+    """Add a collision, scale (x, y, z) apart; before: E_i - E_j then. Either order gives the same bits."""
+    passed = 0.5 * scale * (energy(s, i) - energy(s, j) - before)
+    s.total[at.HEAT_TRANSFER] += passed * x
+    s.total[at.HEAT_TRANSFER + 1] += passed * y
+    if DIM == 3:
+        s.total[at.HEAT_TRANSFER + 2] += passed * z
+
+
+@jit
+def tally_heat_of_wall(s, i, axis, t):
+    """Add what a reflection, which is done, has changed of sum v_a E: only the sign of one velocity."""
+    change = 2.0 * s.row[i * at.ROW + at.V + axis] * energy(s, i)
+    s.total[at.HEAT_FLUX + axis] += change
+    s.total[at.HEAT_MOMENT + axis] += change * t
+    s.total[at.HEAT_EPOCHS + axis] += change * s.counter[at.EPOCH]
 
 
 @jit
