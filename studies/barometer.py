@@ -149,8 +149,12 @@ class BarometerStudy(Study):
         which = [f"species, {k}: {label}" for k, label in enumerate(labels, 1)] if len(labels) > 1 else []
         columns = (
             "z: height of centres above where they touch the floor; n: number density; kT: temperature of "
-            "those there; Z: weight above and force on the lid, over n kT, beside the equation of state there"
+            "those there"
         )
+        if "compressibility" in answers[0].curves["profile"].columns:
+            columns += (
+                "; Z: weight above and force on the lid, over n kT, beside the equation of state at that n"
+            )
         how = (
             "theory of n: hydrostatics with the equation of state of the fluid and the adsorption at walls; "
             "of both n and kT: at the fixed energy of so many particles"

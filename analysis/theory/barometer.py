@@ -61,9 +61,9 @@ def barometric_density(z: ArrayLike, n: int, freedom: float, weight: float, temp
     """
     energy = temperature * (n + freedom / 2)
     power = n - 2 + freedom / 2
-    left = 1.0 - weight * np.asarray(z, dtype=np.float64) / energy
+    share = np.minimum(weight * np.asarray(z, dtype=np.float64) / energy, 1.0)
     with np.errstate(divide="ignore"):
-        log = power * np.log(np.maximum(left, 0.0))
+        log = power * np.log1p(-share)
     return np.asarray((power + 1) * weight / energy * np.exp(log))
 
 
@@ -198,6 +198,9 @@ class Barometer:
 
     def temperature(self, energy: float) -> float:
         """Return T of U(T) = E; NaN where that fluid would be frozen at the floor."""
+        return _temperature(self, energy)
+
+    def _search(self, energy: float) -> float:
         high = math.log(2.0 * energy / self.freedom)  # all of it kinetic
         low = high - 0.5
         while self.energy(math.exp(low)) > energy:
@@ -322,6 +325,9 @@ class Barometer:
         return np.asarray(adsorption(inside, self.dim).value / self.diameter ** (self.dim - 1))
 
     def _at(self, temperature: float, lines: FloatArray, scale: float = 1.0) -> _Column:
+        return _column(self, temperature, tuple(lines.tolist()), scale)
+
+    def _solve(self, temperature: float, lines: FloatArray, scale: float) -> _Column:
         """Return the fluid at a temperature, with the particles of floor and lid where they belong."""
         z = self._heights(lines)
         counts = scale * np.array(self.counts, dtype=np.float64)
@@ -399,3 +405,13 @@ def _at_fixed_energy(
     first = (values[2] - values[0]) / (2.0 * step)
     second = (values[2] - 2.0 * values[1] + values[0]) / step**2
     return -0.5 * temperature**2 / heat * (second - first * bend / heat), heat
+
+
+@lru_cache(maxsize=64)
+def _column(fluid: Barometer, temperature: float, lines: tuple[float, ...], scale: float) -> _Column:
+    return fluid._solve(temperature, np.array(lines), scale)
+
+
+@lru_cache(maxsize=64)
+def _temperature(fluid: Barometer, energy: float) -> float:
+    return fluid._search(energy)

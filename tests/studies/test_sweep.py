@@ -68,6 +68,11 @@ SWEPT = {  # of each study an option of every kind that it has: numbers, words, 
     "diffusion": {"dim": (2, 3), "collisions_per_particle": (80.0, 160.0)},
     "mixture": {"diameter-ratio": (1.5, 2.0), "temperature_ratio": (0.5, 2.0)},
     "expansion": {"mix": (False, True), "reverse-after": ((1.0,), (1.0, 2.0)), "cells": (10, 20)},
+    "barometer": {
+        "scale-heights": (2.0, 4.0),
+        "packing_fraction": (0.01, 0.02),
+        "boundary": ("periodic", "wall"),
+    },
     "soak": {"collisions": (1000, 2000)},
 }
 NAMES = [name for name in QUESTIONS if issubclass(study_named(name), Study)]
