@@ -56,8 +56,9 @@ def _draw_densities(axes: Axes, profile: HeightProfile, where: str) -> None:
     (value, error), expected, clear = profile.densities, profile.expected, profile.clear
     for k, name in enumerate(_names(profile)):
         z, look = profile.heights[k], species_look(k)
+        left = "not compared: layers at walls" if k == 0 and not clear.all() else None
         axes.errorbar(z, value[k], error[k], ls="", ms=4, lw=1.2, label=name, zorder=3, **look)
-        axes.plot(z[~clear], value[k][~clear], ls="", ms=4, mfc="white", zorder=4, **look)
+        axes.plot(z[~clear], value[k][~clear], ls="", ms=4, mfc="white", zorder=4, label=left, **look)
         axes.plot(
             z, expected.value[k], color=COLOURS["theory"], lw=1.2, label="hydrostatics" if k == 0 else None
         )
