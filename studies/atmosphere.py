@@ -36,10 +36,13 @@ class Atmosphere:
         Particles, mean packing fraction of the box, and boundaries, the last of them walls.
     scale_heights : float
         Height of the box over kT/(m g), m the mean mass.
+    at_rest : bool
+        Whether particles start at rest all over the box; kT is then what that energy gives.
     """
 
     fluid: Fluid
     scale_heights: float
+    at_rest: bool = False
 
     @property
     def n(self) -> int:
@@ -97,6 +100,8 @@ class Atmosphere:
     @cached_property
     def slab(self) -> float:
         """Height up to which particles are placed evenly: their potential energy is then that at kT = 1."""
+        if self.at_rest:
+            return float(self.box[-1])
         known, radius = self.theory, float(self.sizes_and_masses[0].mean())
         heavy = float(np.dot(known.counts, known.weights))
         mean = (known.energy(1.0) - 0.5 * known.freedom) / heavy
@@ -132,7 +137,7 @@ class Atmosphere:
             raise hs.SceneError(f"{what} is too dense to be placed at random; {advice}")
 
     def scene(self, seed: np.random.SeedSequence) -> hs.Scene:
-        """Return particles evenly in the lower part of the box, with the energy of kT = 1."""
+        """Return particles evenly in the lower part of the box, with the energy of kT = 1; or at rest."""
         radii, masses = self.sizes_and_masses
         places, speeds = np.random.default_rng(seed), seed.spawn(1)[0]
         lower = np.append(self.box[:-1], self.slab)
@@ -147,6 +152,8 @@ class Atmosphere:
             self.fluid.boundary,
             gravity=(*[0.0] * (self.dim - 1), -self.g),
         )
+        if self.at_rest:
+            return still
         kinetic = self.theory.energy(1.0) - still.potential_energy
         if not kinetic > 0.0:
             raise hs.SceneError(

@@ -36,6 +36,10 @@ QUESTIONS = {
         "studies.barometer:BarometerStudy",
         "Measure density, temperature and pressure at each height under gravity, beside hydrostatics.",
     ),
+    "drop": (
+        "studies.drop:Drop",
+        "Let balls fall into a box, and follow them to the Maxwell-Boltzmann distribution.",
+    ),
     "combine": (
         "studies.combine:Combine",
         "Merge finished runs of one study with different seeds.",

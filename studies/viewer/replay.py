@@ -239,8 +239,8 @@ def replay_by_steps(scene: hs.Scene, collisions_per_particle: float = 10.0) -> R
         change = np.abs(after - before).max(axis=1)
         changed = np.flatnonzero(change)
         if scene.falls and n > 2:  # velocities of all are rounded on the way
-            changed = np.argsort(change)[-2:]
-            if not change[changed[0]] > CLEARLY * np.sort(change)[-3]:
+            changed = np.sort(np.argsort(change)[-2:])
+            if not change[changed].min() > CLEARLY * np.sort(change)[-3]:
                 changed = changed[:0]
         if len(changed) != 2:  # a velocity so little changed that it rounds to what it was: only a log tells
             return view(scene, collisions_per_particle)

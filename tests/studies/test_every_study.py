@@ -38,6 +38,7 @@ SMALL = {
     },
     "diffusion": {"n": 64, "packing_fractions": (0.1,), "collisions_per_particle": 80.0, "replicas": 4},
     "pressure": {"n": 100, "packing_fractions": (0.05, 0.25), "collisions_per_particle": 10.0},
+    "drop": {"n": 60, "dim": 2, "packing_fraction": 0.05, "diameter_ratio": 1.0 + 1e-9, "replicas": 4},
     "expansion": {
         "n": 100,
         "packing_fraction": 0.02,

@@ -92,6 +92,7 @@ STUDIES = {
         Expansion(n=100, packing_fraction=0.02, transits=4.0, replicas=4, cells=4, workers=1), *to
     ),
     "barometer": lambda *to: conduct(small("barometer"), *to),
+    "drop": lambda *to: conduct(small("drop"), *to),
     "calibration": Calibrations(runs=20, workers=1, families=("series",)).conduct,
     "hard-cases": HardCases(size="small", only=("cradle",)).conduct,
     "soak": lambda *to: conduct(Soak(n=200, dim=2, collisions=20_000, workers=1), *to),

@@ -73,6 +73,7 @@ SWEPT = {  # of each study an option of every kind that it has: numbers, words, 
         "packing_fraction": (0.01, 0.02),
         "boundary": ("periodic", "wall"),
     },
+    "drop": {"mass-ratio": (1.0, 10.0), "dim": (2, 3), "scale_heights": (3.0, 5.0)},
     "soak": {"collisions": (1000, 2000)},
 }
 NAMES = [name for name in QUESTIONS if issubclass(study_named(name), Study)]
