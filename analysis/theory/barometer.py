@@ -22,13 +22,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import integrate, interpolate, optimize
+from scipy import optimize
 
 from analysis.theory.prediction import Prediction, check_dim, packing_fraction
 from analysis.theory.state import compressibility_factor, compressibility_slope
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 __all__ = ["Barometer", "adsorption", "barometric_density", "barometric_temperature"]
 
@@ -113,14 +117,17 @@ def adsorption(eta: ArrayLike, dim: int) -> Prediction:
 
 
 @lru_cache(maxsize=2)
-def _excess(dim: int) -> tuple[interpolate.CubicSpline, float, float]:
+def _excess(dim: int) -> tuple[CubicSpline, float, float]:
     """Return F(eta) on a grid, and at the end of the fluid ln eta + F and its slope in ln eta."""
+    from scipy.integrate import cumulative_simpson
+    from scipy.interpolate import CubicSpline  # loaded where it is needed: it takes long
+
     eta = np.linspace(0.0, FLUID_UP_TO[dim], 1001)
     z = compressibility_factor(eta, dim).value
     rising = np.full_like(eta, 2.0 ** (dim - 1))
     rising[1:] = (z[1:] - 1.0) / eta[1:]
-    total = integrate.cumulative_simpson(rising, x=eta, initial=0.0)
-    excess = interpolate.CubicSpline(eta, z - 1.0 + total)
+    total = cumulative_simpson(rising, x=eta, initial=0.0)
+    excess = CubicSpline(eta, z - 1.0 + total)
     end = float(eta[-1])
     return excess, math.log(end) + float(excess(end)), 1.0 + end * float(excess(end, 1))
 
