@@ -199,7 +199,7 @@ function start() {
   let playing = false, direction = 1, rate = duration / 60, way = ways.length - 1, shown = false, dirty = true;
   let turned = [0.5, -0.35], last = 0;
   const fastest = Math.max(...kinds.map(k => 3 * Math.sqrt(Math.max(k.kT, gas.hottest) / k.mass))) || 1;
-  const up = dim === 3 && gas.gravity[2] ? 2 : dim === 3 && gas.gravity[0] ? 0 : 1; // the axis that is drawn upright
+  const upright = dim === 3 && gas.gravity[2] ? 2 : dim === 3 && gas.gravity[0] ? 0 : 1; // the axis that is drawn upright
   let ink, faint, paper, accent, palette, colours, sprites; // of the light page or the dark one
   const dark = matchMedia("screen and (prefers-color-scheme: dark)");
   const theme = () => {
@@ -256,7 +256,7 @@ function start() {
     const [a, b] = turned, size = Math.hypot(...box), scale = Math.min(w, h) / size, far = 2.2 * size;
     const ca = Math.cos(a), sa = Math.sin(a), cb = Math.cos(b), sb = Math.sin(b);
     return x => {
-      const [u, v, z] = [up + 2, up, up + 1].map(k => x[k % 3] - centre[k % 3]);
+      const [u, v, z] = [upright + 2, upright, upright + 1].map(k => x[k % 3] - centre[k % 3]);
       const across = u * ca + z * sa, deep = z * ca - u * sa, up = v * cb - deep * sb, depth = v * sb + deep * cb;
       const s = scale * far / (far - depth);
       return [w / 2 + across * s, h / 2 - up * s, depth, s];
