@@ -25,6 +25,7 @@ __all__ = ["HeightProfile", "barometer_of"]
 
 FloatArray = NDArray[np.float64]
 
+ENOUGH = 300.0  # particles seen in a slice
 SAME_SIZE = 1e-6  # relative difference of diameters below which theory takes them for equal
 
 
@@ -280,7 +281,10 @@ class HeightProfile(ReplicaEstimator):
         )
         kt = self._kinetic_temperature()
         with np.errstate(invalid="ignore", divide="ignore"):
-            rows = [p * volume / (n * kt) for p, n in zip(pressures, densities, strict=True)]
+            rows = [
+                p * volume / np.where(n > 0.0, n * kt, np.nan)
+                for p, n in zip(pressures, densities, strict=True)
+            ]
         value, error = replica_mean(rows)
         known, gas = self.theory, self.gas
         if known is None:
@@ -360,6 +364,16 @@ class HeightProfile(ReplicaEstimator):
         eta = packing_fraction(1.0, gas.diameters, gas.dim) @ self.densities[0]
         needed = (3.0 + 7.5 * np.maximum(eta[[0, -1]] - 0.1, 0.0)) * largest
         return np.asarray((edges[:-1] >= needed[0]) & (edges[1:] <= edges[-1] - needed[1]))
+
+    @property
+    def told(self) -> NDArray[np.bool_]:
+        """In which slices theory is compared, (k, cells): `clear`, where each replica has seen enough.
+
+        300 in theory, whatever was seen: with fewer, a handful of visits, their spread is no error bar.
+        """
+        volume = self._area()[:, None] * np.diff(self.edges, axis=1)
+        frames = min(run.frames for run in self._runs())
+        return np.asarray(self.clear & (self.expected.value * volume * frames >= ENOUGH))
 
     @property
     def checks(self) -> list[TheoryCheck]:

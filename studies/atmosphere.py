@@ -118,7 +118,8 @@ class Atmosphere:
         q = math.pi / float(self.box[-1])
         damped = float(theory.sound_damping(self.packing_fraction, self.dim).value) * q * q
         wave = float(theory.sound_speed(self.packing_fraction, self.dim).value) * q
-        return max(FEWEST / self.rate, DECAYED / min(damped, wave))
+        mu = self.fluid.mass_ratio  # of unequal masses it takes more collisions to share their energy
+        return max(FEWEST * (1.0 + mu) ** 2 / (4.0 * mu) / self.rate, DECAYED / min(damped, wave))
 
     def check(self) -> None:
         """Raise SceneError where this is no fluid under gravity."""

@@ -109,12 +109,11 @@ class BarometerStudy(Study):
         for replica in replicas:
             profile.merge(replica.estimators["profile"])
         curves, failures = _profile(profile)
-        off = max(profile.support, key=abs)
-        if not abs(off) < BALANCED:
+        off, (floor, lid) = max(profile.support, key=abs), profile.forces
+        if not abs(off) < BALANCED * (floor.value + lid.value):
             failures.append(
                 f"floor and lid carry {off:+.1e} of the weight more than weight and change of momentum"
             )
-        floor, lid = profile.forces
         of_lid: Any = None
         if (known := profile.theory) is not None:
             of_lid = known.on_the_lid(profile.edges[0], profile.temperature)
@@ -160,7 +159,8 @@ class BarometerStudy(Study):
             "of both n and kT: at the fixed energy of so many particles"
         )
         left = (
-            "slices within some diameters of floor and lid, where particles lie in layers, are not compared"
+            "slices within some diameters of floor and lid, where particles lie in layers, are not compared, "
+            "nor are those with hardly any particles"
         )
         return [*which, columns, how, left, "errors from the spread of the replicas"]
 
@@ -173,15 +173,17 @@ class BarometerStudy(Study):
 
 def _profile(profile: HeightProfile) -> tuple[Curves, list[str]]:
     """Return densities, temperatures and Z at all heights, and sentences where theory fails."""
-    freedom, clear = profile.n_replicas - 1.0, profile.clear
+    freedom, told = profile.n_replicas - 1.0, profile.told
     columns, failures = {}, []
     z = profile.heights[0]
     expected, warm = profile.expected, profile.expected_temperatures
     (density, spread), (kt, kt_spread) = profile.densities, profile.temperatures
     several = len(density) > 1
 
-    def compared(name: str, title: str, value: FloatArray, error: FloatArray, law: Prediction) -> None:
-        deviation = deviates(np.where(clear, value - law.value, np.nan), error, law.uncertainty, freedom)
+    def compared(
+        name: str, title: str, value: FloatArray, error: FloatArray, law: Prediction, where: Any
+    ) -> None:
+        deviation = deviates(np.where(where, value - law.value, np.nan), error, law.uncertainty, freedom)
         columns[name] = Column(value, error, law.value, law.uncertainty, deviation, title, brief=True)
         if np.isfinite(deviation).any():
             worst = int(np.argmax(np.nan_to_num(np.abs(deviation))))
@@ -195,10 +197,10 @@ def _profile(profile: HeightProfile) -> tuple[Curves, list[str]]:
         label = f" {k + 1}" if several else ""
         tail = label.replace(" ", "_")
         law = Prediction(expected.value[k], expected.uncertainty[k])
-        compared(f"density{tail}", f"n{label}", density[k], spread[k], law)
+        compared(f"density{tail}", f"n{label}", density[k], spread[k], law, told[k])
         heat = Prediction(warm[k], (warm[k] - profile.temperature) ** 2)
-        compared(f"temperature{tail}", f"kT{label}", kt[k], kt_spread[k], heat)
+        compared(f"temperature{tail}", f"kT{label}", kt[k], kt_spread[k], heat, told[k])
     if not several and profile.theory is not None:
         value, error, law = profile.state
-        compared("compressibility", "Z", value, error, law)
+        compared("compressibility", "Z", value, error, law, told[0])
     return Curves({"z": z}, columns, printed=True), failures

@@ -103,17 +103,19 @@ def adsorption(eta: ArrayLike, dim: int) -> Prediction:
         u = 10 % in 3D, 25 % in 2D.
     """
     check_dim(dim)
-    e = np.asarray(eta, dtype=np.float64)
+    value = np.asarray(eta, dtype=np.float64) * _adsorbed(np.asarray(eta, dtype=np.float64), dim)
+    return Prediction(value, WRONG[dim] * np.abs(value))
+
+
+def _adsorbed(e: FloatArray, dim: int) -> FloatArray:
+    """Return the adsorption over eta."""
     pressure = compressibility_factor(e, dim).value + e * compressibility_slope(e, dim)  # d(eta Z)/d eta
     if dim == 3:
-        tension = (
-            3.0 / (2.0 * math.pi) * ((2.0 + 2.0 * e) / (1.0 - e) ** 2 + 2.0 * e * (2.0 + e) / (1.0 - e) ** 3)
-        )
-        tension = tension - 3.0 / math.pi * pressure
+        tension = (2.0 + 2.0 * e) / (1.0 - e) ** 2 + 2.0 * e * (2.0 + e) / (1.0 - e) ** 3
+        tension = 1.5 / math.pi * tension - 3.0 / math.pi * pressure
     else:
         tension = 2.0 / math.pi / (1.0 - e) ** 2 - 2.0 / math.pi * pressure
-    value = -e * tension / pressure
-    return Prediction(value, WRONG[dim] * np.abs(value))
+    return np.asarray(-tension / pressure)
 
 
 @lru_cache(maxsize=2)
@@ -327,9 +329,9 @@ class Barometer:
         return np.asarray(values.reshape(*values.shape[:-1], len(lines) - 1, POINTS) @ rule)
 
     def _layers(self, eta: FloatArray) -> FloatArray:
-        """Return the adsorption in number per area."""
-        inside = np.minimum(eta, FLUID_UP_TO[self.dim])
-        return np.asarray(adsorption(inside, self.dim).value / self.diameter ** (self.dim - 1))
+        """Return the adsorption over the number density beside the wall, [length]."""
+        share = _adsorbed(np.minimum(eta, FLUID_UP_TO[self.dim]), self.dim)
+        return np.asarray(share * self._volume / self.diameter ** (self.dim - 1))
 
     def _at(self, temperature: float, lines: FloatArray, scale: float = 1.0) -> _Column:
         return _column(self, temperature, tuple(lines.tolist()), scale)
@@ -352,9 +354,9 @@ class Barometer:
 
         def all_of(logs: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
             eta, bulk = column(logs, z)
-            density = bulk * (1.0 + self.sides * self._layers(eta) * self._volume / eta)
+            density = bulk * (1.0 + self.sides * self._layers(eta))
             at_ends, bulk_there = column(logs, ends)
-            layers = self.area * self._layers(at_ends) * bulk_there * self._volume / at_ends  # (k, 2)
+            layers = self.area * self._layers(at_ends) * bulk_there  # (k, 2)
             return eta, density, layers
 
         def off(logs: FloatArray) -> FloatArray:

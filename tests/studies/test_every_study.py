@@ -32,7 +32,7 @@ SMALL = {
         "boundary": "wall",
         "mass_ratio": 4.0,
         "diameter_ratio": 1.0 + 1e-9,  # for the engine the kind of gas that tests of gravity compile
-        "collisions_per_particle": 120.0,
+        "collisions_per_particle": 80.0,
         "cells": 6,
         "replicas": 4,
     },
