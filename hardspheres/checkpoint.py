@@ -74,7 +74,9 @@ def from_arrays(arrays: Arrays, logs: bool = False, search: str = "auto") -> Eng
     )
     scene = _scene(arrays, about)
     heats = not (scene.falls or scene.n_moving < scene.n)
-    _require(heats or not about.get("heat"), "it tallies heat under gravity or with obstacles, which no run does")
+    _require(
+        heats or not about.get("heat"), "it tallies heat under gravity or with obstacles, which no run does"
+    )
     _require_epochs(scene, about["epoch_length"])
     engine = _fresh(scene, arrays, about, logs, search)
     _require_like(arrays, engine.state())

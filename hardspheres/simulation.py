@@ -82,9 +82,9 @@ class Simulation(Exclusive):
     ------
     SimulationError
         If free paths are asked for and there are more than 32 species, or gravity; if the heat flux is asked
-        for and there are gravity or obstacles; if the log cannot be written; if windows are asked for and impossible: no
-        particle moves, one is more than 50 times as fast as a typical one, or the box is too small; from
-        every method, if the simulation is at work already.
+        for and there are gravity or obstacles; if the log cannot be written; if windows are asked for and
+        impossible: no particle moves, one is more than 50 times as fast as a typical one, or the box is too
+        small; from every method, if the simulation is at work already.
 
     Examples
     --------
@@ -121,8 +121,7 @@ class Simulation(Exclusive):
             )
         if heat and scene.n_moving < scene.n:
             raise SimulationError(
-                "the heat flux is tallied where collisions pass energy on, and at an obstacle they pass none; "
-                "leave heat out"
+                "the heat flux is tallied where collisions pass energy on, and an obstacle takes none; leave heat out"
             )
         if free_paths and kinds > MOST_SPECIES:
             raise SimulationError(

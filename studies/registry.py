@@ -36,6 +36,14 @@ QUESTIONS = {
         "studies.expansion:Expansion",
         "Let a gas out of half of a box, beside an ideal gas, and back by reversing all velocities.",
     ),
+    "barometer": (
+        "studies.barometer:BarometerStudy",
+        "Measure density, temperature and pressure at each height under gravity, beside hydrostatics.",
+    ),
+    "drop": (
+        "studies.drop:Drop",
+        "Let balls fall into a box, and follow them to the Maxwell-Boltzmann distribution.",
+    ),
     "combine": (
         "studies.combine:Combine",
         "Merge finished runs of one study with different seeds.",

@@ -11,10 +11,12 @@ One idea per file: `maxwell` velocities at equilibrium, `equilibrium` cumulants 
 equations of state, `mixtures`, `collisions` rates and free flights, `flights` the same in mixtures,
 `relaxation`, `equal_speeds` and `beams` the way to equilibrium, `transport` Enskog's coefficients, `sound`
 its speed and damping, `arrangement` the structure factor, `expansion` how particles spread from half of a
-box, `lyapunov` how fast a gas forgets, `two_spheres` exact rates of the smallest gas.
+box, `barometer` fluids under gravity, `lyapunov` how fast a gas forgets, `two_spheres` exact rates of the
+smallest gas.
 """
 
 from analysis.theory.arrangement import percus_yevick_structure, structure_limit
+from analysis.theory.barometer import Barometer, adsorption, barometric_density, barometric_temperature
 from analysis.theory.beams import BeamsRelaxation, boltzmann_beams
 from analysis.theory.collisions import (
     collision_rate,
@@ -112,13 +114,17 @@ __all__ = [
     "H_BINS",
     "KS_BINS",
     "SPEED_LIMIT",
+    "Barometer",
     "BeamsRelaxation",
     "EqualSpeedsRelaxation",
     "FreeFlights",
     "Prediction",
     "TheoryRangeWarning",
+    "adsorption",
     "anisotropy_decay",
     "anisotropy_rate",
+    "barometric_density",
+    "barometric_temperature",
     "boltzmann_beams",
     "boltzmann_equal_speeds",
     "bulk_viscosity",

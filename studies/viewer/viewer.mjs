@@ -14,10 +14,11 @@ export function decode(head, base64) {
   return {...head, positions, velocities, radii, masses, time, push, first, second, species, label};
 }
 
-// Straight flights: 0 to n-1 begin at the start, n+2e and n+2e+1 at event e. Each knows the flight before it.
+// Flights, straight or parabolas: 0 to n-1 begin at the start, n+2e and n+2e+1 at event e. Each knows the one before.
 export class Gas {
   constructor(data) {
     Object.assign(this, data);
+    this.gravity ??= this.box.map(() => 0);
     const {n, dim, events} = this, flights = n + 2 * events;
     this.began = new Float64Array(flights);
     this.x = new Float64Array(flights * dim); this.v = new Float64Array(flights * dim);
@@ -34,13 +35,20 @@ export class Gas {
   }
 
   turn(e, i, p, sign) {
-    const {dim} = this, q = this.flight[i], dt = this.time[e] - this.began[q], m = this.masses[i];
+    const {dim} = this, q = this.flight[i], m = this.masses[i];
     this.began[p] = this.time[e]; this.before[p] = q; this.flight[i] = p;
     for (let k = 0; k < dim; k++) {
-      this.x[p * dim + k] = this.x[q * dim + k] + this.v[q * dim + k] * dt;
-      this.v[p * dim + k] = this.v[q * dim + k] + sign * this.push[e * dim + k] / m;
+      this.x[p * dim + k] = this.place(q, k, this.time[e]);
+      this.v[p * dim + k] = this.velocity(q, k, this.time[e]) + sign * this.push[e * dim + k] / m;
     }
   }
+
+  place(p, k, t) { // of a flight
+    const dt = t - this.began[p], at = p * this.dim + k;
+    return this.x[at] + (this.v[at] + .5 * this.gravity[k] * dt) * dt;
+  }
+
+  velocity(p, k, t) { return this.v[p * this.dim + k] + this.gravity[k] * (t - this.began[p]); }
 
   redo() {
     const e = this.done++, p = this.n + 2 * e;
@@ -68,8 +76,7 @@ export class Gas {
   }
 
   coordinate(i, k) { // within [0, L) on periodic axes
-    const {dim} = this, p = this.flight[i];
-    const x = this.x[p * dim + k] + this.v[p * dim + k] * (this.t - this.began[p]), L = this.box[k];
+    const x = this.place(this.flight[i], k, this.t), L = this.box[k];
     if (!this.periodic[k]) return x;
     const inside = x - L * Math.floor(x / L);
     return inside >= L ? 0 : inside;
@@ -81,9 +88,9 @@ export class Gas {
     return out;
   }
 
-  squaredSpeed(p) { // of a flight, relative to the drift
+  squaredSpeed(p) { // of a flight now, relative to the drift
     let sum = 0;
-    for (let k = 0; k < this.dim; k++) sum += (this.v[p * this.dim + k] - this.drift[k]) ** 2;
+    for (let k = 0; k < this.dim; k++) sum += (this.velocity(p, k, this.t) - this.drift[k]) ** 2;
     return sum;
   }
 
@@ -99,20 +106,36 @@ export class Gas {
       for (let i = 0; i < n; i++) p += masses[i] * this.velocities[i * dim + k];
       return p / total;
     });
-    const energy = (p, i) => masses[i] * this.squaredSpeed(p);
-    let two = 0, four = 0, partners = 0;
-    for (let i = 0; i < n; i++) { const q = energy(i, i); two += q; four += q * q; }
-    const a2 = () => two > 0 ? dim * this.moving * four / ((dim + 2) * two * two) - 1 : 0;
+    const c = this.gravity.reduce((sum, g) => sum + g * g, 0);
+    const terms = (p, i) => { // of m v^2 and of its square in powers of time
+      let a = 0, b = 0;
+      for (let k = 0; k < dim; k++) {
+        const w = this.velocity(p, k, 0) - this.drift[k];
+        a += w * w; b += 2 * w * this.gravity[k];
+      }
+      const m = masses[i];
+      return [m * a, m * b, m * c, m * m * a * a, 2 * m * m * a * b, m * m * (b * b + 2 * a * c), 2 * m * m * b * c, m * m * c * c];
+    };
+    const sums = new Float64Array(8);
+    const add = (p, i, sign) => terms(p, i).forEach((x, k) => { sums[k] += sign * x; });
+    let partners = 0;
+    for (let i = 0; i < n; i++) add(i, i, 1);
+    const two = t => sums[0] + t * (sums[1] + t * sums[2]);
+    const a2 = t => {
+      const all = two(t);
+      const four = sums[3] + t * (sums[4] + t * (sums[5] + t * (sums[6] + t * sums[7])));
+      return all > 0 ? dim * this.moving * four / ((dim + 2) * all * all) - 1 : 0;
+    };
     this.s = new Float64Array(events + 1); this.a2 = new Float64Array(events + 1);
-    this.a2[0] = a2();
+    this.a2[0] = a2(0); this.hottest = 0; // where it falls, largest m v^2 of a particle and axis on average
     for (let e = 0; e < events; e++) {
       for (const [i, p] of [[this.first[e], n + 2 * e], [this.second[e], n + 2 * e + 1]]) {
         if (i >= n) continue;
-        const old = energy(this.before[p], i), q = energy(p, i);
-        two += q - old; four += q * q - old * old;
+        add(this.before[p], i, -1); add(p, i, 1);
       }
       if (this.second[e] < n) partners += !this.obstacle(this.first[e]) + !this.obstacle(this.second[e]);
-      this.s[e + 1] = partners / this.moving; this.a2[e + 1] = a2();
+      this.s[e + 1] = partners / this.moving; this.a2[e + 1] = a2(this.time[e]);
+      if (c > 0) this.hottest = Math.max(this.hottest, two(this.time[e]) / (this.moving * dim));
     }
   }
 
@@ -123,7 +146,7 @@ export class Gas {
     const size = Math.hypot(...push), normal = Array.from(push, x => size > 0 ? x / size : 0);
     const split = (i, p) => {
       const parts = q => {
-        const v = Array.from(this.v.subarray(q * dim, (q + 1) * dim));
+        const v = Array.from({length: dim}, (_, k) => this.velocity(q, k, this.time[e]));
         const along = v.reduce((sum, x, k) => sum + x * normal[k], 0);
         return {v, along, across: v.map((x, k) => x - along * normal[k])};
       };
@@ -180,7 +203,8 @@ function start() {
   const ways = ["speed", ...kinds.length > 1 ? ["species"] : [], ...gas.labels ? ["label"] : []]; // to colour
   let playing = false, direction = 1, rate = duration / 60, way = ways.length - 1, shown = false, dirty = true;
   let turned = [0.5, -0.35], last = 0;
-  const fastest = Math.max(...kinds.map(k => 3 * Math.sqrt(k.kT / k.mass))) || 1;
+  const fastest = Math.max(...kinds.map(k => 3 * Math.sqrt(Math.max(k.kT, gas.hottest) / k.mass))) || 1;
+  const upright = dim === 3 && gas.gravity[2] ? 2 : dim === 3 && gas.gravity[0] ? 0 : 1; // the axis that is drawn upright
   let ink, faint, paper, accent, palette, colours, sprites; // of the light page or the dark one
   const dark = matchMedia("screen and (prefers-color-scheme: dark)");
   const theme = () => {
@@ -214,7 +238,7 @@ function start() {
       : kinds.map((kind, k) => kind.mass === Infinity ? "obstacles" : `species ${k + 1}, mass ${+kind.mass.toPrecision(3)}`);
     const own = k => name === "species" && kinds[k].mass === Infinity ? faint : palette[k % palette.length];
     $("legend").innerHTML = name === "speed"
-      ? `speed 0 ${bar} ${fastest.toPrecision(3)}${kinds.length > 1 ? "" : " = 3 √(kT/m)"}`
+      ? `speed 0 ${bar} ${fastest.toPrecision(3)}${kinds.length > 1 || gas.hottest ? "" : " = 3 √(kT/m)"}`
       : groups.slice(0, 8).map((text, k) => `<span>${swatch(own(k))} ${text}</span>`).join(" ") +
         (groups.length > 8 ? ` and so on: ${groups.length} of them, and colours repeat` : "");
     $("colour").textContent = `by ${name}`;
@@ -239,7 +263,7 @@ function start() {
     const [a, b] = turned, size = Math.hypot(...box), scale = Math.min(w, h) / size, far = 2.2 * size;
     const ca = Math.cos(a), sa = Math.sin(a), cb = Math.cos(b), sb = Math.sin(b);
     return x => {
-      const [u, v, z] = [x[0] - centre[0], x[1] - centre[1], x[2] - centre[2]];
+      const [u, v, z] = [upright + 2, upright, upright + 1].map(k => x[k % 3] - centre[k % 3]);
       const across = u * ca + z * sa, deep = z * ca - u * sa, up = v * cb - deep * sb, depth = v * sb + deep * cb;
       const s = scale * far / (far - depth);
       return [w / 2 + across * s, h / 2 - up * s, depth, s];

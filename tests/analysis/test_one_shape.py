@@ -17,6 +17,7 @@ from scipy import stats
 
 import analysis
 import hardspheres as hs
+from analysis.barometer import HeightProfile
 from analysis.distributions import ComponentDistribution, EnergyDistribution, SpeedDistribution
 from analysis.estimator import Estimator, NoDataError
 from analysis.expansion import Spreading
@@ -54,7 +55,8 @@ STREAMING = [
 MOMENTS = [Viscosity, HeatConductivity, MutualDiffusion]
 REPLICAS = [RelaxationCurve, TemperatureEquilibration, AnisotropyDecay]
 WALLED = [Spreading, DensityProfile]
-EVERY = [*STREAMING, *MOMENTS, *REPLICAS, *WALLED, Pressure, FreePath]
+FALLING = [HeightProfile]
+EVERY = [*STREAMING, *MOMENTS, *REPLICAS, *WALLED, *FALLING, Pressure, FreePath]
 # true before anything is added
 WITHOUT_DATA = {"n_replicas", "n_blocks", "discarded_rows", "predictions", "flights"}
 WITH_SCENE = {"gas", "scene", "labels"}  # where the constructor takes the scene
@@ -75,6 +77,9 @@ def frames(kind):
     """31 frames (of moments, 91) of a small gas that this kind of estimator can measure."""
     if kind in WALLED:
         return list(hs.Simulation(walled(64)).frames(every=1.0, count=31))
+    if kind in FALLING:
+        scene = random_gas("2d_mixture_walls", 64, 0.05).replace(gravity=(0.0, -0.1))
+        return list(hs.Simulation(scene).frames(every=1.0, count=31))
     scene = random_gas("3d_mixture" if kind in (TemperatureEquilibration, MutualDiffusion) else "3d", 64, 0.1)
     if kind in REPLICAS:
         faster = np.where(scene.species == 0, 1.5, 1.0)[:, None] if scene.species.any() else (1.5, 1.0, 1.0)
@@ -247,6 +252,7 @@ def test_repr_tells_results_or_that_there_are_none(kind):
         Spreading: walled(32),
         DensityProfile: walled(64),
         StructureFactor: random_gas("3d", 60, 0.1),
+        HeightProfile: random_gas("2d_mixture_walls", 32, 0.05).replace(gravity=(0.0, -0.1)),
     }
     scene = special.get(kind, random_gas("3d", 32, 0.1))
     estimator = kind(scene) if kind in (Pressure, FreePath) else new(kind)

@@ -555,15 +555,6 @@ def test_the_log_has_every_event_and_no_paths():
     assert sim.frame().free_paths is None
 
 
-def test_the_viewer_refuses_gravity():
-    from studies import view
-
-    with pytest.raises(
-        hs.SimulationError, match="the viewer draws straight flights, and under gravity none is"
-    ):
-        view(falling())
-
-
 @pytest.mark.parametrize("suffix", [".xyz", ".traj"])
 def test_files_hold_the_particles_and_not_gravity(suffix, tmp_path):
     sim = hs.Simulation(falling())

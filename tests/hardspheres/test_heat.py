@@ -109,6 +109,13 @@ def test_impossible_ones_are_refused(runs, tmp_path):
     falling = gas("3d_walls", 32, 0.05).replace(gravity=(0.0, -1.0, 0.0))
     with pytest.raises(hs.SimulationError, match="under gravity they change all the time; leave heat out"):
         hs.Simulation(falling, heat=True)
+    obstacle = gas("3d", 32, 0.05)
+    still = np.arange(32) == 0
+    obstacle = obstacle.replace(
+        masses=np.where(still, np.inf, 1.0), velocities=np.where(still[:, None], 0.0, obstacle.velocities)
+    )
+    with pytest.raises(hs.SimulationError, match="an obstacle takes none; leave heat out"):
+        hs.Simulation(obstacle, heat=True)
     with pytest.raises(hs.SimulationError, match="heat is 'yes'; it must be True or False"):
         hs.Simulation(gas("3d", 32, 0.05), heat="yes")
     runs[0].save(tmp_path / "a.npz")

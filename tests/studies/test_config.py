@@ -53,6 +53,13 @@ OTHERS = {  # a value for every option that is not its default, whether they mak
         "packing_fraction": 0.02, "n": 50, "dim": 2, "mix": True, "boundary": "wall", "cells": 4,
         "transits": 7.0, "reverse_after": (0.5, 1 / 3),
     },
+    "barometer": OF_STUDIES | TWO | {
+        "packing_fractions": (0.02,), "n": 50, "dim": 2, "boundary": "wall", "scale_heights": 3.0, "cells": 10,
+        "collisions_per_particle": 40.0,
+    },
+    "drop": OF_STUDIES | TWO | {
+        "packing_fraction": 0.03, "n": 50, "dim": 2, "boundary": "periodic", "scale_heights": 3.0,
+    },
     "view": OF_FILES | {"collisions_per_particle": 2.0},
     "analyse": OF_FILES,
     "bench": {

@@ -25,8 +25,20 @@ from studies.study import Study, _Run, _Running, conduct, run_study
 from .pages import Page, masked
 
 SMALL = {
+    "barometer": {
+        "n": 100,
+        "dim": 2,
+        "packing_fractions": (0.02,),
+        "boundary": "wall",
+        "mass_ratio": 4.0,
+        "diameter_ratio": 1.0 + 1e-9,  # for the engine the kind of gas that tests of gravity compile
+        "collisions_per_particle": 80.0,
+        "cells": 6,
+        "replicas": 4,
+    },
     "diffusion": {"n": 64, "packing_fractions": (0.1,), "collisions_per_particle": 80.0, "replicas": 4},
     "pressure": {"n": 100, "packing_fractions": (0.05, 0.25), "collisions_per_particle": 10.0},
+    "drop": {"n": 60, "dim": 2, "packing_fraction": 0.05, "diameter_ratio": 1.0 + 1e-9, "replicas": 4},
     "expansion": {
         "n": 100,
         "packing_fraction": 0.02,

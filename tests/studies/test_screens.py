@@ -38,6 +38,8 @@ from studies.validation.calibration import Calibrations
 from studies.validation.hard_cases import HardCases
 from studies.validation.soak import Soak
 
+from .test_every_study import small
+
 MIXED = {"n": 200, "packing_fraction": 0.02, "mass_ratio": 4.0, "diameter_ratio": 0.5}
 UNLIKE = Fluid(n=108, packing_fraction=0.3, diameter_ratio=1.25, mass_ratio=10.0)
 SUITE = (Fluid(n=108, packing_fraction=0.01), Fluid(n=108, packing_fraction=0.2), UNLIKE)
@@ -89,6 +91,8 @@ STUDIES = {
     "expansion": lambda *to: conduct(
         Expansion(n=100, packing_fraction=0.02, transits=4.0, replicas=4, cells=4, workers=1), *to
     ),
+    "barometer": lambda *to: conduct(small("barometer"), *to),
+    "drop": lambda *to: conduct(small("drop"), *to),
     "calibration": Calibrations(runs=20, workers=1, families=("series",)).conduct,
     "hard-cases": HardCases(size="small", only=("cradle",)).conduct,
     "soak": lambda *to: conduct(Soak(n=200, dim=2, collisions=20_000, workers=1), *to),

@@ -69,6 +69,12 @@ SWEPT = {  # of each study an option of every kind that it has: numbers, words, 
     "transport": {"dim": (2, 3), "mass-ratio": (1.0, 2.0)},
     "mixture": {"diameter-ratio": (1.5, 2.0), "temperature_ratio": (0.5, 2.0)},
     "expansion": {"mix": (False, True), "reverse-after": ((1.0,), (1.0, 2.0)), "cells": (10, 20)},
+    "barometer": {
+        "scale-heights": (2.0, 4.0),
+        "packing_fraction": (0.01, 0.02),
+        "boundary": ("periodic", "wall"),
+    },
+    "drop": {"mass-ratio": (1.0, 10.0), "dim": (2, 3), "scale_heights": (3.0, 5.0)},
     "soak": {"collisions": (1000, 2000)},
 }
 NAMES = [name for name in QUESTIONS if issubclass(study_named(name), Study)]

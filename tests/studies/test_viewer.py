@@ -65,18 +65,21 @@ def decoded(page):
 
 
 def positions_from(head, data, moments):
-    """Positions at increasing times: straight flights between the events."""
+    """Positions at increasing times: straight flights or parabolas between the events."""
     x, v, t, e = data["x"].copy(), data["v"].copy(), 0.0, 0
     box, periodic, out = np.array(head["box"]), np.array(head["periodic"]), []
+    g = np.array(head.get("gravity", np.zeros(head["dim"])))
     for moment in moments:
         while e < head["events"] and data["time"][e] <= moment:
-            x += v * (data["time"][e] - t)
+            x += (v + g * (data["time"][e] - t) / 2) * (data["time"][e] - t)
+            v += g * (data["time"][e] - t)
             t, i, j = data["time"][e], data["i"][e], data["j"][e]
             v[i] += data["push"][e] / data["masses"][i]
             if j < head["n"]:
                 v[j] -= data["push"][e] / data["masses"][j]
             e += 1
-        out.append(np.where(periodic, (x + v * (moment - t)) % box, x + v * (moment - t)))
+        now = x + (v + g * (moment - t) / 2) * (moment - t)
+        out.append(np.where(periodic, now % box, now))
     return np.array(out)
 
 
@@ -185,6 +188,73 @@ def test_the_rule_conserves(shown, tmp_path):
     assert one["ebefore"] + two["ebefore"] == pytest.approx(one["eafter"] + two["eafter"])
     for body in (one, two):
         assert body["before"]["across"] == pytest.approx(body["after"]["across"], abs=1e-12)
+
+
+# Gravity.
+
+
+def falling(kind="2d_mixture_walls", gravity=(0.4, -2.0), **more):
+    return gas(kind, **{"n": 30, "packing_fraction": 0.1} | more).replace(gravity=gravity)
+
+
+def checked(replay, tmp_path):
+    """Positions of the page against the engine's, from its data and by its module; and a2, kT of the module."""
+    scene, moments = replay.scene, np.linspace(0, replay.duration, MOMENTS + 1)[1:] * (1 - 1e-12)
+    frames = list(hs.Simulation(scene).frames(times=moments))
+    truth = np.array([frame.positions for frame in frames])
+    head, data = decoded(replay.html)
+    assert head["gravity"] == scene.gravity.tolist()
+    assert distance(scene, positions_from(head, data, moments), truth) < CLOSE
+    # Sibling: in straight flights, or with the walls at other moments, they are elsewhere.
+    assert (
+        distance(
+            scene, positions_from({**head, "gravity": [0.0, 0.0, 0.0][: scene.dim]}, data, moments), truth
+        )
+        > 1.0
+    )
+    out = asked_of_node(tmp_path, replay, moments)
+    for way in ("forwards", "backwards"):
+        assert distance(scene, np.reshape(out[way], truth.shape), truth) < CLOSE
+    there = hs.Simulation(scene)
+    there.run(collisions=replay.collisions)
+    q = there.scene.masses * np.sum(there.velocities**2, axis=1)
+    a2 = scene.dim / (scene.dim + 2) * np.mean(q**2) / np.mean(q) ** 2 - 1
+    assert out["a2"][-1] == pytest.approx(a2, abs=1e-9)
+    assert out["back"] == out["there"][::-1]
+    return out
+
+
+def test_parabolas_without_a_log(tmp_path):
+    """Walls are hit between pair collisions, several times; towards a corner, from rest, and few that seldom meet."""
+    for scene in (
+        falling(),
+        falling(gravity=(0.0, 3.0)),
+        falling(n=6, packing_fraction=0.02, gravity=(0.0, -5.0)),
+    ):
+        replay = replay_by_steps(scene, 10)
+        assert replay.collisions == 10 * scene.n / 2 and len(replay.events) > 1.2 * replay.collisions
+        out = checked(replay, tmp_path)
+        if scene.gravity[0] == 0.0:
+            bodies = out["rule"]["bodies"]
+            p = {
+                when: sum(scene.masses[b["i"]] * b[when]["along"] for b in bodies)
+                for when in ("before", "after")
+            }
+            assert p["before"] == pytest.approx(p["after"], abs=1e-9)
+    still = falling().replace(velocities=np.zeros((30, 2)))
+    checked(replay_by_steps(still, 4), tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["2d_mixture_walls", "3d_walls"])
+def test_parabolas_of_the_log_are_those_of_the_steps(kind, tmp_path):
+    scene = falling(kind, gravity=(0.0, -2.0) if kind.startswith("2d") else (0.0, -2.0, 0.0))
+    log, steps = view(scene, 10), replay_by_steps(scene, 10)
+    checked(log, tmp_path)
+    for name in ("i", "j"):
+        assert log.events[name].tolist() == steps.events[name].tolist()
+    for name in ("time", "impulse", "normal"):
+        assert np.allclose(log.events[name], steps.events[name], rtol=1e-9, atol=1e-9)
 
 
 # A simulation that goes on.
