@@ -121,7 +121,8 @@ class Simulation(Exclusive):
             )
         if heat and scene.n_moving < scene.n:
             raise SimulationError(
-                "the heat flux is tallied where collisions pass energy on, and an obstacle takes none; leave heat out"
+                "the heat flux is tallied where collisions pass energy on, and an obstacle takes none; "
+                "leave heat out"
             )
         if free_paths and kinds > MOST_SPECIES:
             raise SimulationError(
