@@ -245,7 +245,9 @@ def windows_for(scene: Scene, epoch: float, search: str = "auto") -> Windows | N
     # Cells for lists are sized for the largest particles: with unequal sizes, windows stay faster up to a
     # higher density.
     crowding = tuning.filled_fraction(scene) * float(scene.radii.mean() / scene.radii.max())
-    if search == "lists" or (search == "auto" and crowding > tuning.SPARSE_BELOW[scene.dim]):
+    crowded = crowding > tuning.SPARSE_BELOW[scene.dim]
+    # Each window costs time for each obstacle; lists do so for those near a particle alone.
+    if search == "lists" or (search == "auto" and (crowded or 2 * scene.n_moving < scene.n)):
         return None
     found = cheapest_windows(scene, epoch)
     if isinstance(found, Windows):
