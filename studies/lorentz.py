@@ -117,14 +117,8 @@ class Lorentz(Study):
         rate = estimate_from_replicas([walk.collisions / walk.time for walk in walks])
         path = replace(rate, value=1.0 / rate.value, standard_error=rate.standard_error / rate.value**2)
         numbers = [number("mean free path", path, "Santalo", gas.free_path)]
-        notes = []
         if gas.finite_horizon:
             numbers.append(number("diffusion coefficient", _slope(squares, t, gas.dim), *gas.diffusion))
-        else:
-            notes.append(
-                "some flights are endless: the mean square displacement grows faster than time, and there is "
-                "no diffusion coefficient"
-            )
         growth, collisions = (np.array([getattr(w, name) for w in walks]) for name in ("growth", "stretched"))
         exponent = estimate_from_replicas(growth / collisions)
         numbers.append(number("Lyapunov exponent per collision", exponent, *gas.exponent))
@@ -146,8 +140,7 @@ class Lorentz(Study):
             gas,
             numbers,
             curves,
-            notes,
-            alarms(numbers),
+            failures=alarms(numbers),
             details={"obstacle_radius": large, "particle_radius": small, "box": gas.box.tolist()},
             hidden={"track": self._track(gas)},
         )
@@ -173,9 +166,14 @@ class Lorentz(Study):
             + (", overlaps counted twice" if one.obstacles else ""),
         ]
         low, high = (SPACING * lag for lag in WINDOW)
-        if answers[-1].gas.finite_horizon:
+        if any(answer.gas.finite_horizon for answer in answers):
             span = f"{low:g} to {high:g} mean free times"
             found.append(f"diffusion coefficient: slope of the mean square displacement over 2 d, {span}")
+        if not all(answer.gas.finite_horizon for answer in answers):
+            found.append(
+                "no diffusion coefficient where flights can be endless: the mean square displacement grows "
+                "faster than time"
+            )
         return [*found, "errors from the spread of the replicas"]
 
     def figure(self, answers: Sequence[Answer]) -> Figure:

@@ -153,8 +153,8 @@ class ObstacleCourse:
         """Raise SceneError where there is no such course."""
         if (self.arrangement, self.dim) not in LIMITS:
             raise hs.SceneError(
-                f"--obstacles {self.arrangement} is a lattice of discs; in 3D ask for square (simple cubic) or "
-                "random"
+                f"--obstacles {self.arrangement} is a lattice of discs; in 3D ask for square, which is "
+                "simple cubic, or random"
             )
         limit, beyond = LIMITS[self.arrangement, self.dim]
         if self.packing_fraction > limit:

@@ -1,7 +1,7 @@
 """Lorentz gas: a particle among fixed obstacles, its mean free path, diffusion and Lyapunov exponent.
 
-The centre of a ball of radius r among balls of radius R moves as a point among balls of radius R + r: that sum
-is what radius means here. Lengths are in any unit, n is the number of obstacles per volume.
+The centre of a ball of radius r among balls of radius R moves as a point among balls of radius R + r: that
+sum is what radius means here. Lengths are in any unit, n is the number of obstacles per volume.
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ import math
 import numpy as np
 
 from analysis.theory.prediction import Prediction, check_dim, inside_range, only_inside
-from hardspheres.scene import sphere_volume
 
 __all__ = [
     "FINITE_HORIZON",
+    "ball_volume",
     "billiard_lyapunov_exponent",
     "lorentz_diffusion",
     "lorentz_lyapunov_exponent",
@@ -30,6 +30,20 @@ FINITE_HORIZON = math.sqrt(3.0) / 4.0, 0.5
 _BILLIARD = (0.2, 0.3, 0.4), (3.21, 2.38, 1.70)
 BILLIARD_UNCERTAINTY = 0.015
 DILUTE_UP_TO = 0.3  # n times the volume of an obstacle
+
+
+def ball_volume(radius: float, dim: int) -> float:
+    """Return the volume of a ball, pi R^2 in 2D and 4/3 pi R^3 in 3D.
+
+    Parameters
+    ----------
+    radius : float
+        R.
+    dim : {2, 3}
+        Dimension d.
+    """
+    check_dim(dim)
+    return math.pi * radius**2 if dim == 2 else 4.0 / 3.0 * math.pi * radius**3
 
 
 def santalo_free_path(free_volume: float, surface: float, dim: int) -> float:
@@ -158,7 +172,7 @@ def billiard_lyapunov_exponent(radius: float) -> Prediction:
 def _dilute(density: float, radius: float, dim: int) -> float:
     """Return the packing fraction of obstacles, NaN where they are too dense for these theories."""
     check_dim(dim)
-    filled = np.asarray(density * float(sphere_volume(radius, dim)))
+    filled = np.asarray(density * ball_volume(radius, dim))
     return float(
         only_inside(filled, inside_range("the theory of dilute obstacles", filled, 0.0, DILUTE_UP_TO))
     )

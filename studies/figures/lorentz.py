@@ -78,7 +78,9 @@ def _draw_track(axes: Axes, answer: Answer) -> None:
     """Draw the path of the centre among discs of the radius that it cannot enter, or its shadow in 3D."""
     scene, track = answer.hidden["track"]
     box, reach = scene.box[:2], answer.gas.reach
-    low, high = track[:, :2].min(axis=0) - 0.5 * reach, track[:, :2].max(axis=0) + 0.5 * reach
+    low, high = track[:, :2].min(axis=0), track[:, :2].max(axis=0)
+    middle, half = 0.5 * (low + high), 0.5 * float((high - low).max()) + 0.5 * reach
+    low, high = middle - half, middle + half
     if scene.dim == 2:
         first, last = np.floor(low / box).astype(int) - 1, np.floor(high / box).astype(int) + 1
         images = [(i, j) for i in range(first[0], last[0] + 1) for j in range(first[1], last[1] + 1)]
