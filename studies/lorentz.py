@@ -15,6 +15,7 @@ from analysis.lorentz import LAGS, PLACES, SURVIVAL_AT, LorentzWalk
 from analysis.statistics import Estimate, estimate_from_replicas, replica_mean
 from studies.answer import Answer, Column, Curves, alarms, number
 from studies.fluid import check_length, check_spread
+from studies.noticing import Notices
 from studies.obstacle_course import ARRANGEMENTS, ObstacleCourse
 from studies.options import option, packing_fractions, runs, word
 from studies.study import Replica, Study
@@ -116,12 +117,14 @@ class Lorentz(Study):
         t = SPACING * gas.free_path * LAGS
         rate = estimate_from_replicas([walk.collisions / walk.time for walk in walks])
         path = replace(rate, value=1.0 / rate.value, standard_error=rate.standard_error / rate.value**2)
-        numbers = [number("mean free path", path, "Santalo", gas.free_path)]
+        numbers, notices = [number("mean free path", path, "Santalo", gas.free_path)], Notices()
         if gas.finite_horizon:
-            numbers.append(number("diffusion coefficient", _slope(squares, t, gas.dim), *gas.diffusion))
+            with notices.of("diffusion coefficient"):
+                numbers.append(number("diffusion coefficient", _slope(squares, t, gas.dim), *gas.diffusion))
         growth, collisions = (np.array([getattr(w, name) for w in walks]) for name in ("growth", "stretched"))
         exponent = estimate_from_replicas(growth / collisions)
-        numbers.append(number("Lyapunov exponent per collision", exponent, *gas.exponent))
+        with notices.of("Lyapunov exponent"):
+            numbers.append(number("Lyapunov exponent per collision", exponent, *gas.exponent))
         longer = np.array([1.0 - np.cumsum(walk.flights)[:-1] / walk.flights.sum() for walk in walks])
         curves = {
             "displacement": Curves(
@@ -140,7 +143,8 @@ class Lorentz(Study):
             gas,
             numbers,
             curves,
-            failures=alarms(numbers),
+            notices.notes,
+            alarms(numbers),
             details={"obstacle_radius": large, "particle_radius": small, "box": gas.box.tolist()},
             hidden={"track": self._track(gas)},
         )

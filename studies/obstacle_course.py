@@ -194,4 +194,4 @@ class ObstacleCourse:
         where = "at random" if self.arrangement == "random" else f"on a {self.arrangement} lattice"
         if (self.arrangement, self.dim) == ("square", 3):
             where = "on a simple cubic lattice"
-        return f"particle among {self.count} {self.balls} {where}, periodic box"
+        return f"1 particle among {self.count} {self.balls} {where}, periodic box"
