@@ -61,6 +61,10 @@ class LorentzWalk:
     growth: float = 0.0
     stretched: int = 0
 
+    def __repr__(self) -> str:
+        """Return how far the particle was followed."""
+        return f"<LorentzWalk: {self.collisions} collisions in a time of {self.time:.6g}, {self.blocks} blocks>"
+
     @property
     def block(self) -> float:
         """Time of a block."""

@@ -108,7 +108,9 @@ def test_a_page_shows_the_particle(tmp_path):
     out = OutputFolder(tmp_path / "out")
     summary, sound = conduct(small("lorentz"), out, Screen(json_output=True))
     assert sound and "gas.html" in summary["files"]
-    head = json.loads((out.path / "gas.html").read_text().split('id="head">')[1].split("</script>")[0])
+    page = (out.path / "gas.html").read_text()
+    assert "<title>1 among 16 obstacles: hard discs, periodic box" in page
+    head = json.loads(page.split('id="head">')[1].split("</script>")[0])
     assert head["n"] == 17 and head["events"] == 200
 
 
