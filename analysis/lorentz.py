@@ -63,7 +63,7 @@ class LorentzWalk:
 
     def __repr__(self) -> str:
         """Return how far the particle was followed."""
-        return f"<LorentzWalk of {self.blocks} blocks: {self.collisions} collisions in a time of {self.time:.6g}>"
+        return f"<LorentzWalk: {self.collisions} collisions, time {self.time:.6g}, {self.blocks} blocks>"
 
     @property
     def block(self) -> float:
