@@ -3,7 +3,7 @@
 import os
 import signal
 
-from studies.garbage import collect_rarely
+from studies.running.garbage import collect_rarely
 
 
 def _leave(*_: object) -> None:

@@ -30,7 +30,7 @@ from multiprocessing.resource_tracker import ensure_running
 from typing import Any
 
 from hardspheres.errors import SimulationError
-from studies.garbage import collect_rarely
+from studies.running.garbage import collect_rarely
 from studies.running.processes import (
     PATIENCE,
     masked,

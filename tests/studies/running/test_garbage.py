@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from studies.garbage import THRESHOLDS
+from studies.running.garbage import THRESHOLDS
 from studies.running.ensemble import _can_be_forked, run_replicas
 
 
