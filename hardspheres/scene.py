@@ -446,13 +446,13 @@ def total_momentum(velocities: Floats, masses: Floats) -> Floats:
 
 
 def column_sums(rows: Floats) -> Floats:
-    """Sums of the columns of (N, k) numbers, added from the first row on: `np.sum`'s bits, in a third of it."""
+    """Return the sums of the columns of (N, k) numbers, added from the first row on."""
     sums: Floats = np.einsum("ij->j", np.ascontiguousarray(rows))
     return sums
 
 
 def squared_lengths(vectors: Floats) -> Floats:
-    """Squared lengths of (N, d) vectors, (N,), added from the first axis on."""
+    """Return the squared lengths of (N, d) vectors, (N,), added from the first axis on."""
     total: Floats = vectors[:, 0] * vectors[:, 0]
     for axis in range(1, vectors.shape[1]):
         total += vectors[:, axis] * vectors[:, axis]

@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-from studies.running.garbage import THRESHOLDS
 from studies.running.ensemble import _can_be_forked, run_replicas
+from studies.running.garbage import THRESHOLDS
 
 
 @pytest.mark.parametrize(
