@@ -201,7 +201,7 @@ class Windows:
 
     def fill(self, at: Any, arrays: dict[str, Any]) -> None:
         """Fill the arrays that do not follow from the rows: order of particles, columns, shifts of boxes."""
-        small = np.setdiff1d(np.arange(self.scene.n), self.large)
+        small = np.delete(np.arange(self.scene.n), self.large)
         arrays["order"][: len(small)], arrays["large"][:-1] = small, self.large
         self._fill_columns(at, arrays["column"], arrays["column_code"])
         ends = arrays["image_shifts"].view(np.uint8).reshape(64, 8)
