@@ -127,7 +127,7 @@ class CellGrid:
     def _part(self, axis: int, index: Ints, step: int) -> Ints:
         """Return what an axis adds to the numbers of cells a step away; beyond a wall, minus all cells."""
         cells, factor = int(self.shape[axis]), math.prod(self.shape[axis + 1 :].tolist())
-        part = (index + step) * factor
+        part: Ints = (index + step) * factor
         if step:
             edge = index == (cells - 1 if step > 0 else 0)
             part[edge] = (cells - 1 if step < 0 else 0) * factor if self.periodic[axis] else -self._total
