@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 
 from analysis.statistics import Estimate
 
@@ -85,6 +84,8 @@ def calibrate(estimates: Sequence[Estimate], truth: float, uncertainty: float = 
             f"{runs} runs; a calibration needs at least 10, each with a standard error of more than 4 "
             "degrees of freedom"
         )
+    from scipy import stats  # loaded where it is needed: it takes long
+
     finite = np.minimum(freedom, 1e9)
     p_value = float(stats.kstest(stats.t.cdf(pulls, finite), "uniform").pvalue)
     variance = finite / (finite - 2.0)

@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from hardspheres.scene import drift, thermal_energy
+from hardspheres.scene import drift, kinetic_energy
 
 if TYPE_CHECKING:
     from hardspheres import Frame, Scene
@@ -41,12 +41,12 @@ def reduced_velocities(frame: Frame) -> tuple[FloatArray, float]:
     """
     scene = frame.scene
     masses, periodic = scene.masses, scene.periodic
-    temperature = 2.0 * thermal_energy(frame.velocities, masses, periodic) / scene.degrees_of_freedom
+    peculiar = frame.velocities - drift(frame.velocities, masses, periodic)
+    temperature = 2.0 * kinetic_energy(peculiar, masses) / scene.degrees_of_freedom
     if not temperature > 0.0:
         raise ValueError(
             "nothing moves in this frame; a gas without thermal motion has no velocity distribution"
         )
-    peculiar = frame.velocities - drift(frame.velocities, masses, periodic)
     return peculiar * np.sqrt(masses / temperature)[:, None], temperature
 
 

@@ -30,6 +30,7 @@ from analysis.statistics import (
     replica_mean,
 )
 from analysis.velocities import cumulants, h_excess, reduced_velocities
+from hardspheres.scene import column_sums, squared_lengths
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -132,19 +133,20 @@ class RelaxationCurve(ReplicaEstimator):
             )
         s = frame.collisions_per_particle
         replica = self._continued(s, "s", lambda: _Replica([], [], [], [], []))
-        square = (reduced**2).sum(axis=1)
+        square = squared_lengths(reduced)
         powers = np.stack([square, square**2, square**3], axis=1)
         bins = np.minimum(
             np.sqrt(square) * (theory.KS_BINS / theory.SPEED_LIMIT[scene.dim]), theory.KS_BINS - 1
         )
         bins = bins.astype(np.int64)
-        members = [scene.species == kind for kind in range(len(sizes))]
+        members = [slice(None)] if len(sizes) == 1 else [scene.species == kind for kind in range(len(sizes))]
+        of_each = list(zip(members, sizes, strict=True))
         replica.s.append(s)
         replica.time.append(frame.time)
         replica.tensors.append(
-            np.stack([np.einsum("ia,ib->ab", reduced[own], reduced[own]) / own.sum() for own in members])
+            np.stack([np.einsum("ia,ib->ab", reduced[own], reduced[own]) / size for own, size in of_each])
         )
-        replica.powers.append(np.stack([powers[own].mean(axis=0) for own in members]))
+        replica.powers.append(np.stack([column_sums(powers[own]) / size for own, size in of_each]))
         replica.counts.append(
             np.stack([np.bincount(bins[own], minlength=theory.KS_BINS) for own in members]).astype(np.uint32)
         )

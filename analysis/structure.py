@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from analysis import theory
 from analysis.estimator import PALETTE, PlacesEstimator, axes_or_new, labelled, over_runs
@@ -91,6 +90,8 @@ class PairDistribution(PlacesEstimator):
         ValueError
             If an axis has walls, or the box is not twice as long as the largest r.
         """
+        from scipy.spatial import cKDTree  # loaded where it is needed: it takes long
+
         scene = self._follow(frame)
         species, depth = self.gas, float(self.edges[-1])
         reach = float(species.diameters.max()) * (1.0 + depth)

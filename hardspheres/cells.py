@@ -19,7 +19,7 @@ Bools = NDArray[np.bool_]
 
 CELL_BITS = 62  # of the number of a cell, shared by the axes
 PAIRS_AT_ONCE = 1 << 18  # keeps the working arrays within the processor's cache
-MOST_EMPTY = 8  # cells for each particle up to which a table of all cells is kept
+MOST_EMPTY, MOST_AT_LEAST = 8, 1 << 20  # cells for each particle, or in all, of which a table is kept
 MOST_PAIRS = 2e8  # more than these occur only if particles are piled on one another
 
 
@@ -58,7 +58,7 @@ class CellGrid:
         self._table: NDArray[np.int32] | None = (
             None  # from the number of a cell to its place among the occupied
         )
-        if self._total <= MOST_EMPTY * len(points) + PAIRS_AT_ONCE:
+        if self._total <= max(MOST_EMPTY * len(points), MOST_AT_LEAST):
             self._table = np.full(self._total + 1, len(begins), dtype=np.int32)
             self._table[self.cells] = np.arange(len(begins))
 
@@ -103,11 +103,16 @@ class CellGrid:
         last = np.repeat((self._first + self._count)[:-1], self.occupancy)
         for i, slot in _expand(place + 1, last - place - 1):
             yield self.order[i], self.order[slot]
-        dim = len(self.box)
+        dim, nothing = len(self.box), np.zeros(len(place), dtype=np.int64)
+        parts = [
+            {step: self._part(axis, index, step) for step in (-1, 0, 1)}
+            for axis, index in enumerate(self._coordinates)
+        ]
         for offset in itertools.product((-1, 0, 1), repeat=dim):
             if offset <= (0,) * dim:  # half of the neighbours: the other half is found from their side
                 continue
-            for i, slot in _expand(*self._look_up(self._numbers(self._coordinates, offset))):
+            numbers = sum((part[step] for part, step in zip(parts, offset, strict=True)), start=nothing)
+            for i, slot in _expand(*self._look_up(numbers)):
                 if self.shape.min() < 3:  # a cell may be its own neighbour
                     i, slot = i[i != slot], slot[i != slot]
                 yield self.order[i], self.order[slot]
@@ -116,15 +121,17 @@ class CellGrid:
         """Return the number of the cell at `offset` from each of those given, negative beyond a wall."""
         number = np.zeros(coordinates.shape[1], dtype=np.int64)
         for axis, step in enumerate(offset):
-            cells = int(self.shape[axis])
-            number *= cells
-            number += coordinates[axis]
-            if step:
-                number += step
-                edge = coordinates[axis] == (cells - 1 if step > 0 else 0)
-                # A negative number stays negative: no later axis adds as much as its factor.
-                number[edge] = number[edge] - step * cells if self.periodic[axis] else -1
+            number += self._part(axis, coordinates[axis], step)
         return number
+
+    def _part(self, axis: int, index: Ints, step: int) -> Ints:
+        """Return what an axis adds to the numbers of cells a step away; beyond a wall, minus all cells."""
+        cells, factor = int(self.shape[axis]), math.prod(self.shape[axis + 1 :].tolist())
+        part: Ints = (index + step) * factor
+        if step:
+            edge = index == (cells - 1 if step > 0 else 0)
+            part[edge] = (cells - 1 if step < 0 else 0) * factor if self.periodic[axis] else -self._total
+        return part
 
     def _look_up(self, number: Ints) -> tuple[Ints, Ints]:
         """First slot and number of points in cells of these numbers."""

@@ -211,9 +211,9 @@ class Engine:
     def flown(self) -> tuple[Any, Any]:
         """Positions and velocities now, positions as the rows count them: perhaps out of the box."""
         at, rows, dim = self.layout, self.rows, self.scene.dim
-        x, v, dt = rows[:, at.X : at.X + dim], rows[:, at.V : at.V + dim], self._since_rows[:, None]
+        x, v, dt = rows[:, at.X : at.X + dim], rows[:, at.V : at.V + dim].copy(), self._since_rows[:, None]
         if not self.scene.falls:
-            return x + v * dt, v.copy()
+            return x + v * dt, v
         return x + (v + 0.5 * self.scene.gravity * dt) * dt, v + self.scene.gravity * dt
 
     @property

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hardspheres.scene import Scene, read_only
+from hardspheres.scene import Scene, read_only, squared_lengths
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -204,7 +204,7 @@ class FlightTallies:
         times = (epoch - flight[:, at.BEGAN_EPOCH]) * float(arrays.number[at.EPOCH_LENGTH]) + (
             moment - flight[:, at.BEGAN]
         )
-        paths: Floats = np.bincount(self.kinds, np.sqrt(np.sum(v * v, axis=1)) * times).astype(np.float64)
+        paths: Floats = np.bincount(self.kinds, np.sqrt(squared_lengths(v)) * times).astype(np.float64)
         return paths
 
     def reset(self, arrays: Any, epoch: int, moment: float) -> None:

@@ -17,7 +17,7 @@ from hardspheres.checks import contact_tolerance, inertia
 from hardspheres.collision import discriminant_2d, discriminant_3d
 from hardspheres.errors import InvariantError
 from hardspheres.gravity import impact_square, impact_time
-from hardspheres.scene import Scene, returned_to_box, squares_at_floor
+from hardspheres.scene import Scene, returned_to_box, squared_lengths, squares_at_floor
 
 if TYPE_CHECKING:
     from hardspheres.engine import Engine
@@ -133,7 +133,7 @@ def allowed_drift(sim: "Simulation", events: int) -> float:
 
 def _sharing(masses: Floats, velocities: Floats) -> float:
     """Effective number that share the kinetic energy: N in equilibrium, at most 3 if one has all."""
-    energies = inertia(masses) * np.sum(velocities * velocities, axis=1)
+    energies = inertia(masses) * squared_lengths(velocities)
     most = float(np.max(energies))
     if most == 0.0:
         return math.inf

@@ -442,8 +442,21 @@ def to_nearest_image(separations: Floats, scene: Scene) -> Floats:
 
 def total_momentum(velocities: Floats, masses: Floats) -> Floats:
     """Total momentum sum of m v, shape (d,), read-only; obstacles have none."""
-    total: Floats = np.sum(inertia(masses)[:, None] * velocities, axis=0)
-    return read_only(total)
+    return read_only(column_sums(inertia(masses)[:, None] * velocities))
+
+
+def column_sums(rows: Floats) -> Floats:
+    """Return the sums of the columns of (N, k) numbers, added from the first row on."""
+    sums: Floats = np.einsum("ij->j", np.ascontiguousarray(rows))
+    return sums
+
+
+def squared_lengths(vectors: Floats) -> Floats:
+    """Return the squared lengths of (N, d) vectors, (N,), added from the first axis on."""
+    total: Floats = vectors[:, 0] * vectors[:, 0]
+    for axis in range(1, vectors.shape[1]):
+        total += vectors[:, axis] * vectors[:, axis]
+    return total
 
 
 def read_only(array: Array) -> Array:
@@ -454,7 +467,7 @@ def read_only(array: Array) -> Array:
 
 def kinetic_energy(velocities: Floats, masses: Floats) -> float:
     """Kinetic energy sum of m v^2 / 2; obstacles have none."""
-    return 0.5 * float(np.sum(inertia(masses) * np.sum(velocities * velocities, axis=1)))
+    return 0.5 * float(np.sum(inertia(masses) * squared_lengths(velocities)))
 
 
 def heights(positions: Floats, scene: Any) -> Floats:
@@ -486,7 +499,7 @@ def momentum_flux(velocities: Floats, masses: Floats) -> Floats:
 
 def energy_flux(velocities: Floats, masses: Floats) -> Floats:
     """Sum of v_a m v^2/2, shape (d,)."""
-    flux: Floats = (0.5 * masses * np.sum(velocities * velocities, axis=1)) @ velocities
+    flux: Floats = (0.5 * masses * squared_lengths(velocities)) @ velocities
     return flux
 
 
@@ -520,8 +533,12 @@ def drift(velocities: Floats, masses: Floats, periodic: Bools) -> Floats:
 
 def returned_to_box(flown: Floats, box: Floats, periodic: Bools) -> Floats:
     """Return positions after a flight with periodic coordinates in [0, L); a copy."""
-    inside = flown - box * np.floor(flown / box)
-    positions: Floats = np.where(periodic, np.where(inside >= box, 0.0, inside), flown)
+    positions = flown.copy()
+    for axis in np.flatnonzero(periodic):  # one at a time: loops over rows of two or three numbers are slow
+        x, edge = flown[:, axis], box[axis]
+        inside = x - edge * np.floor(x / edge)
+        inside[inside >= edge] = 0.0
+        positions[:, axis] = inside
     return positions
 
 

@@ -28,6 +28,7 @@ from hardspheres.scene import (
     potential_energy,
     read_only,
     returned_to_box,
+    squared_lengths,
     squares_at_floor,
     thermal_energy,
     total_momentum,
@@ -328,7 +329,8 @@ class Simulation(Exclusive):
     @at_rest
     def frame(self) -> Frame:
         """Return the gas as it is now."""
-        flown, velocities, scene, engine = self._flown(), self.velocities, self.scene, self._engine
+        scene, engine = self.scene, self._engine
+        flown, velocities = map(read_only, engine.flown())
         by_events = self._tallies(engine.tallied_by_events() + engine.earlier, self._time, 0, 0)
         return Frame(
             self._time,
@@ -337,7 +339,7 @@ class Simulation(Exclusive):
             read_only(returned_to_box(flown, scene.box, scene.periodic)),
             velocities,
             scene,
-            (read_only(flown), read_only(self._images.copy()), scene.box),
+            (flown, read_only(self._images.copy()), scene.box),
             (by_events, engine.passed, velocities, scene.masses),
             self._flights(from_start=True) if self._tells_flights else None,
         )
@@ -724,7 +726,7 @@ class Simulation(Exclusive):
         flown, velocities = engine.flown()
         if self.scene.falls:  # speeds at the floor: at the top of its flight a ball has none
             velocities = np.sqrt(squares_at_floor(self.scene, flown, velocities))
-        scale = float(np.sum(inertia(self.scene.masses) * np.linalg.norm(velocities, axis=1)))
+        scale = float(np.sum(inertia(self.scene.masses) * np.sqrt(squared_lengths(velocities))))
         drift: Floats = read_only(change / scale if scale > 0 else change)
         return drift
 

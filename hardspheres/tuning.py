@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hardspheres.errors import SimulationError
-from hardspheres.scene import Scene, heights, sphere_volume
+from hardspheres.scene import Scene, heights, sphere_volume, squared_lengths
 
 Floats = NDArray[np.float64]
 
@@ -160,7 +160,7 @@ def collision_rate(scene: Scene, velocities: Floats) -> float:
     dim, n, r = scene.dim, scene.n, scene.radii
     drifts = scene.periodic & (scene.n_moving == n)  # obstacles hold what they meet at rest
     still = velocities - np.where(drifts, np.mean(velocities, axis=0), 0.0)
-    w = np.sqrt(np.sum(still * still, axis=1))
+    w = np.sqrt(squared_lengths(still))
     # Sums over pairs of (r1 + r2) (w1 + w2), in 3D of (r1 + r2)^2 (w1 + w2), from sums over particles,
     # without self-pairs.
     r1, w0, w1 = float(np.sum(r)), float(np.sum(w)), float(np.sum(r * w))

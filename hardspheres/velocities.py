@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hardspheres.errors import SceneError
-from hardspheres.scene import Scene, degrees_of_freedom, drift, thermal_energy
+from hardspheres.scene import Scene, degrees_of_freedom, drift, squared_lengths, thermal_energy
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -188,7 +188,7 @@ def _shuffled_by_mass(rng: np.random.Generator, scene: Scene) -> list[Ints]:
 def _unit_vectors(rng: np.random.Generator, n: int, dim: int) -> Floats:
     """Directions distributed evenly over the sphere: normal vectors over their lengths."""
     vectors = rng.standard_normal((n, dim))
-    unit: Floats = vectors / np.sqrt(np.sum(vectors * vectors, axis=1, keepdims=True))
+    unit: Floats = vectors / np.sqrt(squared_lengths(vectors))[:, None]
     return unit
 
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from hardspheres import tuning
 from hardspheres.errors import SimulationError
 from hardspheres.kernel.layout import CELLS_OF_OVERFLOW
-from hardspheres.scene import Scene
+from hardspheres.scene import Scene, squared_lengths
 from hardspheres.tuning import (
     EVENTS_PER_BUCKET,
     cells_per_axis,
@@ -202,7 +202,7 @@ class Windows:
 
     def fill(self, at: Any, arrays: dict[str, Any]) -> None:
         """Fill the arrays that do not follow from the rows: order of particles, columns, shifts of boxes."""
-        small = np.setdiff1d(np.arange(self.scene.n), self.large)
+        small = np.delete(np.arange(self.scene.n), self.large)
         arrays["order"][: len(small)], arrays["large"][:-1] = small, self.large
         self._fill_columns(at, arrays["column"], arrays["column_code"])
         ends = arrays["image_shifts"].view(np.uint8).reshape(64, 8)
@@ -260,7 +260,7 @@ def windows_for(scene: Scene, epoch: float, search: str = "auto") -> Windows | N
 
 def cheapest_windows(scene: Scene, epoch: float) -> Windows | str:
     """Return the cheapest windows for epochs of this length, or the reason why there are none."""
-    now = np.sum(scene.velocities * scene.velocities, axis=1)
+    now = squared_lengths(scene.velocities)
     rms = max(math.sqrt(float(np.sum(now)) / scene.n_moving), typical_speed(scene, energy_in_play(scene)))
     if rms == 0.0:
         return "no particle moves"

@@ -3,6 +3,8 @@
 import os
 import signal
 
+from studies.running.garbage import collect_rarely
+
 
 def _leave(*_: object) -> None:
     """Exit at once on an interrupt, also during imports; there is nothing to save yet."""
@@ -17,6 +19,7 @@ def main() -> None:
     )  # and not ignored, as in the background
     if ours:
         signal.signal(signal.SIGINT, _leave)
+    collect_rarely()
     from studies.cli import main as run
 
     try:

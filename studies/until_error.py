@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 import hardspheres as hs
 from studies.report import OutputFolder, Screen
@@ -101,7 +101,8 @@ class Plan:
 
         def careful(number: Number) -> float:
             freedom = min(number.degrees_of_freedom, 1e6)
-            return number.relative_error * math.sqrt(freedom / float(chi2.ppf(1.0 - CONFIDENCE, freedom)))
+            quantile = 2.0 * float(gammaincinv(0.5 * freedom, 1.0 - CONFIDENCE))  # of chi-square
+            return number.relative_error * math.sqrt(freedom / quantile)
 
         worst = max(numbers, key=careful)
         error = careful(worst)

@@ -26,7 +26,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import optimize
 
 from analysis.theory.prediction import Prediction, check_dim, packing_fraction
 from analysis.theory.state import compressibility_factor, compressibility_slope
@@ -210,13 +209,15 @@ class Barometer:
         return _temperature(self, energy)
 
     def _search(self, energy: float) -> float:
+        from scipy.optimize import brentq  # loaded where it is needed: it takes long
+
         high = math.log(2.0 * energy / self.freedom)  # all of it kinetic
         low = high - 0.5
         while self.energy(math.exp(low)) > energy:
             low -= 0.5
             if self.floor(math.exp(low)) > FLUID_UP_TO[self.dim]:
                 return math.nan
-        found = optimize.brentq(lambda log: self.energy(math.exp(log)) - energy, low, high, xtol=1e-12)
+        found = brentq(lambda log: self.energy(math.exp(log)) - energy, low, high, xtol=1e-12)
         return math.exp(float(found))
 
     def kinetic_temperature(self, temperature: float = 1.0) -> float:
@@ -338,6 +339,8 @@ class Barometer:
 
     def _solve(self, temperature: float, lines: FloatArray, scale: float) -> _Column:
         """Return the fluid at a temperature, with the particles of floor and lid where they belong."""
+        from scipy.optimize import root  # loaded where it is needed: it takes long
+
         z = self._heights(lines)
         counts = scale * np.array(self.counts, dtype=np.float64)
         loads = np.array(self.weights)[:, None] / temperature
@@ -368,7 +371,7 @@ class Barometer:
         logs = np.log(free)
         for _ in range(4):  # a start: the density of points that repel each other a little
             logs = logs - 0.5 * off(logs)
-        solved = optimize.root(off, logs, tol=1e-12).x
+        solved = root(off, logs, tol=1e-12).x
         eta, density, layers = all_of(solved)
         at_ends = column(solved, ends)[0]
         lifted = self.area * self._sliced(density * z, lines) @ widths + layers[:, 1] * self.height

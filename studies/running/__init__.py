@@ -14,5 +14,6 @@ In reading order:
 - `encoding`: values to a file and back, bit for bit;
 - `locking`: at most one run writes into a folder, or several shards of one;
 - `shards`: processes that each run a part of a study into one folder; `presence`: whether they still run;
-- `ownership`: which files a run may replace.
+- `ownership`: which files a run may replace;
+- `garbage`: when our processes collect it.
 """

@@ -30,6 +30,7 @@ from multiprocessing.resource_tracker import ensure_running
 from typing import Any
 
 from hardspheres.errors import SimulationError
+from studies.running.garbage import collect_rarely
 from studies.running.processes import (
     PATIENCE,
     masked,
@@ -260,6 +261,7 @@ def _serve(connection: Connection) -> None:
         signal.signal(number, signal.SIG_IGN)
     # threads of libraries take no harm from a fork
     warnings.filterwarnings("ignore", ".*fork", DeprecationWarning)
+    collect_rarely()  # the workers too, which are its forks
     while True:
         message = _next(connection)
         if isinstance(message, bytes):

@@ -157,3 +157,30 @@ def test_python_m_hardspheres_is_the_command():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 1 and done.stderr.startswith("error: the command line is not installed")
+
+
+HEAVY = {"stats", "optimize", "integrate", "interpolate", "spatial", "signal"}  # of SciPy: 0.1 to 0.3 s each
+
+
+def heavy_at_once(source):
+    """Which of these a module imports whenever it is imported, and not where they are needed."""
+    found = set()
+    for node in ast.parse(source).body:
+        if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] == "scipy":
+            found |= {*node.module.split("."), *(alias.name for alias in node.names)} & HEAVY
+        elif isinstance(node, ast.Import):
+            found |= {part for alias in node.names for part in alias.name.split(".")[1:]} & HEAVY
+    return found
+
+
+def test_no_study_waits_for_parts_of_scipy_that_it_does_not_use():
+    """Sibling: at the top of a file they are found."""
+    for package in MAY_IMPORT:
+        for file in sorted((ROOT / package).rglob("*.py")):
+            if "validation" not in file.parts:  # which uses them all
+                found = heavy_at_once(file.read_text(encoding="utf-8"))
+                assert not found, (
+                    f"{file.relative_to(ROOT)} imports {found} at once; import it where it is needed"
+                )
+    assert heavy_at_once("from scipy.stats import chi2\nimport scipy.optimize") == {"stats", "optimize"}
+    assert not heavy_at_once("from scipy import special\ndef f():\n    from scipy import stats")

@@ -13,6 +13,7 @@ import hardspheres as hs
 from hardspheres import Scene, SceneError, cells
 from hardspheres.cells import worst_overlap
 from hardspheres.checks import contact_tolerance
+from hardspheres.scene import column_sums, returned_to_box, squared_lengths
 
 TWO = [[1.0, 1.0, 1.0], [4.0, 4.0, 4.0]]
 REST = np.zeros((2, 3))
@@ -400,3 +401,32 @@ def test_repr_is_short_and_says_what_it_is():
     text = repr(pair(2.0, boundary=("periodic", "periodic", "wall"), radii=[0.5, 0.25]))
     assert "2 particles in 3D, 2 species, box 10 x 10 x 10 (periodic, periodic, wall)" in text
     assert len(text) < 160
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("n", [1, 2, 7, 8, 9, 4000, 8193])
+def test_sums_over_particles_keep_their_order(n, dim):
+    """To the last bit from the first row, or axis, on. Sibling: another order gives other bits."""
+    rng = np.random.default_rng(1)
+    rows = rng.standard_normal((n, dim)) * 10.0 ** rng.uniform(-5, 5, (n, dim))
+    assert np.array_equal(column_sums(rows), np.cumsum(rows, axis=0)[-1])
+    assert np.array_equal(column_sums(np.asfortranarray(rows)), column_sums(rows))
+    in_order = [sum((x * x for x in row), 0.0) for row in rows.tolist()]
+    assert squared_lengths(rows).tolist() == in_order
+    if n == 4000:
+        assert not np.array_equal(column_sums(rows[::-1]), column_sums(rows))
+        assert dim == 2 or squared_lengths(rows[:, ::-1]).tolist() != in_order
+
+
+@pytest.mark.parametrize("periodic", [(True, True), (True, False), (False, False)])
+def test_a_flight_ends_in_the_box(periodic):
+    """Along periodic axes in [0, L), to the rounding of numbers far outside; walls leave numbers as they are."""
+    edges = np.array([3.0, 7.0])
+    steps = np.random.default_rng(2).integers(-40, 40, (500, 2)) / 8.0
+    steps[:2] = [[-1e-300, -1e-300], [3.0, 7.0]]
+    there = returned_to_box(steps, edges, np.array(periodic))
+    for axis, wraps in enumerate(periodic):
+        expected = [x % edges[axis] for x in steps[:, axis]] if wraps else steps[:, axis].tolist()
+        expected[0] = 0.0 if wraps else -1e-300  # not the edge itself
+        assert there[:, axis].tolist() == expected
+    assert there is not steps and not np.shares_memory(there, steps)

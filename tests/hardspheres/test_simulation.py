@@ -1,8 +1,10 @@
 """The public face of a simulation: running, frames, tallies, errors."""
 
 import copy
+import gc
 import itertools
 import math
+import weakref
 
 import numpy as np
 import pytest
@@ -102,6 +104,39 @@ def test_frames(sim):
     assert [frame.collisions for frame in frames] == [300, 350, 351]
     assert frames[0].positions.shape == frames[0].velocities.shape == (100, 3)
     assert frames[0].scene is sim.scene
+
+
+def test_a_frame_flies_the_particles_once(sim, monkeypatch):
+    """Positions and velocities are of one flight. Sibling: asked for one by one, each is a flight of its own."""
+    flights = []
+    whole = type(sim._engine).flown
+    monkeypatch.setattr(type(sim._engine), "flown", lambda engine: flights.append(1) or whole(engine))
+    sim.run(collisions=30)
+    frame = sim.frame()
+    assert len(flights) == 1
+    assert np.array_equal(frame.positions, sim.positions)
+    assert np.array_equal(frame.velocities, sim.velocities)
+    assert np.array_equal(frame.unwrapped_positions, sim.unwrapped_positions)
+    assert len(flights) == 4
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_a_simulation_goes_with_its_last_holder(held):
+    """Its arrays wait for no garbage collection: programs of ours run that rarely. Sibling: one in a circle does."""
+    sim = hs.Simulation(gas("3d", 100, 0.1))
+    sim.run(collisions=30)
+    for frame in sim.frames(every=0.1, count=2):
+        sim.check(), sim.status(), frame.tallies
+    twin = copy.copy(sim)
+    large = [weakref.ref(each._engine.arrays.row) for each in (sim, twin)]
+    if held:
+        sim.circle = twin.circle = [sim, twin]
+    gc.disable()
+    try:
+        del sim, twin, frame
+        assert [each() is not None for each in large] == [held, held]
+    finally:
+        gc.enable()
 
 
 def test_any_number_of_frames_takes_no_memory(sim):

@@ -3,6 +3,8 @@
 import logging
 import math
 import os
+import subprocess
+import sys
 from dataclasses import dataclass
 
 import ase.io
@@ -10,6 +12,7 @@ import numpy as np
 import pytest
 from ase import Atoms
 from ase.build import bulk
+from ase.io.extxyz import output_column_format
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -18,6 +21,7 @@ from hardspheres import temporary
 from hardspheres.atoms import MIXTURE, VELOCITY, has_velocities, to_atoms
 from hardspheres.cells import worst_overlap
 from hardspheres.checks import contact_tolerance
+from hardspheres.files import xyz
 from hardspheres.files.reader import read_structure
 
 FCC, TRIANGULAR = math.pi / math.sqrt(18), math.pi / math.sqrt(12)
@@ -163,6 +167,36 @@ def test_the_header_names_the_columns_that_others_know(tmp_path):
         "Properties=species:S:1:pos:R:3:momenta:R:3:masses:R:1:radius:R:1:Velo:R:3:mass:R:1 time=" in header
     )
     assert 'collisions=0 dimension=3 pbc="T T T"' in header and "Lattice=" in header
+
+
+@pytest.mark.parametrize("name", GASES)
+@pytest.mark.parametrize("units", [None, "reduced", "nm and ps", 'the "new" ones', "{a}", ""])
+def test_the_header_is_the_one_that_ase_writes(name, units):
+    """It is written here because ASE's function loads half of SciPy. Sibling: other columns, another header."""
+    atoms = to_atoms(gas(name), units)
+    labels = {"label": atoms.arrays["tags"]} if "tags" in atoms.arrays else {}
+    arrays = {**atoms.arrays, "mass": atoms.arrays["masses"], "symbols": np.array(["X"]), **labels}
+    known = [
+        output_column_format(atoms, ["symbols", *columns, *labels], arrays)[0]
+        for columns in (xyz.COLUMNS, xyz.COLUMNS[:-1])
+    ]
+    assert [xyz.header(atoms) == each for each in known] == [True, False]
+
+
+def test_writing_xyz_loads_no_formats_of_others(tmp_path):
+    """Sibling: reading does."""
+    code = (
+        "import sys, hardspheres as hs\n"
+        "scene = hs.Scene([[1, 1, 1]], [[1, 0, 0]])\n"
+        "with hs.TrajectoryWriter('one.xyz') as trajectory: trajectory.write(scene)\n"
+        "before = 'ase.io' in sys.modules\n"
+        "list(hs.read_trajectory('one.xyz'))\n"
+        "print(before, 'ase.io' in sys.modules)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.stdout.split() == ["False", "True"], done.stderr
 
 
 @pytest.mark.parametrize("name", GASES)
