@@ -122,9 +122,9 @@ def compressed_gas(
     for attempt in range(ATTEMPTS):
         compression = Compression(start, sizes * (1.0 + MARGIN), HASTE**attempt)
         _complete(compression)
-        gas = with_velocities(
-            compression.scene.positions, sizes, weights, box, words, velocities, temperature, seed
-        )
+        positions = compression.scene.positions
+        scene = Scene(positions, np.zeros_like(positions), sizes, weights, box, words)
+        gas = with_velocities(scene, velocities, temperature, seed)
         order = order_of_crystal(gas)
         if order is None:
             return gas
@@ -176,7 +176,7 @@ def _start(
             if part < 1e-3:
                 raise
     drawn = stream(seed, GROWTH).standard_normal(positions.shape) * (2.0 * float(np.mean(radii)))
-    scene = Scene(positions, drawn, small, 1.0, box, boundary)
+    scene = Scene.as_placed(positions, small, np.ones(len(small)), box, boundary)
     return scene.with_state(scene.positions, drawn - drift(drawn, scene.masses, periodic))
 
 

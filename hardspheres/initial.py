@@ -137,7 +137,8 @@ def lattice_gas(
         sites = sites[np.sort(rng.choice(len(sites), n, replace=False))]
     if np.ptp(sizes) or np.ptp(weights):
         sites = sites[rng.permutation(n)]
-    return with_velocities(sites, sizes, weights, box, words, velocities, temperature, seed)
+    scene = Scene(sites, np.zeros_like(sites), sizes, weights, box, words)
+    return with_velocities(scene, velocities, temperature, seed)
 
 
 def random_gas(
@@ -193,7 +194,8 @@ def random_gas(
     periodic = np.array([word == "periodic" for word in words])
     box = cubic_box(n, packing_fraction, filled, sizes, periodic)
     positions = place_at_random(sizes, box, periodic, stream(seed, POSITIONS))
-    return with_velocities(positions, sizes, weights, box, words, velocities, temperature, seed)
+    scene = Scene.as_placed(positions, sizes, weights, box, words)
+    return with_velocities(scene, velocities, temperature, seed)
 
 
 def cubic_box(n: int, packing_fraction: float, filled: float, radii: Floats, periodic: Bools) -> Floats:
@@ -221,18 +223,8 @@ def cubic_box(n: int, packing_fraction: float, filled: float, radii: Floats, per
     return box
 
 
-def with_velocities(
-    positions: Floats,
-    radii: Floats,
-    masses: Floats,
-    box: Floats,
-    boundary: tuple[str, ...],
-    velocities: str,
-    temperature: float,
-    seed: Seed,
-) -> Scene:
+def with_velocities(scene: Scene, velocities: str, temperature: float, seed: Seed) -> Scene:
     """Return the scene with velocities drawn from the seed."""
-    scene = Scene(positions, np.zeros_like(positions), radii, masses, box, boundary)
     drawn = draw_velocities(scene, velocities, temperature=temperature, seed=seed)
     return scene.with_state(scene.positions, drawn)
 

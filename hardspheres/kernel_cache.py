@@ -21,6 +21,7 @@ import os
 import re
 import stat
 import tempfile
+import threading
 import time
 import warnings
 from collections.abc import Iterator
@@ -39,6 +40,7 @@ except ImportError:  # no POSIX
 __all__ = ["cache_folder", "cached_in"]
 
 FORMULAS = ("collision", "gravity", "growth")  # compiled into kernels, and not among them
+BESIDE = ("insertion",)  # compiled by themselves, as kernels are
 UNUSED = 30 * 86400.0  # seconds without use after which kernels are removed
 NAMES = (
     r"[0-9a-f]{16}",
@@ -48,6 +50,7 @@ NAMES = (
 )  # ours, level by level
 
 config: Any = numba.config
+_SETTING = threading.RLock()
 _in_use: dict[Path, int] = {}
 
 
@@ -82,13 +85,17 @@ def cache_folder(tag: str) -> Path | None:
 
 @contextlib.contextmanager
 def cached_in(folder: Path | None) -> Iterator[None]:
-    """Cache kernels decorated inside in this folder; Numba's process-wide setting is restored afterwards."""
-    before = config.CACHE_DIR
-    config.CACHE_DIR = str(folder or "")
-    try:
-        yield
-    finally:
-        config.CACHE_DIR = before
+    """Cache kernels decorated inside in this folder; Numba's process-wide setting is restored afterwards.
+
+    One thread at a time: others wait.
+    """
+    with _SETTING:
+        before = config.CACHE_DIR
+        config.CACHE_DIR = str(folder or "")
+        try:
+            yield
+        finally:
+            config.CACHE_DIR = before
 
 
 def _homes() -> Iterator[Path]:
@@ -110,7 +117,8 @@ def _digest() -> str:
     here = Path(__file__).parent
     processor = cpu_target.target_context.codegen().magic_tuple()  # triple, name and features
     digest = hashlib.sha256("\n".join([numba.__version__, *map(str, processor)]).encode())
-    for source in [*(here / f"{name}.py" for name in FORMULAS), *sorted((here / "kernel").rglob("*.py"))]:
+    names = (f"{name}.py" for name in (*FORMULAS, *BESIDE))
+    for source in [*(here / name for name in names), *sorted((here / "kernel").rglob("*.py"))]:
         digest.update(source.relative_to(here).as_posix().encode() + source.read_bytes())
     return digest.hexdigest()[:16]
 

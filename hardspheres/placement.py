@@ -6,15 +6,19 @@ into voxels, those that are certainly covered (no centre fits anywhere inside) a
 restricted to the rest, which changes no probability; voxels are halved again whenever successes become rare.
 With no voxel left there is no space left: the placement has provably jammed (Zhang, Torquato 2013, doi
 10.1103/PhysRevE.88.053312).
+
+Random numbers are drawn here, round by round; `hardspheres.insertion` decides about them, compiled.
 """
 
+import functools
 import itertools
 import math
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hardspheres.cells import CellGrid, distances, size_classes
+from hardspheres.cells import size_classes
 from hardspheres.errors import SceneError
 from hardspheres.scene import sphere_volume
 
@@ -22,6 +26,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
+MOST_CELLS = 2.0  # for each sphere
 FEWEST_TRIALS = 4096  # in one round, to amortise its overhead
 RARE = 0.1  # fraction of successful trials below which the free space is mapped
 MOST_VOXELS = 8_000_000
@@ -55,35 +60,93 @@ def place_at_random(radii: Floats, box: Floats, periodic: Bools, rng: np.random.
     """
     positions = np.empty((len(radii), len(box)))
     is_placed = np.zeros(len(radii), dtype=np.bool_)
-    placed: list[Ints] = []  # particles by octaves of their radii
+    placed: list[_Placed] = []  # by octaves of the radii
     for members in size_classes(radii):
-        placed.append(members[:0])
+        placed.append(_Placed(radii[members], box, periodic))
         room = _Room(float(radii[members].min()), box, periodic)
         waiting = members[np.argsort(-radii[members], kind="stable")]
         idle = tried = 0
         while len(waiting):
             trials = np.resize(waiting, max(len(waiting), FEWEST_TRIALS, sum(map(len, placed)) // 4))
             places = room.draw(rng, len(trials))
-            free = np.flatnonzero(_inside(places, radii[trials], box, periodic))
-            for old in filter(len, placed):
-                grid = CellGrid(positions[old], box, periodic, 2 * float(radii[old].max()))
-                free = free[_unhit(grid, radii[old], places[free], radii[trials[free]])]
+            covered = _beyond_walls(places, radii[trials], box, periodic)
+            for larger in placed[:-1]:
+                larger.cover(covered, places, radii[trials])
+            free, stay = placed[-1].add(covered, places, radii[trials], len(waiting))
             tried += len(trials)
-            rare = len(free) < RARE * len(trials) and tried > room.cost_of_shrinking
-            _, first = np.unique(trials[free], return_index=True)
-            free = free[np.sort(first)]  # one success for each particle
-            stay = free[_first_come(places[free], radii[trials[free]], box, periodic)]
+            rare = free < RARE * len(trials) and tried > room.cost_of_shrinking
             positions[trials[stay]] = places[stay]
-            placed[-1] = np.concatenate([placed[-1], trials[stay]])
             is_placed[trials[stay]] = True
             waiting = waiting[~is_placed[waiting]]
             idle = 0 if len(stay) else idle + 1
             if rare and len(waiting):
                 tried = 0
-                room.shrink([(positions[old], radii[old]) for old in filter(len, placed)])
+                room.shrink(placed)
             if len(waiting) and (room.is_full or idle >= MOST_IDLE_ROUNDS):
-                raise _jammed(radii, np.concatenate(placed), box)
+                raise _jammed(radii, np.flatnonzero(is_placed), box)
     return positions
+
+
+class _Placed:
+    """Spheres placed so far, of one octave of radii, in the cells of `hardspheres.insertion`."""
+
+    def __init__(self, radii: Floats, box: Floats, periodic: Bools) -> None:
+        self._largest = float(radii.max())
+        widest = math.prod(box.tolist()) / (MOST_CELLS * len(radii))
+        cells = np.maximum(np.floor(box / max(2.0 * self._largest, widest ** (1 / len(box)))), 1)
+        self._shape = _three(cells, 1).astype(np.int64)
+        self._edges = _three(box / cells, 1.0)
+        self._period = _three(np.where(periodic, box, math.inf), math.inf)
+        self._heads = np.full(math.prod(self._shape.tolist()), -1, dtype=np.int32)
+        self._nexts = np.empty(len(radii), dtype=np.int32)
+        self._spheres = np.empty((len(radii), 4))
+        self._n = 0
+
+    def __len__(self) -> int:
+        return self._n
+
+    def cover(
+        self, covered: Bools, places: Floats, radii: Floats | float, edges: Floats | None = None
+    ) -> None:
+        """Mark which spheres overlap one that is placed; or fit nowhere in voxels of these edges."""
+        self._insert(covered, places, radii, edges, 0)
+
+    def add(self, covered: Bools, places: Floats, radii: Floats, waiting: int) -> tuple[int, Ints]:
+        """Place what is not covered and does not overlap; return how many were not covered, and which stay.
+
+        Trials are those of all waiting particles in turn. The first of each that is not covered counts.
+        """
+        return self._insert(covered, places, radii, None, waiting)
+
+    def _insert(
+        self, covered: Bools, places: Floats, radii: Floats | float, edges: Floats | None, waiting: int
+    ) -> tuple[int, Ints]:
+        trials = np.zeros((len(places), 4))
+        trials[:, : places.shape[1]] = places
+        trials[:, 3] = radii
+        half = np.zeros(3) if edges is None else _three(0.5 * edges, 0.0)
+        stay, before = np.empty(waiting, dtype=np.int64), self._n
+        free, self._n = _compiled()(
+            trials, covered, half, edges is not None, self._largest, self._edges, self._period, self._shape,
+            self._heads, self._nexts, self._spheres, before, stay,
+        )  # fmt: skip
+        return free, stay[: self._n - before]
+
+
+def _three(values: Floats, other: float) -> Floats:
+    """Return one value for each of three axes: these, and another for those that are missing."""
+    return np.append(values, np.full(3 - len(values), other))
+
+
+@functools.cache
+def _compiled() -> Callable[..., tuple[int, int]]:
+    """Return the compiled part, which is loaded, or compiled, on first use."""
+    from hardspheres.kernel_cache import cache_folder, cached_in
+
+    with cached_in(cache_folder("insertion")):
+        from hardspheres import insertion
+    compiled: Callable[..., tuple[int, int]] = insertion.insert
+    return compiled
 
 
 class _Room:
@@ -94,7 +157,7 @@ class _Room:
         self.low = np.where(periodic, 0.0, radius)
         self.extent = box - 2 * self.low
         self.edges = self.extent
-        self.voxels = np.zeros((1, len(box)), dtype=np.int64)  # corners, in units of the edges
+        self.voxels = np.zeros((1, len(box)))  # corners, in units of the edges: whole numbers
         self.mapped = False
 
     @property
@@ -116,106 +179,51 @@ class _Room:
 
     def draw(self, rng: np.random.Generator, n: int) -> Floats:
         """Return n positions, uniform over the free space."""
-        inside = rng.random((n, len(self.box)))
+        places = rng.random((n, len(self.box)))
         if self.mapped:
-            inside += self.voxels[rng.integers(len(self.voxels), size=n)]
-        places: Floats = np.minimum(self.low + inside * self.edges, np.nextafter(self.low + self.extent, 0.0))
+            places += self.voxels[rng.integers(len(self.voxels), size=n)]
+        places *= self.edges
+        places += self.low
+        np.minimum(places, np.nextafter(self.low + self.extent, 0.0), out=places)
         return places
 
-    def shrink(self, placed: list[tuple[Floats, Floats]]) -> None:
-        """Divide the voxels and drop those where no centre fits beside the placed (centres, radii)."""
-        dim = len(self.box)
-        if not self.mapped:
-            counts = self._counts()
-            self.mapped = True
-            self.voxels = np.stack(
-                [axis.ravel() for axis in np.meshgrid(*map(np.arange, counts), indexing="ij")], axis=1
-            )
-            self.edges = self.extent / counts
-        elif len(self.voxels) * 2**dim <= MOST_VOXELS:
-            halves = np.array(list(itertools.product((0, 1), repeat=dim)))
-            self.voxels = (2 * self.voxels[:, None, :] + halves).reshape(-1, dim)
-            self.edges = self.edges / 2
-        else:
+    def shrink(self, placed: Sequence["_Placed"]) -> None:
+        """Divide the voxels and drop those where no centre fits beside the spheres that are placed."""
+        if self.mapped and len(self.voxels) * 2 ** len(self.box) > MOST_VOXELS:
             return
-        for points, radii in placed:
-            grid = CellGrid(points, self.box, self.periodic, float(radii.max()) + self.radius)
-            parts = range(0, len(self.voxels), VOXELS_AT_ONCE)
-            open_ = [self._uncovered(self.voxels[k : k + VOXELS_AT_ONCE], grid, radii) for k in parts]
-            self.voxels = np.concatenate([self.voxels[:0], *open_])
+        finer, self.edges = self._finer()
+        self.mapped = True
+        self.voxels = np.concatenate([self.voxels[:0], *(self._uncovered(part, placed) for part in finer)])
 
-    def _uncovered(self, voxels: Ints, grid: CellGrid, radii: Floats) -> Ints:
-        """Return the voxels in which a centre may fit beside the spheres of the grid, of these radii."""
+    def _finer(self) -> tuple[Iterator[Floats], Floats]:
+        """Return, in parts, the voxels at first, or all of their halves; and their edges."""
+        dim = len(self.box)
+        if self.mapped:
+            halves, step = np.array(list(itertools.product((0.0, 1.0), repeat=dim))), VOXELS_AT_ONCE >> dim
+            parts = (self.voxels[k : k + step, None, :] for k in range(0, len(self.voxels), step))
+            return ((2.0 * part + halves).reshape(-1, dim) for part in parts), self.edges / 2
+        counts = self._counts()
+        total, step = math.prod(counts.tolist()), VOXELS_AT_ONCE
+        numbers = (np.arange(k, min(k + step, total)) for k in range(0, total, step))
+        return (
+            np.stack(np.unravel_index(part, counts), axis=1).astype(np.float64) for part in numbers
+        ), self.extent / counts
+
+    def _uncovered(self, voxels: Floats, placed: Sequence["_Placed"]) -> Floats:
+        """Return the voxels in which a centre may fit beside the spheres that are placed."""
         centres = self.low + (voxels + 0.5) * self.edges
-        cells = grid.coordinates(centres)
-        for offset in grid.offsets:
-            covered = np.zeros(len(voxels), dtype=np.bool_)
-            for i, j in grid.pairs_with(cells, offset):
-                reach = _farthest_corner(centres, grid.points, i, j, self.edges, self.box, self.periodic)
-                covered[i[reach <= radii[j] + self.radius]] = True
-            left = np.flatnonzero(~covered)
-            voxels, centres, cells = voxels[left], centres[left], cells[:, left]
-        return voxels
+        covered = np.zeros(len(voxels), dtype=np.bool_)
+        for spheres in placed:
+            spheres.cover(covered, centres, self.radius, self.edges)
+        return voxels[~covered]
 
 
-def _farthest_corner(
-    centres: Floats, points: Floats, i: Ints, j: Ints, edges: Floats, box: Floats, periodic: Bools
-) -> Floats:
-    """Distances from points[j] to the farthest corner of the voxel around centres[i]."""
-    square = np.zeros(len(i))
-    for axis in range(len(box)):
-        step = np.abs(centres[i, axis] - points[j, axis])
-        if periodic[axis]:
-            np.minimum(step, np.abs(box[axis] - step), out=step)
-        step += 0.5 * edges[axis]
-        step *= step
-        square += step
-    return np.sqrt(square)
-
-
-def _inside(places: Floats, radii: Floats, box: Floats, periodic: Bools) -> Bools:
-    """Which of these spheres lie within all walls."""
-    room = (places >= radii[:, None]) & (places <= box - radii[:, None])
-    inside: Bools = np.all(room | periodic, axis=1)
-    return inside
-
-
-def _unhit(grid: CellGrid, old: Floats, places: Floats, radii: Floats) -> Ints:
-    """Which of the spheres at these places overlap no sphere of the grid, whose radii are `old`."""
-    cells = grid.coordinates(places)
-    home = grid.by_cells(cells)
-    places, radii, cells = places[home], radii[home], cells[:, home]
-    for offset in grid.offsets:
-        hit = np.zeros(len(home), dtype=np.bool_)
-        for i, j in grid.pairs_with(cells, offset):
-            hit[i[distances(places, grid.points, i, j, grid.box, grid.periodic) < radii[i] + old[j]]] = True
-        free = np.flatnonzero(~hit)
-        home, places, radii, cells = home[free], places[free], radii[free], cells[:, free]
-    return np.sort(home)
-
-
-def _first_come(places: Floats, radii: Floats, box: Floats, periodic: Bools) -> Bools:
-    """Which spheres stay when each must not overlap any that stayed before it, in the order given.
-
-    All spheres without an overlap to an earlier one still undecided stay at once, and remove those they
-    overlap, until all are decided: the same answer as one by one, in a few rounds.
-    """
-    stays = np.ones(len(places), dtype=np.bool_)
-    if not len(places):
-        return stays
-    early, late = [np.empty(0, dtype=np.int64)], [np.empty(0, dtype=np.int64)]
-    for i, j in CellGrid(places, box, periodic, 2 * float(radii.max())).pairs():
-        close = distances(places, places, i, j, box, periodic) < radii[i] + radii[j]
-        early.append(np.minimum(i, j)[close])
-        late.append(np.maximum(i, j)[close])
-    first, second = np.concatenate(early), np.concatenate(late)
-    while len(first):
-        waiting = np.zeros(len(places), dtype=np.bool_)
-        waiting[second] = True
-        stays[second[~waiting[first]]] = False
-        open_ = waiting[first] & stays[first] & stays[second]
-        first, second = first[open_], second[open_]
-    return stays
+def _beyond_walls(places: Floats, radii: Floats, box: Floats, periodic: Bools) -> Bools:
+    """Which of these spheres reach beyond a wall."""
+    beyond = np.zeros(len(places), dtype=np.bool_)
+    for axis in np.flatnonzero(~periodic):
+        beyond |= (places[:, axis] < radii) | (places[:, axis] > box[axis] - radii)
+    return beyond
 
 
 def _jammed(radii: Floats, placed: Ints, box: Floats) -> SceneError:

@@ -140,8 +140,12 @@ class Scene:
         labels: ArrayLike | None,
         gravity: ArrayLike | None,
         spare: float = 0.0,
+        apart: bool = False,
     ) -> None:
-        """Check everything and store it; overlaps by `spare` largest diameters count as rounding."""
+        """Check everything and store it; overlaps by `spare` largest diameters count as rounding.
+
+        They are not looked for where all particles are known to be `apart`.
+        """
         places = real_numbers(positions, "positions")
         if places.ndim != 2 or places.shape[1] not in (2, 3):
             raise SceneError(
@@ -172,7 +176,8 @@ class Scene:
         require_resolved(sizes, edges)
         tolerance = max(contact_tolerance(edges), spare * 2.0 * float(sizes.max()))
         require_inside(places, sizes, edges, periodic, tolerance, fixed)
-        require_no_overlap(places, sizes, edges, periodic, tolerance, fixed)
+        if not apart:
+            require_no_overlap(places, sizes, edges, periodic, tolerance, fixed)
         _require_none_at_rest(places, speeds, sizes, edges, pull, tolerance)
         kinds = _kinds(weights, sizes)
         self._store(places, speeds, sizes, weights, edges, words, periodic, kinds, pull, named)
@@ -364,6 +369,32 @@ class Scene:
         """
         scene = object.__new__(cls)
         scene._fill(positions, velocities, radii, masses, box, boundary, labels, gravity, LEFT_BY_ROUNDING)
+        return scene
+
+    @classmethod
+    def as_placed(
+        cls, positions: Floats, radii: Floats, masses: Floats, box: Floats, boundary: tuple[str, ...]
+    ) -> "Scene":
+        """Return a scene at rest whose particles were placed so that none overlap; the rest is checked.
+
+        Parameters
+        ----------
+        positions, radii, masses, box, boundary
+            As in the constructor, no two particles overlapping.
+
+        Returns
+        -------
+        Scene
+            The scene.
+
+        Raises
+        ------
+        SceneError
+            As the constructor does, but for overlaps.
+        """
+        scene = object.__new__(cls)
+        rest = np.zeros_like(positions)
+        scene._fill(positions, rest, radii, masses, box, boundary, None, None, apart=True)
         return scene
 
     @classmethod

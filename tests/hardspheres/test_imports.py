@@ -123,7 +123,7 @@ def run(code):
 def test_importing_loads_neither_numba_nor_ase_nor_scipy():
     heavy = "{'numba', 'llvmlite', 'ase', 'scipy', 'matplotlib', 'numpy'} & set(sys.modules)"
     assert run(f"import sys, hardspheres as hs; dir(hs); hs.SceneError; print(*{heavy})") == []
-    code = f"import sys, hardspheres as hs; hs.random_gas(10, 0.1, seed=1); print(*{heavy})"
+    code = f"import sys, hardspheres as hs; hs.lattice_gas(10, 0.1, seed=1); print(*{heavy})"
     assert run(code) == ["numpy"]
 
 

@@ -3,6 +3,7 @@
 Statistical tests are seeded. Each states its false-alarm rate: how often a new seed would fail it by chance.
 """
 
+import hashlib
 import math
 import re
 
@@ -161,6 +162,90 @@ def test_random_placement_is_legal_between_walls_and_in_mixtures(n, dim, words, 
         assert "too short for the largest" in str(error) or "jammed at packing fraction" in str(error)
     else:
         assert scene.packing_fraction == pytest.approx(0.2, rel=1e-14)
+        scene.replace()  # which looks for overlaps: `random_gas` relies on its placement
+
+
+def test_only_placed_scenes_are_not_searched_for_overlaps():
+    """Control of the test above: what overlaps is found as soon as a scene is made of it."""
+    places, box = np.array([[1.0, 1.0], [1.9, 1.0]]), np.full(2, 5.0)
+    scene = hs.Scene.as_placed(places, np.full(2, 0.5), np.ones(2), box, ("periodic",) * 2)
+    with pytest.raises(hs.SceneError, match="particles 0 and 1 overlap by 0.1 diameters"):
+        scene.replace()
+
+
+def in_plain_python(covered, places, radii, waiting, placed, box, periodic):
+    """One round of trials, each beside all spheres: how many are free, and which stay."""
+
+    def apart(place, radius, others):
+        step = np.abs(place - np.array([centre for centre, _ in others]).reshape(-1, len(box)))
+        step = np.where(periodic, np.minimum(step, np.abs(box - step)), step)
+        square = np.zeros(len(others))
+        for axis in step.T:
+            square += axis * axis
+        return not np.any(np.sqrt(square) < radius + np.array([size for _, size in others]))
+
+    free, new, stay, decided = 0, [], [], set()
+    for trial in np.flatnonzero(~covered):
+        if not apart(places[trial], radii[trial], placed):
+            continue
+        free += 1
+        if trial % waiting not in decided and apart(places[trial], radii[trial], new):
+            new.append((places[trial], radii[trial]))
+            stay.append(trial)
+        decided.add(trial % waiting)
+    return free, stay, new
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("words", [(True, True, True), (False, False, False), (True, False, True)])
+@pytest.mark.parametrize("edge", [2.0, 3.1, 9.0], ids=["one cell", "three cells", "many cells"])
+def test_trials_beside_cells_are_decided_as_beside_all_spheres(dim, words, edge):
+    """Round by round, to the last bit, in cells of any number."""
+    rng = np.random.default_rng(7)
+    box, periodic = np.full(dim, edge) * [1.0, 1.3, 1.1][:dim], np.array(words[:dim])
+    n = int(0.3 * np.prod(box)) + 2
+    sizes = 0.3 + 0.2 * rng.random(n)
+    ours, there, rounds = placement._Placed(sizes, box, periodic), [], 0
+    while len(ours) < n and rounds < 12:
+        waiting = n - len(ours)
+        places, radii = (
+            rng.random((3 * waiting + 5, dim)) * box,
+            np.resize(sizes[len(ours) :], 3 * waiting + 5),
+        )
+        places[::7] = np.rint(4 * places[::7]) / 4  # at edges of cells too
+        places = np.minimum(places, np.nextafter(box, 0.0))
+        covered = rng.random(len(places)) < 0.1
+        free, stay, new = in_plain_python(covered, places, radii, waiting, there, box, periodic)
+        found, stays = ours.add(covered, places, radii, waiting)
+        assert found == free and stays.tolist() == stay and len(ours) == len(there) + len(new)
+        there, rounds = there + new, rounds + 1
+    assert len(there) > 0.5 * n
+    voxels, edges = rng.random((400, dim)) * box, np.full(dim, 0.2)
+    covered = np.zeros(400, dtype=bool)
+    ours.cover(covered, voxels, 0.3, edges)
+    corners = np.abs(voxels[:, None] - np.array([place for place, _ in there]))
+    corners = np.where(periodic, np.minimum(corners, np.abs(box - corners)), corners) + 0.5 * edges
+    reach = np.sqrt(np.sum(corners**2, axis=2)) - np.array([size for _, size in there])
+    assert np.array_equal(covered, np.any(reach <= 0.3, axis=1)) and 0 < covered.sum() < 400
+
+
+HALVES, SIXTHS = np.full(1000, 0.5), np.where(np.arange(600) % 20 == 0, 1.5, 0.4)
+
+
+@pytest.mark.parametrize(
+    ("radii", "box", "periodic", "digest"),
+    [
+        (HALVES, (12, 12, 12), (True, True, True), "a0bc2b8325b0a8c9"),  # packing fraction 0.30
+        (HALVES[:600], (31, 30), (True, False), "0990c6f244eb870a"),  # 0.51
+        (SIXTHS, (12, 12, 12), (False, True, True), "ce7d17e0b67cf4dc"),  # 0.33
+    ],
+    ids=["spheres", "discs", "mixture"],
+)
+def test_a_seed_is_a_contract_near_saturation_too(radii, box, periodic, digest):
+    """Digests of the placement in NumPy alone, which the compiled one took over; each divides its voxels."""
+    rng = np.random.default_rng(1)
+    placed = placement.place_at_random(radii, np.array(box, dtype=float), np.array(periodic), rng)
+    assert hashlib.sha256(placed.tobytes()).hexdigest()[:16] == digest
 
 
 def test_random_places_are_even_and_independent_where_spheres_are_rare():
@@ -194,14 +279,12 @@ def test_placement_jams_at_the_saturation_of_the_literature(dim, n):
 
 
 def test_a_placement_that_drops_room_too_early_is_caught(monkeypatch):
-    exact = placement._farthest_corner
+    exact = placement._Placed.cover
 
-    def careless(centres, points, i, j, edges, box, periodic):
-        return exact(
-            centres, points, i, j, 0 * edges, box, periodic
-        )  # a voxel counts as covered by its centre alone
+    def careless(placed, covered, places, radii, edges=None):
+        return exact(placed, covered, places, radii, edges if edges is None else 0 * edges)  # centres alone
 
-    monkeypatch.setattr(placement, "_farthest_corner", careless)
+    monkeypatch.setattr(placement._Placed, "cover", careless)
     mean, error = saturation(2, 2000, range(8))
     assert mean < SATURATION[2] - 5.4 * error
 

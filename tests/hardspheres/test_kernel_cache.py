@@ -7,6 +7,7 @@ import os
 import pickle
 import stat
 import tempfile
+import threading
 import time
 import warnings
 from pathlib import Path
@@ -313,3 +314,26 @@ def test_a_folder_that_is_just_being_removed_is_made_again(root, monkeypatch):
     monkeypatch.setattr(kernel_cache.fcntl, "flock", removed_meanwhile)
     assert cache_folder("3d").parent == folder
     assert len(calls) == 2 and (folder / "lock").exists()
+
+
+def test_threads_take_turns_with_the_setting_of_the_cache(tmp_path):
+    """Without turns the other thread's folder would be seen; sibling: both are seen, each by its own."""
+    inside, tried, seen = threading.Event(), threading.Event(), []
+
+    def other():
+        inside.wait()
+        tried.set()
+        with cached_in(tmp_path / "other"):
+            seen.append(kernel_cache.config.CACHE_DIR)
+
+    before = kernel_cache.config.CACHE_DIR
+    thread = threading.Thread(target=other)
+    thread.start()
+    with cached_in(tmp_path / "ours"):
+        inside.set()
+        tried.wait()
+        thread.join(0.05)
+        seen.append(kernel_cache.config.CACHE_DIR)
+    thread.join()
+    assert seen == [str(tmp_path / "ours"), str(tmp_path / "other")]
+    assert kernel_cache.config.CACHE_DIR == before

@@ -116,7 +116,8 @@ def test_replicas_in_spawned_processes_give_the_same_bits():
 
 
 def sources(folder):
-    return [folder / "collision.py", folder / "growth.py", *sorted((folder / "kernel").rglob("*.py"))]
+    names = [f"{name}.py" for name in (*kernel_cache.FORMULAS, *kernel_cache.BESIDE)]
+    return [*(folder / name for name in names), *sorted((folder / "kernel").rglob("*.py"))]
 
 
 def test_an_edit_of_any_kernel_file_makes_a_new_cache(tmp_path, monkeypatch):
