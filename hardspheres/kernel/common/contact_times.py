@@ -26,6 +26,7 @@ impact_square = jit(gravity.impact_square)
 NEVER = math.inf
 NO_TIME = 0x7FF0000000000000  # the bits of infinity: non-negative times order as their bits do
 NO_PARTICLE = 0x7FFFFFFF
+LINE = at.LANES - 1  # lowest bits of a time, in place of which `solve` puts the line of the table
 
 # Columns of the table of partners: their rows as they are, and the contact times found.
 PLACE = at.X * at.LANES
@@ -51,6 +52,8 @@ def copy_row(s, k, j):
 @jit
 def solve(s, i, now, m):
     """Contact time of i with each line of the table, and the soonest; the loop is vectorised.
+
+    The soonest is the bits of a time with the line in place of the lowest (`LINE`): one minimum gives both.
 
     The periodic image is the nearest one at `now`; separation and velocity are then taken at the later local
     time, so that the result depends on nothing but the two rows and the image. Where lists store the image,
@@ -116,7 +119,7 @@ def solve(s, i, now, m):
             contact = growing_contact(x, y, z, u, v, w, full * (scale + rate * later), full * rate)
         time = later + contact
         scratch[WHEN + k] = time
-        soonest = min(soonest, bits(time))  # integers: their minimum is a vector instruction
+        soonest = min(soonest, (bits(time) & ~LINE) | k)  # integers: their minimum is a vector instruction
     return soonest
 
 
@@ -240,4 +243,5 @@ def growing_wall_contact(s, i):
 def pair_contact(s, i, j, about):
     """Time of contact of one pair, in the image that is the nearest at about that time."""
     copy_row(s, 0, j)
-    return from_bits(solve(s, i, about, 1))
+    solve(s, i, about, 1)
+    return s.scratch[WHEN]

@@ -11,6 +11,7 @@ from ..common.contact_times import NEVER
 from ..common.obstacles import is_obstacle
 from ..flags import OBSTACLES
 from ..simd.jit import called, jit
+from ..simd.pointers import int64
 from .calendar import clear_calendar, schedule
 from .neighbour_lists import make_all_lists
 from .prediction import next_event, threshold_crossing
@@ -35,9 +36,13 @@ def predict(s, i, now):
         return
     time, partner = next_event(s, i, now)
     # A rebuild has the number of the latest rebuild of all in place of a version: that one makes it stale.
-    met = 0 <= partner < s.counter[at.N]
-    s.event[i * at.EVENT + at.PARTNER_VERSION] = s.version[partner] if met else s.counter[at.REBUILDS_OF_ALL]
+    met = (partner >= 0) & (partner < s.counter[at.N])
+    version = int64(s.version[partner if met else 0])
+    s.event[i * at.EVENT + at.PARTNER_VERSION] = version if met else s.counter[at.REBUILDS_OF_ALL]
+    part = s.counter[at.PART]
+    s.counter[at.PART] = at.CALENDAR
     schedule(s, i, time, partner)
+    s.counter[at.PART] = part
 
 
 @jit

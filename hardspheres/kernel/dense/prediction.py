@@ -8,6 +8,7 @@ import math
 
 from .. import layout as at
 from ..common.contact_times import (
+    LINE,
     NEVER,
     NO_PARTICLE,
     NO_TIME,
@@ -20,9 +21,9 @@ from ..common.contact_times import (
     wall_contact,
 )
 from ..flags import DIM, GRAVITY, GROWS, WALLS
-from ..simd.jit import jit
-from ..simd.pointers import from_bits
-from ..simd.vectors import gather_transposed, least_of_equal
+from ..simd.jit import called, jit
+from ..simd.pointers import from_bits, int64
+from ..simd.vectors import alike, gather_transposed
 from .cell_grid import fallen
 
 
@@ -39,6 +40,33 @@ def gather(s, i, first):
 
 
 @jit
+def earliest_in_table(s, entry, soonest):
+    """Bits of the earliest time in the table, and whose it is; equal times: the lower partner.
+
+    `soonest` is from `solve`: a time without its lowest bits, and its line. Where others have the same time
+    without these bits, all bits decide.
+    """
+    same = alike(s.scratch_int, WHEN, soonest, LINE)
+    if same & (same - 1):
+        return earliest_of_several(s, entry, same)
+    line = soonest & LINE
+    return s.scratch_int[WHEN + line], int64(s.neighbours[entry + line])
+
+
+@called
+def earliest_of_several(s, entry, lines):
+    """As `earliest_in_table`, of those lines that have a bit in `lines`; this is rare."""
+    time, partner = NO_TIME, NO_PARTICLE
+    k = 0
+    while lines >> k:
+        when, who = s.scratch_int[WHEN + k], int64(s.neighbours[entry + k])
+        if (lines >> k) & 1 and (when < time or (when == time and who < partner)):
+            time, partner = when, who
+        k += 1
+    return time, partner
+
+
+@jit
 def earliest_contact(s, i, now):
     """Time and partner of i's earliest contact with a neighbour; equal times: the lower partner."""
     room = s.counter[at.LIST_ROOM]
@@ -47,16 +75,10 @@ def earliest_contact(s, i, now):
     first = 0
     while True:
         gather(s, i, first)
-        soonest = solve(s, i, now, at.LANES)
-        # Times are compared as integers, by their bits; at equal ones the lowest id counts, over all passes.
-        if soonest < best or (soonest == best and soonest < NO_TIME):
-            if soonest < best:
-                partner = NO_PARTICLE
-            best = soonest
-            for k in range(0, at.LANES, at.ROW):
-                entry = i * room + first + k
-                least = least_of_equal(s.neighbours, entry, s.scratch_int, WHEN + k, soonest)
-                partner = min(partner, least)
+        time, who = earliest_in_table(s, i * room + first, solve(s, i, now, at.LANES))
+        # Times are compared as integers, by their bits.
+        if time < best or (time == best and who < partner):
+            best, partner = time, who
         # A list ends with the null particle: with it in the last lane no neighbour is left.
         first += at.LANES
         if first == room or s.neighbours[i * room + first - 1] == s.counter[at.N]:
@@ -105,8 +127,5 @@ def next_event(s, i, now):
         if t < time:
             time, partner = t, wall
     t = threshold_crossing(s, i)
-    if t <= time:
-        if t == NEVER:
-            return NEVER, at.NOTHING
-        return max(t, now), at.REBUILD
-    return time, partner
+    partner = partner if time < t else (at.NOTHING if t == NEVER else at.REBUILD)
+    return time if time < t else max(t, now), partner
