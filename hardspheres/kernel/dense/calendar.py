@@ -2,7 +2,8 @@
 
 An insertion touches one block of a bucket (`bucket_queue`), a removal touches none: an entry counts only
 while its stamp is its particle's latest. One turn of the ring is a cycle. Events after the present cycle are
-in one further bucket; events after the epoch never come up, since the next epoch predicts them again.
+in one further bucket; events after the epoch are not entered at all, since the next epoch predicts them
+again.
 """
 
 from .. import layout as at
@@ -30,9 +31,10 @@ def tie_key(i, partner):
 def insert_event(s, i):
     """Insert i's event, just predicted, into the calendar."""
     time = s.event_float[i * at.EVENT + at.TIME]
-    # An event in the past, by rounding, goes to the current bucket, which is not over. One after the epoch goes
-    # to the bucket after the last, which is never reached.
-    bucket = int(min(max(time, 0.0), s.number[at.EPOCH_LENGTH]) * s.number[at.INVERSE_WIDTH])
+    if time >= s.number[at.EPOCH_LENGTH]:
+        return
+    # An event in the past, by rounding, goes to the current bucket, which is not over.
+    bucket = int(max(time, 0.0) * s.number[at.INVERSE_WIDTH])
     now = s.counter[at.BUCKET]
     entry = i << 32 | s.event[i * at.EVENT + at.STAMP]
     if bucket <= now:

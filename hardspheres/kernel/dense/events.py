@@ -11,7 +11,6 @@ from ..common.contact_times import NEVER, NO_TIME, TABLE, solve
 from ..common.obstacles import is_obstacle
 from ..flags import OBSTACLES
 from ..simd.jit import called, jit
-from ..simd.pointers import int64
 from .calendar import clear_calendar, schedule
 from .neighbour_lists import make_all_lists
 from .prediction import gather, next_event, threshold_crossing
@@ -54,9 +53,8 @@ def enter_next(s, table, i, soonest, now):
     """Enter i's next event in the calendar, given the soonest contact of its table."""
     time, partner = next_event(s, table, i, soonest, now)
     # A rebuild has the number of the latest rebuild of all in place of a version: that one makes it stale.
-    met = (partner >= 0) & (partner < s.counter[at.N])
-    version = int64(s.version[partner if met else 0])
-    s.event[i * at.EVENT + at.PARTNER_VERSION] = version if met else s.counter[at.REBUILDS_OF_ALL]
+    met = 0 <= partner < s.counter[at.N]
+    s.event[i * at.EVENT + at.PARTNER_VERSION] = s.version[partner] if met else s.counter[at.REBUILDS_OF_ALL]
     part = s.counter[at.PART]
     s.counter[at.PART] = at.CALENDAR
     schedule(s, i, time, partner)

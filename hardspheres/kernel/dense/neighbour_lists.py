@@ -205,8 +205,9 @@ def write_list(s, i, kept):
     if kept >= room:
         s.counter[at.SHORT_LISTS] = 1
         return
+    end = np.int32(kept)  # as wide as ids are: then 16 fill a vector
     for k in range(room):
-        s.neighbours[i * room + k] = s.near[k] if k < kept else n
+        s.neighbours[i * room + k] = s.near[k] if np.int32(k) < end else n
 
 
 @jit

@@ -84,7 +84,7 @@ def earliest_contact(s, table, i, soonest, now):
 
 @called
 def earliest_of_rest(s, i, best, partner, now):
-    """Earliest contact of the best so far and of those later in i's list; times are compared by their bits."""
+    """Earliest contact of the best so far and of those later in i's list; times compare as their bits do."""
     first = at.LANES
     while not ends(s, i, first):
         gather(s, 0, i, first)
@@ -137,5 +137,8 @@ def next_event(s, table, i, soonest, now):
         if t < time:
             time, partner = t, wall
     t = threshold_crossing(s, i)
-    partner = partner if time < t else (at.NOTHING if t == NEVER else at.REBUILD)
-    return time if time < t else max(t, now), partner
+    if t <= time:
+        if t == NEVER:
+            return NEVER, at.NOTHING
+        return max(t, now), at.REBUILD
+    return time, partner

@@ -139,9 +139,7 @@ else:
             vector = ir.VectorType(word, AT_ONCE)
             there = builder.load(builder.bitcast(builder.gep(values, [k]), vector.as_pointer()), align=8)
             there = builder.or_(there, _spread(builder, ignored, AT_ONCE))
-            found = builder.icmp_signed(
-                "==", there, _spread(builder, builder.or_(wanted, ignored), AT_ONCE)
-            )
+            found = builder.icmp_signed("==", there, _spread(builder, builder.or_(wanted, ignored), AT_ONCE))
             return builder.zext(builder.bitcast(found, ir.IntType(AT_ONCE)), word)
 
         return types.int64(values, types.int64, types.int64, types.int64), codegen
