@@ -4,10 +4,10 @@ import copy
 from collections import Counter
 
 import pytest
+from scenes import SEARCHES, gas, state
 
 import hardspheres as hs
 from hardspheres.breakdown import PARTS, Breakdown
-from tests.scenes import SEARCHES, gas, state
 
 LONGEST = (
     200  # runs of 0.02 s; each part takes 5 % of the time at least, so that all are seen in two or three
