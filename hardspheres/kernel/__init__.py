@@ -40,7 +40,7 @@ while both stay within their displacement thresholds, as in Smallenburg's engine
 doi:10.1140/epje/s10189-022-00180-8; before him Donev, Torquato and Stillinger 2005,
 doi:10.1016/j.jcp.2004.08.014). The displacement is measured from a reference position, about a mean free time
 ahead of the particle. Crossing the threshold is an event of the particle: its list is rebuilt from the 27
-cells around it (`cell_grid`, `cutoff`), and no row changes. That costs five times as much as a list costs
+cells around it (`cell_grid`, `cutoff`), and no row changes. That costs seven times as much as a list costs
 where all are rebuilt at once, cell by cell. So once a few in a hundred have been rebuilt, all are. Predicted
 events stay as they are: a contact was predicted before the crossing of the old threshold, and that is all it
 needs. A particle whose next event is its old threshold crossing is predicted again then; one that crosses its
@@ -50,8 +50,10 @@ new threshold before its next event has its list rebuilt then.
 its threshold crossing. A contact is stored with one of the two partners or with both. When a partner has
 changed since, which its version tells, the event is stale, and its particle is predicted again at that
 moment. This is safe: a pair's earliest contact was seen by whichever of the two was predicted last, and what
-that particle has stored is never later. `calendar` (Brown 1988, doi:10.1145/63039.63045) keeps the coming
-events in a ring of buckets. An event that no longer counts stays where it is until its bucket is opened.
+that particle has stored is never later. Both partners of a collision are predicted side by side, step by
+step: each step waits for the one before, but not for those of the other. `calendar` (Brown 1988,
+doi:10.1145/63039.63045) keeps the coming events in a ring of buckets. An event that no longer counts stays
+where it is until its bucket is opened.
 
 **`dilute`: windows of time.** `windows`: in a short window every flight is a known trajectory segment, and
 few segments come near another. All `segments` are written, eight at a time, and sorted into columns of

@@ -78,8 +78,9 @@ OF_RUN = (  # These last as long as the simulation.
     Array("flight", F8, lambda at, c: c[at.N] * at.FLIGHT, kept="flight"),
     # Events that are still to be handed over.
     Array("log", F8, lambda at, c: c[at.LOG_ROOM] * at.LOG_ROW),
-    # A table of partners, or of segments, that vector instructions read; see `contact_times`, `segments`.
-    Array("scratch", F8, lambda at, c: at.LANES * 16, view=("scratch_int", I8)),
+    # Two tables of partners, or one of segments, that vector instructions read; see `contact_times`,
+    # `segments`.
+    Array("scratch", F8, lambda at, c: at.LANES * 32, view=("scratch_int", I8)),
     Array("number", F8, lambda at, c: at.NUMBERS + 3 * c[at.SPECIES_COUNT]),
     Array(
         "counter",

@@ -153,8 +153,12 @@ LARGE = slot()  # how many particles are in the coarse grid
 LARGE_CELLS = slot(3)  # coarse cells per axis
 RESTING = slot(1 if GRAVITY else 0)  # 1 + a particle that has come to rest on a wall
 OBSTACLE_HITS = slot(1 if OBSTACLES else 0)  # those of the pair collisions with an obstacle
+PART = slot()  # what the loop is at, for a look from outside: the index of one of the parts below
 COUNTERS = slot.end
 FLIGHT_COUNTS = COUNTERS
+
+# Parts of the loop (`hardspheres.breakdown`).
+CALENDAR, EXECUTION, PREDICTION, RENEWAL = range(4)
 
 # What is doubled where room ran out.
 ROOMS = {
@@ -221,7 +225,7 @@ STAMP_BITS = 0xFFFFFFFF
 WAITING = 4  # entries that wait for their bucket to come into the cache
 
 LANES = 16  # neighbours that one pass of the prediction handles
-CELL_LANES = 8  # reference positions that one step in a cell handles
+CELL_LANES = 16  # reference positions that one step in a cell handles
 AROUND = 27 if DIM == 3 else 9  # cells where a particle's neighbours may be
 CELL_COLUMNS = DIM + 2 if SIZES else DIM + 1  # of a cell: id, place as seen from its corner, radius
 

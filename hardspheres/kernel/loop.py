@@ -66,7 +66,9 @@ def run(arrays, afresh, stop_epoch, stop_time, stop_pairs, budget):
     search = afresh
     while budget > 0 or search:  # a search that is due is never put off
         if search:
+            s.counter[at.PART] = at.RENEWAL
             detect(s)
+            s.counter[at.PART] = at.CALENDAR
             search = False
             budget -= n
         elif s.counter[at.PAIRS] >= stop_pairs:
@@ -84,7 +86,9 @@ def run(arrays, afresh, stop_epoch, stop_time, stop_pairs, budget):
                 if MASSES and not GROWS and epoch_length_due(s):
                     return EPOCH_LENGTH_DUE
             elif not SPARSE and s.counter[at.REBUILDS] >= s.counter[at.REBUILD_ALL_DUE]:
+                s.counter[at.PART] = at.RENEWAL
                 rebuild_all(s, end)
+                s.counter[at.PART] = at.CALENDAR
                 budget -= n
             else:
                 search = next_bucket(s)
@@ -123,6 +127,7 @@ def execute(s, entry, time):
         return
     other = -1  # the second particle whose row has changed
     if partner >= 0:
+        s.counter[at.PART] = at.EXECUTION
         advance_clock(s, time)
         if partner < s.counter[at.N]:
             collide_pair(s, i, partner, time)
@@ -135,8 +140,11 @@ def execute(s, entry, time):
         elif WALLS:
             hit_wall(s, i, partner, time)
     elif not SPARSE and partner == at.REBUILD:
+        s.counter[at.PART] = at.RENEWAL
         rebuild_list(s, i, time)
+    s.counter[at.PART] = at.PREDICTION
     predict_again(s, i, other, time)
+    s.counter[at.PART] = at.CALENDAR
 
 
 @jit

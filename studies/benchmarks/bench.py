@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 import hardspheres as hs
 from analysis.statistics import Estimate
+from hardspheres.breakdown import PARTS, Breakdown
 from hardspheres.memory import require_room_for
 from studies.benchmarks.clock import Memory, Ours, Timing, Windows
 from studies.benchmarks.gas import STARTS, Gas
@@ -36,6 +37,8 @@ WINDOWS = 20
 WINDOW_SECONDS = 0.2  # of processor time, where the number of collisions is not given
 IDLE_SHARE = 5.0  # windows are this many times as long as a call that does nothing
 WARM = 20_000  # least number of collisions of start-up, for any gas
+BREAKDOWN_WINDOWS = 5  # so many windows' worth of collisions more, to see where the time goes
+LEAST_LOOKS = 100  # below this nothing is said about it
 MEMORY_FROM = 30_000  # particles from which on the growth of resident memory is significant
 
 
@@ -206,6 +209,7 @@ def measure(study: Bench) -> tuple[dict[str, Any], dict[str, FloatArray]]:
         else _agree(pressure.value, float(theory.value), sum(ours.collisions)),
         "energy_drift": status["energy_drift"],
         "late_events": status["late_events"],
+        "breakdown": _breakdown(simulation, total, float(np.median(ours.cpu_rates))),
         "checks": _checks(simulation),
         "setup_cpu_seconds": dict(zip(names, np.diff(clock).tolist(), strict=True)),
         "against": None,
@@ -264,6 +268,24 @@ def start_up(simulation: hs.Simulation, collisions_per_particle: float) -> tuple
     simulation.run(collisions=half)
     last.time(Ours(simulation), half)
     return simulation.collisions, last
+
+
+def _breakdown(simulation: hs.Simulation, total: int, rate: float) -> dict[str, Any] | None:
+    """Where the time of a collision goes, by looks at the loop in a further run; None if it is too short."""
+    with Breakdown(simulation) as breakdown:
+        simulation.run(collisions=math.ceil(total * BREAKDOWN_WINDOWS / WINDOWS))
+    looks = breakdown.looks.total()
+    if looks < LEAST_LOOKS:
+        return None
+    parts = {
+        part: {
+            "share": share,
+            "standard_error": math.sqrt(share * (1.0 - share) / looks),
+            "nanoseconds_per_collision": share * 1e9 / rate,
+        }
+        for part, share in breakdown.shares.items()
+    }
+    return {"looks": looks, "parts": parts, "per_collision": breakdown.per_collision}
 
 
 def _split(total: int, parts: int) -> list[int]:
@@ -335,6 +357,8 @@ def _print(screen: Screen, summary: Mapping[str, Any]) -> None:
     screen.say()
     if against is not None:
         _print_ratio(screen, against)
+    if summary["breakdown"] is not None:
+        _print_breakdown(screen, summary["breakdown"], windows=summary["engine"]["window"] > 0.0)
     _print_pressure(screen, summary)
     resident = summary["resident_bytes_per_particle"]
     grown = "" if resident is None else f" in the engine's arrays; resident memory grew by {resident:.0f}"
@@ -368,6 +392,27 @@ def _print_ratio(screen: Screen, against: Mapping[str, Any]) -> None:
         f"{against['ratio_of_bests']:.2f} by best windows; quartiles of neighbouring windows {low:.2f} to "
         f"{high:.2f} (processor time, in turn)"
     )
+
+
+def _print_breakdown(screen: Screen, breakdown: Mapping[str, Any], windows: bool) -> None:
+    rows = [
+        [
+            PARTS[name][windows],
+            f"{100 * part['share']:.0f}({max(100 * part['standard_error'], 1.0):.0f}) %",
+            f"{part['nanoseconds_per_collision']:.0f} ns",
+        ]
+        for name, part in breakdown["parts"].items()
+    ]
+    screen.table("", ["where the time goes", "share", "a collision"], rows)
+    often = breakdown["per_collision"]
+    text = f"{often['stale_events']:.3g} stale events a collision"
+    if not windows:
+        text += (
+            f", {often['list_renewals']:.3g} lists renewed singly, and all at once "
+            f"{often['renewals_of_all_lists'] * 1e6:.3g} times in a million collisions"
+        )
+    screen.say(f"{text}; {breakdown['looks']} looks at what the loop is at")
+    screen.say()
 
 
 def _print_pressure(screen: Screen, summary: Mapping[str, Any]) -> None:

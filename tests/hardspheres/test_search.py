@@ -1,6 +1,7 @@
 """The search is chosen by a word, changes no bit, and is refused where it is impossible."""
 
 import copy
+import itertools
 import pickle
 
 import numpy as np
@@ -95,3 +96,19 @@ def test_a_copy_searches_in_the_same_way_and_a_checkpoint_in_any(tmp_path):
             assert state(other) == state(sim)
     with pytest.raises(hs.SimulationError, match="search is 'grid'"):
         load(tmp_path / "checkpoint", search="grid")
+
+
+def test_lists_keep_the_earlier_of_two_contacts_however_close_they_are():
+    """Two fly at one at rest from both sides, one of them a few roundings nearer; equal times: the lower id."""
+    for at_rest, right, left in itertools.permutations(range(3)):
+        for k in range(-12, 13):
+            positions, velocities = np.full((3, 3), 1.0), np.zeros((3, 3))
+            positions[right, 0], velocities[right, 0] = 1.5 + k * 2.0**-52, -1.0
+            positions[left, 0], velocities[left, 0] = 0.5, 1.0
+            scene = hs.Scene(positions, velocities, radii=0.125, box=(4.0, 4.0, 4.0))
+            simulation = hs.Simulation(scene, search="lists")
+            simulation.run(time=2.0**-10)
+            at, events = simulation._engine.layout, simulation._engine.arrays.event.reshape(3, -1)
+            first = right if k < 0 or (k == 0 and right < left) else left
+            assert events[at_rest, at.PARTNER] == first, (at_rest, right, left, k)
+            assert events[at_rest, at.TIME] == events[first, at.TIME]

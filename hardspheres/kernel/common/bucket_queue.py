@@ -9,18 +9,23 @@ from ..simd.jit import called, jit
 
 @jit
 def push_bucket(s, slot, entry):
-    """Append an entry to a bucket."""
+    """Append an entry to a bucket.
+
+    Without a branch on whether a new block is needed: that would be guessed wrong for one entry in seven, and
+    what is computed until then is waited for.
+    """
     block = s.buckets[slot]
-    if block < 0 or (s.blocks[block * at.BLOCK] & 7) == 7:
-        fresh = s.counter[at.FREE_BLOCK]
-        if fresh < 0:
-            s.counter[at.SHORT_QUEUE] = 1
-            return
-        s.counter[at.FREE_BLOCK] = s.blocks[fresh * at.BLOCK] >> 3
-        s.blocks[fresh * at.BLOCK] = block << 3
-        s.buckets[slot] = fresh
-        block = fresh
-    header = s.blocks[block * at.BLOCK] + 1
+    fresh = s.counter[at.FREE_BLOCK]
+    header = s.blocks[max(block, 0) * at.BLOCK]
+    full = (block < 0) | ((header & 7) == 7)
+    if fresh < 0 and full:
+        s.counter[at.SHORT_QUEUE] = 1
+        return
+    after = s.blocks[max(fresh, 0) * at.BLOCK] >> 3
+    header = (block << 3 if full else header) + 1
+    block = fresh if full else block
+    s.counter[at.FREE_BLOCK] = after if full else fresh
+    s.buckets[slot] = block
     s.blocks[block * at.BLOCK] = header
     s.blocks[block * at.BLOCK + (header & 7)] = entry
 

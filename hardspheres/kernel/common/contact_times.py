@@ -13,7 +13,7 @@ from hardspheres import collision, gravity, growth
 from .. import layout as at
 from ..flags import DIM, GRAVITY, GROWS, SIZES
 from ..simd.jit import jit
-from ..simd.pointers import bits, from_bits
+from ..simd.pointers import bits
 
 contact_time = jit(collision.contact_time)
 discriminant_2d = jit(collision.discriminant_2d)
@@ -26,14 +26,16 @@ impact_square = jit(gravity.impact_square)
 NEVER = math.inf
 NO_TIME = 0x7FF0000000000000  # the bits of infinity: non-negative times order as their bits do
 NO_PARTICLE = 0x7FFFFFFF
+LINE = at.LANES - 1  # lowest bits of a time, in place of which `solve` puts the line of the table
 
-# Columns of the table of partners: their rows as they are, and the contact times found.
+# Columns of a table of partners: their rows as they are, and the contact times found. There are two tables.
 PLACE = at.X * at.LANES
 VEL = at.V * at.LANES
 SINCE = at.T * at.LANES
 SIZE = at.RADIUS * at.LANES
 WHEN = at.ROW * at.LANES
 SHIFT = 9 * at.LANES
+TABLE = 16 * at.LANES  # where the second one begins
 
 
 @jit
@@ -49,8 +51,10 @@ def copy_row(s, k, j):
 
 
 @jit
-def solve(s, i, now, m):
-    """Contact time of i with each line of the table, and the soonest; the loop is vectorised.
+def solve(s, table, i, now, m):
+    """Contact time of i with each line of a table, and the soonest; the loop is vectorised.
+
+    The soonest is the bits of a time with the line in place of the lowest (`LINE`): one minimum gives both.
 
     The periodic image is the nearest one at `now`; separation and velocity are then taken at the later local
     time, so that the result depends on nothing but the two rows and the image. Where lists store the image,
@@ -73,36 +77,36 @@ def solve(s, i, now, m):
         half_ax, half_ay, half_az = 0.5 * ax, 0.5 * ay, 0.5 * az
     soonest = NO_TIME
     for k in range(m):
-        tj = scratch[SINCE + k]
+        tj = scratch[table + SINCE + k]
         later = max(ti, tj)  # the earlier row is flown on to this time, the later one is as it was written
         dti, dtj = later - ti, later - tj
         ago = now - later
-        vx, vy = scratch[VEL + k], scratch[VEL + at.LANES + k]
+        vx, vy = scratch[table + VEL + k], scratch[table + VEL + at.LANES + k]
         u, v = pu - vx, pv - vy
-        x = (px + pu * dti) - (scratch[PLACE + k] + vx * dtj)
-        y = (py + pv * dti) - (scratch[PLACE + at.LANES + k] + vy * dtj)
+        x = (px + pu * dti) - (scratch[table + PLACE + k] + vx * dtj)
+        y = (py + pv * dti) - (scratch[table + PLACE + at.LANES + k] + vy * dtj)
         if GRAVITY:
             u, v = (pu + ax * dti) - (vx + ax * dtj), (pv + ay * dti) - (vy + ay * dtj)
-            x = (px + (pu + half_ax * dti) * dti) - (scratch[PLACE + k] + (vx + half_ax * dtj) * dtj)
+            x = (px + (pu + half_ax * dti) * dti) - (scratch[table + PLACE + k] + (vx + half_ax * dtj) * dtj)
             y = (py + (pv + half_ay * dti) * dti) - (
-                scratch[PLACE + at.LANES + k] + (vy + half_ay * dtj) * dtj
+                scratch[table + PLACE + at.LANES + k] + (vy + half_ay * dtj) * dtj
             )
-        x -= lx * (scratch[SHIFT + k] if named else rint((x + u * ago) * ix))
-        y -= ly * (scratch[SHIFT + at.LANES + k] if named else rint((y + v * ago) * iy))
+        x -= lx * (scratch[table + SHIFT + k] if named else rint((x + u * ago) * ix))
+        y -= ly * (scratch[table + SHIFT + at.LANES + k] if named else rint((y + v * ago) * iy))
         if SIZES:
-            full = radius + scratch[SIZE + k]
+            full = radius + scratch[table + SIZE + k]
             sigma2 = full * full
         z, w = 0.0, 0.0
         if DIM == 3:
-            vz = scratch[VEL + 2 * at.LANES + k]
+            vz = scratch[table + VEL + 2 * at.LANES + k]
             w = pw - vz
-            z = (pz + pw * dti) - (scratch[PLACE + 2 * at.LANES + k] + vz * dtj)
+            z = (pz + pw * dti) - (scratch[table + PLACE + 2 * at.LANES + k] + vz * dtj)
             if GRAVITY:
                 w = (pw + az * dti) - (vz + az * dtj)
                 z = (pz + (pw + half_az * dti) * dti) - (
-                    scratch[PLACE + 2 * at.LANES + k] + (vz + half_az * dtj) * dtj
+                    scratch[table + PLACE + 2 * at.LANES + k] + (vz + half_az * dtj) * dtj
                 )
-            z -= lz * (scratch[SHIFT + 2 * at.LANES + k] if named else rint((z + w * ago) * iz))
+            z -= lz * (scratch[table + SHIFT + 2 * at.LANES + k] if named else rint((z + w * ago) * iz))
             b = x * u + y * v + z * w
             rr = x * x + y * y + z * z
             d = discriminant_3d(x, y, z, u, v, w, sigma2)
@@ -115,8 +119,8 @@ def solve(s, i, now, m):
         if GROWS:
             contact = growing_contact(x, y, z, u, v, w, full * (scale + rate * later), full * rate)
         time = later + contact
-        scratch[WHEN + k] = time
-        soonest = min(soonest, bits(time))  # integers: their minimum is a vector instruction
+        scratch[table + WHEN + k] = time
+        soonest = min(soonest, (bits(time) & ~LINE) | k)  # integers: their minimum is a vector instruction
     return soonest
 
 
@@ -240,4 +244,5 @@ def growing_wall_contact(s, i):
 def pair_contact(s, i, j, about):
     """Time of contact of one pair, in the image that is the nearest at about that time."""
     copy_row(s, 0, j)
-    return from_bits(solve(s, i, about, 1))
+    solve(s, 0, i, about, 1)
+    return s.scratch[WHEN]

@@ -1,9 +1,9 @@
 """The cells of the list method: which reference positions are where.
 
 A cell keeps the reference positions of its particles as seen from its own corner, in single precision: their
-rounding then does not grow with the box, and eight of them fill a vector. A block of eight slots has all ids,
-then all x, all y, all z, as the cutoff test reads them. Only a rebuilt list moves a particle in the cells; a
-particle that flies across a boundary between cells stays where its reference position is.
+rounding then does not grow with the box, and sixteen of them fill a vector. A block of sixteen slots has all
+ids, then all x, all y, all z, as the cutoff test reads them. Only a rebuilt list moves a particle in the
+cells; a particle that flies across a boundary between cells stays where its reference position is.
 """
 
 import math

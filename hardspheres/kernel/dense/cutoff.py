@@ -1,7 +1,7 @@
-"""The cutoff test: which particles of a table are within the cutoff, eight in one step.
+"""The cutoff test: which particles of a table are within the cutoff, sixteen in one step.
 
-It decides who enters a list, and is most of the work of a rebuild. LLVM turns a loop over eight lanes into
-eight scalar steps before it could make vectors of them, so the vectors are written down here. What is found
+It decides who enters a list, and is most of the work of a rebuild. LLVM turns a loop over so few lanes into
+scalar steps before it could make vectors of them, so the vectors are written down here. What is found
 goes into lists only, never into the trajectory.
 
 Both functions work on columns that are `stride` apart: ids, positions, and radii where they differ. Ids are
@@ -22,7 +22,7 @@ if PURE_PYTHON or CHECKED:
 
     @numba.njit
     def cutoff_test(target, kept, ids, table, k, stride, count, me, x, y, z, cutoff):
-        """Append to the target the ids of those of eight particles within the cutoff; returns how many."""
+        """Append to the target the ids of those particles within the cutoff; returns how many."""
         found = 0
         limit = cutoff
         for line in range(k, k + min(count, at.CELL_LANES)):
@@ -41,7 +41,7 @@ if PURE_PYTHON or CHECKED:
 
     @numba.njit
     def copy_columns(target_ids, target, m, wide, ids, table, k, stride, x, y, z):
-        """Copy eight particles to columns `wide` apart, seen from a corner that is (x, y, z) away."""
+        """Copy CELL_LANES particles to columns `wide` apart, seen from a corner that is (x, y, z) away."""
         for lane in range(at.CELL_LANES):
             target_ids[m + lane] = ids[k + lane]
             target[m + lane + wide] = table[k + lane + stride] + x
@@ -57,11 +57,11 @@ else:
     IDS, TABLE = types.CPointer(types.int32), types.CPointer(types.float32)
 
     def lanes_at(builder, pointer, index, vector):
-        """Return where eight elements stand."""
+        """Return where CELL_LANES elements stand."""
         return builder.bitcast(builder.gep(pointer, [index]), vector.as_pointer())
 
     def column(builder, table, k, stride, c):
-        """Return where eight elements of a column of floats stand."""
+        """Return where CELL_LANES elements of a column of floats stand."""
         return lanes_at(builder, table, builder.add(k, builder.mul(stride, WORD(c))), FLOATS)
 
     def everywhere(builder, value, vector):
@@ -71,9 +71,9 @@ else:
 
     @intrinsic
     def cutoff_test(typingctx, target, kept, ids, table, k, stride, count, me, x, y, z, cutoff):
-        """Append to the target the ids of those of eight particles within the cutoff; returns how many.
+        """Append to the target the ids of those particles within the cutoff; returns how many.
 
-        Particles from `count` on, and `me`, are passed over. Eight elements of the target are overwritten.
+        Particles from `count` on, and `me`, are passed over. CELL_LANES elements of the target are written.
         """
 
         def codegen(context, builder, signature, args):
@@ -107,7 +107,7 @@ else:
 
     @intrinsic
     def copy_columns(typingctx, target_ids, target, m, wide, ids, table, k, stride, x, y, z):
-        """Copy eight particles to columns `wide` apart, seen from a corner that is (x, y, z) away."""
+        """Copy CELL_LANES particles to columns `wide` apart, seen from a corner that is (x, y, z) away."""
 
         def codegen(context, builder, signature, args):
             target_ids, target, m, wide, ids, table, k, stride, *corner = args

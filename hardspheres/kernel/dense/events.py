@@ -7,13 +7,13 @@ entry.
 """
 
 from .. import layout as at
-from ..common.contact_times import NEVER
+from ..common.contact_times import NEVER, NO_TIME, TABLE, solve
 from ..common.obstacles import is_obstacle
 from ..flags import OBSTACLES
 from ..simd.jit import called, jit
 from .calendar import clear_calendar, schedule
 from .neighbour_lists import make_all_lists
-from .prediction import next_event, threshold_crossing
+from .prediction import gather, next_event, threshold_crossing
 
 
 @called
@@ -24,32 +24,41 @@ def detect(s):
     if s.counter[at.SHORT_CELLS] == 0 and s.counter[at.SHORT_LISTS] == 0:
         clear_calendar(s)
         for i in range(s.counter[at.N]):
-            predict(s, i, now)
-
-
-@jit
-def predict(s, i, now):
-    """Find i's next event and enter it in the calendar."""
-    if OBSTACLES and is_obstacle(s, i):
-        schedule(s, i, NEVER, at.NOTHING)
-        return
-    time, partner = next_event(s, i, now)
-    # A rebuild has the number of the latest rebuild of all in place of a version: that one makes it stale.
-    met = 0 <= partner < s.counter[at.N]
-    s.event[i * at.EVENT + at.PARTNER_VERSION] = s.version[partner] if met else s.counter[at.REBUILDS_OF_ALL]
-    schedule(s, i, time, partner)
+            if OBSTACLES and is_obstacle(s, i):
+                schedule(s, i, NEVER, at.NOTHING)
+            else:
+                predict_again(s, i, -1, now)
 
 
 @jit
 def predict_again(s, i, other, time):
-    """Predict i again, and the other particle unless it is -1.
+    """Find the next events of i, and of the other particle unless it is -1; enter them in the calendar.
 
-    In a loop, so that the compiled loop has one copy of the prediction.
+    Each step waits for the one before, but not for those of the other: so both take a step before the next.
     """
-    while i >= 0:
-        predict(s, i, max(time, 0.0))
-        i = other
-        other = -1
+    now = max(time, 0.0)
+    both = other >= 0
+    gather(s, 0, i, 0)
+    if both:
+        gather(s, TABLE, other, 0)
+    soonest = solve(s, 0, i, now, at.LANES)
+    soonest_of_other = solve(s, TABLE, other, now, at.LANES) if both else NO_TIME
+    enter_next(s, 0, i, soonest, now)
+    if both:
+        enter_next(s, TABLE, other, soonest_of_other, now)
+
+
+@jit
+def enter_next(s, table, i, soonest, now):
+    """Enter i's next event in the calendar, given the soonest contact of its table."""
+    time, partner = next_event(s, table, i, soonest, now)
+    # A rebuild has the number of the latest rebuild of all in place of a version: that one makes it stale.
+    met = 0 <= partner < s.counter[at.N]
+    s.event[i * at.EVENT + at.PARTNER_VERSION] = s.version[partner] if met else s.counter[at.REBUILDS_OF_ALL]
+    part = s.counter[at.PART]
+    s.counter[at.PART] = at.CALENDAR
+    schedule(s, i, time, partner)
+    s.counter[at.PART] = part
 
 
 @jit

@@ -201,12 +201,13 @@ def update_list(s, i):
 @jit
 def write_list(s, i, kept):
     """Write the particles that were kept to i's list."""
-    room = s.counter[at.LIST_ROOM]
+    room, n = s.counter[at.LIST_ROOM], np.int32(s.counter[at.N])
     if kept >= room:
         s.counter[at.SHORT_LISTS] = 1
         return
+    end = np.int32(kept)  # as wide as ids are: then 16 fill a vector
     for k in range(room):
-        s.neighbours[i * room + k] = s.near[k] if k < kept else s.counter[at.N]
+        s.neighbours[i * room + k] = s.near[k] if np.int32(k) < end else n
 
 
 @jit

@@ -8,6 +8,7 @@ import math
 
 from .. import layout as at
 from ..common.contact_times import (
+    LINE,
     NEVER,
     NO_PARTICLE,
     NO_TIME,
@@ -20,48 +21,79 @@ from ..common.contact_times import (
     wall_contact,
 )
 from ..flags import DIM, GRAVITY, GROWS, WALLS
-from ..simd.jit import jit
-from ..simd.pointers import from_bits
-from ..simd.vectors import gather_transposed, least_of_equal
+from ..simd.jit import called, jit
+from ..simd.pointers import from_bits, int64
+from ..simd.vectors import alike, gather_transposed
 from .cell_grid import fallen
 
 
 @jit
-def gather(s, i, first):
-    """Copy the rows of some of i's neighbours to the table, and the images that the list stores, if any."""
+def gather(s, table, i, first):
+    """Copy the rows of some of i's neighbours to a table, and the images that the list stores, if any."""
     entry = i * s.counter[at.LIST_ROOM] + first
     for k in range(0, at.LANES, at.ROW):
-        gather_transposed(s.scratch, k, at.LANES, s.row, s.neighbours, entry + k)
+        gather_transposed(s.scratch, table + k, at.LANES, s.row, s.neighbours, entry + k)
     if s.counter[at.IMAGES]:
         for k in range(at.LANES):
             for d in range(DIM):
-                s.scratch[SHIFT + d * at.LANES + k] = s.images[(entry + k) * DIM + d]
+                s.scratch[table + SHIFT + d * at.LANES + k] = s.images[(entry + k) * DIM + d]
 
 
 @jit
-def earliest_contact(s, i, now):
-    """Time and partner of i's earliest contact with a neighbour; equal times: the lower partner."""
+def earliest_in_table(s, table, entry, soonest):
+    """Bits of the earliest time in a table, and whose it is; equal times: the lower partner.
+
+    `soonest` is from `solve`: a time without its lowest bits, and its line. Where others have the same time
+    without these bits, all bits decide.
+    """
+    same = alike(s.scratch_int, table + WHEN, soonest, LINE)
+    if same & (same - 1):
+        return earliest_of_several(s, table, entry, same)
+    line = soonest & LINE
+    return s.scratch_int[table + WHEN + line], int64(s.neighbours[entry + line])
+
+
+@called
+def earliest_of_several(s, table, entry, lines):
+    """As `earliest_in_table`, of those lines that have a bit in `lines`; this is rare."""
+    time, partner = NO_TIME, NO_PARTICLE
+    k = 0
+    while lines >> k:
+        when, who = s.scratch_int[table + WHEN + k], int64(s.neighbours[entry + k])
+        if (lines >> k) & 1 and (when < time or (when == time and who < partner)):
+            time, partner = when, who
+        k += 1
+    return time, partner
+
+
+@jit
+def ends(s, i, first):
+    """Whether i's list ends before slot `first`: then the null particle is in the slot before."""
     room = s.counter[at.LIST_ROOM]
-    best = NO_TIME
-    partner = NO_PARTICLE
-    first = 0
-    while True:
-        gather(s, i, first)
-        soonest = solve(s, i, now, at.LANES)
-        # Times are compared as integers, by their bits; at equal ones the lowest id counts, over all passes.
-        if soonest < best or (soonest == best and soonest < NO_TIME):
-            if soonest < best:
-                partner = NO_PARTICLE
-            best = soonest
-            for k in range(0, at.LANES, at.ROW):
-                entry = i * room + first + k
-                least = least_of_equal(s.neighbours, entry, s.scratch_int, WHEN + k, soonest)
-                partner = min(partner, least)
-        # A list ends with the null particle: with it in the last lane no neighbour is left.
+    return first == room or s.neighbours[i * room + first - 1] == s.counter[at.N]
+
+
+@jit
+def earliest_contact(s, table, i, soonest, now):
+    """Time and partner of i's earliest contact with a neighbour, given that of the first in its list."""
+    time, partner = earliest_in_table(s, table, i * s.counter[at.LIST_ROOM], soonest)
+    if not ends(s, i, at.LANES):
+        time, partner = earliest_of_rest(s, i, time, partner, now)
+    return from_bits(time), partner
+
+
+@called
+def earliest_of_rest(s, i, best, partner, now):
+    """Earliest contact of the best so far and of those later in i's list; times compare as their bits do."""
+    first = at.LANES
+    while not ends(s, i, first):
+        gather(s, 0, i, first)
+        entry = i * s.counter[at.LIST_ROOM] + first
+        time, who = earliest_in_table(s, 0, entry, solve(s, 0, i, now, at.LANES))
+        if time < best or (time == best and who < partner):
+            best, partner = time, who
         first += at.LANES
-        if first == room or s.neighbours[i * room + first - 1] == s.counter[at.N]:
-            break
-    return from_bits(best), partner
+    return best, partner
 
 
 @jit
@@ -97,9 +129,9 @@ def threshold_crossing(s, i):
 
 
 @jit
-def next_event(s, i, now):
+def next_event(s, table, i, soonest, now):
     """Time and partner of i's next event: a contact, a wall, or a new neighbour list."""
-    time, partner = earliest_contact(s, i, now)
+    time, partner = earliest_contact(s, table, i, soonest, now)
     if WALLS:
         t, wall = growing_wall_contact(s, i) if GROWS else wall_contact(s, i)
         if t < time:

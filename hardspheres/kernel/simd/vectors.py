@@ -13,8 +13,7 @@ from numba.extending import intrinsic
 
 from .jit import CHECKED, PURE_PYTHON
 
-AT_ONCE = 16  # bounding boxes that `keep_overlapping` compares
-MOST = 2**31 - 1  # the largest int32
+AT_ONCE = 16  # what `keep_overlapping` and `alike` compare
 
 
 if PURE_PYTHON or CHECKED:
@@ -34,13 +33,12 @@ if PURE_PYTHON or CHECKED:
                 target[k + 8 * line + column] = source[m + 8 * column + line]
 
     @numba.njit
-    def least_of_equal(keys, m, values, k, wanted):
-        """Return the least of those of 8 keys whose value is the one wanted; the largest int32 if none."""
-        least = MOST
-        for lane in range(8):
-            if values[k + lane] == wanted:
-                least = min(least, keys[m + lane])
-        return least
+    def alike(values, k, wanted, ignored):
+        """Return which of 16 integers, a bit of the result each, are the one wanted but for bits ignored."""
+        found = 0
+        for lane in range(AT_ONCE):
+            found |= int((values[k + lane] | ignored) == (wanted | ignored)) << lane
+        return found
 
     @numba.njit
     def copy_lanes(target, k, source, m):
@@ -132,22 +130,19 @@ else:
         return types.none(target, types.int64, types.int64, source, ids, types.int64), codegen
 
     @intrinsic
-    def least_of_equal(typingctx, keys, m, values, k, wanted):
-        """Return the least of those of 8 keys whose value is the one wanted; the largest int32 if none."""
+    def alike(typingctx, values, k, wanted, ignored):
+        """Return which of 16 integers, a bit of the result each, are the one wanted but for bits ignored."""
 
         def codegen(context, builder, signature, args):
-            keys, m, values, k, wanted = args
-            short, word = ir.IntType(32), ir.IntType(64)
+            values, k, wanted, ignored = args
+            word = ir.IntType(64)
+            vector = ir.VectorType(word, AT_ONCE)
+            there = builder.load(builder.bitcast(builder.gep(values, [k]), vector.as_pointer()), align=8)
+            there = builder.or_(there, _spread(builder, ignored, AT_ONCE))
+            found = builder.icmp_signed("==", there, _spread(builder, builder.or_(wanted, ignored), AT_ONCE))
+            return builder.zext(builder.bitcast(found, ir.IntType(AT_ONCE)), word)
 
-            def load(pointer, first, element, size):
-                vector = ir.VectorType(element, 8).as_pointer()
-                return builder.load(builder.bitcast(builder.gep(pointer, [first]), vector), align=size)
-
-            found = builder.icmp_signed("==", load(values, k, word, 8), _spread(builder, wanted, 8))
-            kept = builder.select(found, load(keys, m, short, 4), _constant(short, [MOST] * 8))
-            return builder.sext(_call(builder, "llvm.vector.reduce.smin.v8i32", short, kept), word)
-
-        return types.int64(keys, types.int64, values, types.int64, types.int64), codegen
+        return types.int64(values, types.int64, types.int64, types.int64), codegen
 
     @intrinsic
     def copy_lanes(typingctx, target, k, source, m):

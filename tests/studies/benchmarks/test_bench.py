@@ -86,6 +86,26 @@ def test_every_rate_is_finite_and_ordered():
     assert np.isnan(Timing.of(np.array([2.0])).standard_error)
 
 
+def test_the_parts_of_a_collision_add_up(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr("studies.benchmarks.bench.LEAST_LOOKS", 5)
+    out = OutputFolder(tmp_path / "out")
+    summary, sound = bench(Bench(TINY, collisions=400_000), out, Screen())
+    breakdown = summary["breakdown"]
+    parts = breakdown["parts"].values()
+    assert sound and sum(part["share"] for part in parts) == pytest.approx(1.0)
+    whole = sum(part["nanoseconds_per_collision"] for part in parts)
+    assert whole == pytest.approx(1e9 / summary["cpu"]["median"])
+    assert 0.1 < breakdown["per_collision"]["stale_events"] < 1.0  # 0.47 in a large gas
+    printed = capsys.readouterr().out
+    assert "predictions of next events" in printed and "stale events a collision" in printed
+
+
+def test_nothing_is_said_of_the_parts_of_a_run_too_short_to_see_them(tmp_path, capsys):
+    summary, _ = bench(Bench(TINY, collisions=20), OutputFolder(tmp_path / "out"), Screen())
+    assert summary["breakdown"] is None
+    assert "where the time goes" not in capsys.readouterr().out
+
+
 def test_a_window_is_less_what_an_idle_call_takes(monkeypatch):
     ticks = iter([0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 4.0, 4.0])  # idle 1 s, then 3 s
     monkeypatch.setattr("studies.benchmarks.clock.time.process_time", lambda: next(ticks))
