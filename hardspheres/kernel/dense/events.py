@@ -80,7 +80,7 @@ def rebuild_all(s, now):
     make_all_lists(s, now)
     if s.counter[at.SHORT_CELLS] == 0 and s.counter[at.SHORT_LISTS] == 0:
         for i in range(s.counter[at.N]):
-            time = threshold_crossing(s, i)
+            time = threshold_crossing(s, i, now)
             if time < s.event_float[i * at.EVENT + at.TIME]:
                 s.event[i * at.EVENT + at.PARTNER_VERSION] = s.counter[at.REBUILDS_OF_ALL]
                 schedule(s, i, max(time, now), at.REBUILD)
