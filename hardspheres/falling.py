@@ -11,8 +11,9 @@ is exact to rounding. It is found between bounds instead, which no rounding can 
 3. On a descent from :math:`p > 0` to :math:`p \le 0` lies one root, which Newton's method finds, with
    bisection where a step would leave the bounds.
 
-:math:`p` and :math:`b` are computed from the vectors, not from the quartic's coefficients. So the contact
-distance is as exact as rows are. Rounding follows the rule of straight paths (`hardspheres.collision`):
+:math:`p` and :math:`b` are computed from the vectors, not from the quartic's coefficients, and :math:`p(t) -
+p(0)` from the way since then. So the contact distance is as exact as rows are, and even the lowest bounce has
+its time to a rounding. Rounding follows the rule of straight paths (`hardspheres.collision`):
 overlapping and approaching is now. A ball that leaves an obstacle is not met before :math:`p` has risen to
 its maximum. Where that is not above 0, by rounding, the ball has left by less than that: it then returns when
 it is as deep as it was.
@@ -110,27 +111,25 @@ def falling_contact_time(
                 if step == t:
                     break
                 t = step
-        # The descent, and whether it comes to the contact distance.
+        # The descent, and whether it comes to the contact distance. R^2 - r^2 = (2 r + d).d, with the way d.
         low, high = (left, t) if b_left < 0.0 else (t, right)
-        t = low
-        px, py, pz = x + (u + hx * t) * t, y + (v + hy * t) * t, z + (w + hz * t) * t
-        above = (px * px + py * py + pz * pz) - sigma2
-        touch = sigma2 if above > 0.0 else rr
-        if (px * px + py * py + pz * pz) - touch <= 0.0:
+        dx, dy, dz = (u + hx * low) * low, (v + hy * low) * low, (w + hz * low) * low
+        above = (x + x + dx) * dx + (y + y + dy) * dy + (z + z + dz) * dz
+        start = c if above + c > 0.0 else 0.0
+        if above + start <= 0.0:
             return low
-        t = high
-        px, py, pz = x + (u + hx * t) * t, y + (v + hy * t) * t, z + (w + hz * t) * t
-        if (px * px + py * py + pz * pz) - touch > 0.0:
+        dx, dy, dz = (u + hx * high) * high, (v + hy * high) * high, (w + hz * high) * high
+        if (x + x + dx) * dx + (y + y + dy) * dy + (z + z + dz) * dz + start > 0.0:
             continue
         t = 0.5 * (low + high)
         for _ in range(STEPS):
-            px, py, pz = x + (u + hx * t) * t, y + (v + hy * t) * t, z + (w + hz * t) * t
-            b = px * (u + ax * t) + py * (v + ay * t) + pz * (w + az * t)
-            above = (px * px + py * py + pz * pz) - touch
+            dx, dy, dz = (u + hx * t) * t, (v + hy * t) * t, (w + hz * t) * t
+            above = (x + x + dx) * dx + (y + y + dy) * dy + (z + z + dz) * dz + start
             if above > 0.0:
                 low = t
             else:
                 high = t
+            b = (x + dx) * (u + ax * t) + (y + dy) * (v + ay * t) + (z + dz) * (w + az * t)
             step = t - 0.5 * above / b if b < 0.0 else low
             if not low < step < high:
                 step = 0.5 * (low + high)

@@ -38,7 +38,7 @@ except ImportError:  # no POSIX
 
 __all__ = ["cache_folder", "cached_in"]
 
-FORMULAS = ("collision", "gravity", "growth")  # compiled into kernels, and not among them
+FORMULAS = ("collision", "falling", "gravity", "growth")  # compiled into kernels, and not among them
 UNUSED = 30 * 86400.0  # seconds without use after which kernels are removed
 NAMES = (
     r"[0-9a-f]{16}",
