@@ -66,7 +66,18 @@ class Lossy(hs.Simulation):
 
 
 @pytest.mark.parametrize(
-    "name", ["galperin", "cradle", "ratios", "packing", "distances", "reversal", "exactly-solved", "gravity"]
+    "name",
+    [
+        "galperin",
+        "cradle",
+        "ratios",
+        "packing",
+        "distances",
+        "reversal",
+        "exactly-solved",
+        "gravity",
+        "obstacles",
+    ],
 )
 def test_a_lossy_gas_fails(name, monkeypatch):
     """Sibling of every group that has a conserved or counted answer."""
