@@ -82,6 +82,8 @@ class Lossy(hs.Simulation):
 def test_a_lossy_gas_fails(name, monkeypatch):
     """Sibling of every group that has a conserved or counted answer."""
     monkeypatch.setattr(hs, "Simulation", Lossy)
+    if name == "obstacles":  # 2000 losses: more would bring the one disc to a halt
+        monkeypatch.setattr(Lossy, "LOSS", 1e-5)
     done = []
     for case in GROUPS[name].cases("small"):
         done.append(case)
