@@ -251,10 +251,9 @@ class _Search:
             fixed, horizon = self.scene.obstacles, float(self.arrays.number[self.at.EPOCH_LENGTH])
             pulls, still = self.pulls[i] - self.pulls[j], np.zeros(3 - self.scene.dim)
             for k in np.flatnonzero(fixed[i] != fixed[j]).tolist():
-                of_pair = (np.append(part[k], still).tolist() for part in (x, u, pulls))
-                wait[k] = falling_contact_time(
-                    *itertools.chain(*of_pair), float(sigma2[k]), horizon - float(later[k])
-                )
+                of_pair = [number for part in (x, u, pulls) for number in np.append(part[k], still).tolist()]
+                of_pair += [float(sigma2[k]), horizon - float(later[k])]
+                wait[k] = falling_contact_time(*of_pair)
         times: Floats = later + wait
         return times
 

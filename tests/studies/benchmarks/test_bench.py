@@ -284,7 +284,7 @@ def test_a_price_list_in_small(tmp_path, monkeypatch):
     tallied = {name: prices.FEATURES[name] for name in ("free_paths=True", "heat=True")}
     monkeypatch.setattr(prices, "FEATURES", tallied | {"itself": ("plain", {})})
     study = prices.Prices(n=128, packing_fractions=(0.05,), rounds=5, window=1.0)
-    summary, sound = prices.run_prices(study, OutputFolder(tmp_path / "prices"), Screen(quiet=True))
+    summary, sound = prices.run_prices(study, OutputFolder(tmp_path / "prices"), Screen())
     assert sound and [row["feature"] for row in summary["prices"]] == [*tallied, "itself"]
     assert all(row["ratio"] > 0.0 for row in summary["prices"])
     with (tmp_path / "prices" / "prices.csv").open() as file:
