@@ -53,6 +53,7 @@ SEGMENT_MARGIN = 1e-4
 PARTICLE, SEGMENT, PAIR, CELL = 60.0, 300.0, 0.18, 27.0
 COLLISION, NEW_PAIR, NEW_NEAR = 200.0, 0.62, 2.5
 LIST = 8.0  # of an overflow list that a particle is compared with
+FEWEST_MOVING = 1.0 / 64.0  # particles over all: a window costs time for each obstacle, wherever it is
 MOST_SEGMENTS = 2**26 - 2  # their slots have as many bits, see `kernel.dilute.pair_table`
 
 
@@ -245,7 +246,9 @@ def windows_for(scene: Scene, epoch: float, search: str = "auto") -> Windows | N
     # Cells for lists are sized for the largest particles: with unequal sizes, windows stay faster up to a
     # higher density.
     crowding = tuning.filled_fraction(scene) * float(scene.radii.mean() / scene.radii.max())
-    if search == "lists" or (search == "auto" and crowding > tuning.SPARSE_BELOW[scene.dim]):
+    crowded = crowding > tuning.SPARSE_BELOW[scene.dim]
+    lonely = scene.n_moving < FEWEST_MOVING * scene.n
+    if search == "lists" or (search == "auto" and (crowded or lonely)):
         return None
     found = cheapest_windows(scene, epoch)
     if isinstance(found, Windows):

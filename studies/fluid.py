@@ -244,7 +244,10 @@ class Fluid:
 def box_of(boundary: Boundary) -> str:
     """Return the box in words."""
     words = [boundary] if isinstance(boundary, str) else boundary
-    return f"{words[0] if len(set(words)) == 1 else ', '.join(words)} box"
+    if len(set(words)) == 1:
+        return f"{words[0]} box"
+    walled = ", ".join(axis for axis, word in zip("xyz", words, strict=False) if word == "wall")
+    return f"box with walls along {walled}, periodic else"
 
 
 def _kind(dim: int, species: int, boundary: Boundary) -> str:

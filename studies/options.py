@@ -453,7 +453,7 @@ def fraction() -> Any:
 PANELS = {
     "The gas": "gas n dim packing_fraction packing_fractions boundary start velocities temperature "
     "pressure diameter temperature_ratio mass_ratio diameter_ratio fraction source radius mass box units "
-    "velocities_are mix scale_heights",
+    "velocities_are mix scale_heights obstacles size",
     "What and how long": "collisions collisions_per_particle relaxation_times discard replicas runs "
     "transits reverse_after cells until_error suite rounds known quick size only against",
     "Results": "out force json figure_format frames animate",

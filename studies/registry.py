@@ -44,6 +44,10 @@ QUESTIONS = {
         "studies.drop:Drop",
         "Let balls fall into a box, and follow them to the Maxwell-Boltzmann distribution.",
     ),
+    "lorentz": (
+        "studies.lorentz:Lorentz",
+        "Follow a particle among fixed obstacles: free path, diffusion and chaos, beside theory.",
+    ),
     "combine": (
         "studies.combine:Combine",
         "Merge finished runs of one study with different seeds.",

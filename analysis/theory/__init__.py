@@ -11,8 +11,8 @@ One idea per file: `maxwell` velocities at equilibrium, `equilibrium` cumulants 
 equations of state, `mixtures`, `collisions` rates and free flights, `flights` the same in mixtures,
 `relaxation`, `equal_speeds` and `beams` the way to equilibrium, `transport` Enskog's coefficients, `sound`
 its speed and damping, `arrangement` the structure factor, `expansion` how particles spread from half of a
-box, `barometer` fluids under gravity, `lyapunov` how fast a gas forgets, `two_spheres` exact rates of the
-smallest gas.
+box, `barometer` fluids under gravity, `lyapunov` how fast a gas forgets, `lorentz` a particle among fixed
+obstacles, `two_spheres` exact rates of the smallest gas.
 """
 
 from analysis.theory.arrangement import percus_yevick_structure, structure_limit
@@ -53,6 +53,15 @@ from analysis.theory.equilibrium import (
 )
 from analysis.theory.expansion import spread_entropy, spread_shares, tracer_displacement
 from analysis.theory.flights import FreeFlights
+from analysis.theory.lorentz import (
+    FINITE_HORIZON,
+    ball_volume,
+    billiard_lyapunov_exponent,
+    lorentz_diffusion,
+    lorentz_lyapunov_exponent,
+    machta_zwanzig_diffusion,
+    santalo_free_path,
+)
 from analysis.theory.lyapunov import lyapunov_exponent, reversal_horizon
 from analysis.theory.maxwell import (
     component_cdf,
@@ -111,6 +120,7 @@ from analysis.theory.transport import (
 from analysis.theory.two_spheres import two_sphere_rates
 
 __all__ = [
+    "FINITE_HORIZON",
     "H_BINS",
     "KS_BINS",
     "SPEED_LIMIT",
@@ -123,8 +133,10 @@ __all__ = [
     "adsorption",
     "anisotropy_decay",
     "anisotropy_rate",
+    "ball_volume",
     "barometric_density",
     "barometric_temperature",
+    "billiard_lyapunov_exponent",
     "boltzmann_beams",
     "boltzmann_equal_speeds",
     "bulk_viscosity",
@@ -165,7 +177,10 @@ __all__ = [
     "henderson",
     "kolafa_labik_malijevsky",
     "ks_floor",
+    "lorentz_diffusion",
+    "lorentz_lyapunov_exponent",
     "lyapunov_exponent",
+    "machta_zwanzig_diffusion",
     "mean_free_path",
     "mean_speed",
     "mixture_collision_rates",
@@ -182,6 +197,7 @@ __all__ = [
     "periodic_diffusion_correction",
     "periodic_diffusion_window",
     "reversal_horizon",
+    "santalo_free_path",
     "shear_viscosity",
     "sonine_rate",
     "sound_damping",

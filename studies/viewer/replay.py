@@ -65,7 +65,9 @@ class Replay:
     @property
     def _title(self) -> str:
         scene = self.scene
-        return f"{scene.n_moving} {kind_of(scene)}, packing fraction {scene.packing_fraction:.3g}"
+        still = scene.n - scene.n_moving
+        who = f"{scene.n_moving} among {still} obstacles:" if still else f"{scene.n}"
+        return f"{who} {kind_of(scene)}, packing fraction {scene.packing_fraction:.3g}"
 
     def _head(self) -> dict[str, Any]:
         scene = self.scene

@@ -43,7 +43,7 @@ REFUSED = {
         *("energy_drift", "momentum_drift", "worst_overlap"),
     )
 }
-ALLOWED = ("scene", "collisions", "wall_collisions", "collisions_per_particle")
+ALLOWED = ("scene", "collisions", "wall_collisions", "obstacle_collisions", "collisions_per_particle")
 
 
 class Held:
@@ -92,7 +92,7 @@ def test_another_thread_is_refused(held, name):
 
 def test_counts_are_told(held):
     assert held.collisions == 200 == held.collisions_per_particle * held.scene.n / 2
-    assert held.wall_collisions == 0
+    assert held.wall_collisions == held.obstacle_collisions == 0
 
 
 @pytest.mark.parametrize("guarded", [True, False])

@@ -151,7 +151,7 @@ def test_a_structure_of_ones_own(tmp_path):
     done = hardspheres("thermalise", *options, "--out", "own", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "mine.xyz: not used: what stands in column 5, which no Properties name" in done.stderr
-    assert "2 x 8 hard spheres" in done.stdout and "periodic, periodic, wall box" in done.stdout
+    assert "2 x 8 hard spheres" in done.stdout and "box with walls along z, periodic else" in done.stdout
     assert (tmp_path / "own" / "summary.json").exists()
 
 

@@ -60,6 +60,10 @@ OTHERS = {  # a value for every option that is not its default, whether they mak
     "drop": OF_STUDIES | TWO | {
         "packing_fraction": 0.03, "n": 50, "dim": 2, "boundary": "periodic", "scale_heights": 3.0,
     },
+    "lorentz": OF_STUDIES | {
+        "obstacles": "random", "packing_fractions": (0.1, 1 / 3), "dim": 3, "n": 50, "size": 0.25,
+        "collisions_per_particle": 1e4,
+    },
     "view": OF_FILES | {"collisions_per_particle": 2.0},
     "analyse": OF_FILES,
     "bench": {

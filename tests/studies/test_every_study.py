@@ -47,6 +47,7 @@ SMALL = {
         "replicas": 4,
         "cells": 4,
     },
+    "lorentz": {"packing_fractions": (0.7,), "collisions_per_particle": 25_600.0, "replicas": 4},
     "free-path": {"n": 100, "packing_fractions": (0.05,), "collisions_per_particle": 20.0},
     "mixture": {"n": 100, "packing_fraction": 0.02, "relaxation_times": 18.0, "replicas": 4},
     "soak": {"n": 100, "dim": 2, "collisions": 5000},
