@@ -474,8 +474,12 @@ def test_the_momentum_given_to_obstacles_is_accounted_for():
     assert np.abs(change).max() > 0.1  # and momentum itself is not kept
 
 
+@pytest.mark.slow
 def test_free_paths_and_the_log_leave_obstacles_out():
-    """Obstacles are one species without flights; all that they have in the log is the collision."""
+    """Obstacles are one species without flights; all that they have in the log is the collision.
+
+    In small: `test_bounds.test_nor_among_obstacles`.
+    """
     scene, chunks = maze(1), []
     sim = hs.Simulation(scene, free_paths=True, log=chunks.append, search="lists")
     sim.run(collisions=3000)
@@ -497,6 +501,7 @@ def test_free_paths_and_the_log_leave_obstacles_out():
 # Effusion.
 
 
+@pytest.mark.slow
 def test_effusion_through_a_hole_in_a_wall_of_obstacles():
     """Crossings of a gap at equilibrium: n <|v_x|> (gap - diameter) a time, both ways together; exact.
 
