@@ -217,7 +217,7 @@ def _require_rows(engine: Engine, rows: Any, fall: Any, now: float, moment: floa
     near = np.all((x >= margin - flown) & (x <= scene.box - margin + flown))
     _require(near, "a particle is further from the box than it can have flown")
     dt = (moment - t)[:, None]
-    flown = x + (v + 0.5 * scene.gravity * dt) * dt if scene.falls else x + v * dt
+    flown = x + (v + 0.5 * scene.accelerations * dt) * dt if scene.falls else x + v * dt
     positions = returned_to_box(flown, scene.box, scene.periodic)
     overlap, allowed = deepest_overlap(positions, scene), rounding / (2.0 * float(scene.radii.min()))
     _require(overlap <= max(LEFT_BY_ROUNDING, allowed), f"its particles overlap by {overlap:.3g} diameters")

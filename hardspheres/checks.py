@@ -98,16 +98,6 @@ def inertia(masses: Floats) -> Floats:
     return np.where(fixed, 0.0, masses) if fixed.any() else masses
 
 
-def require_no_obstacles_under(gravity: Floats, fixed: Bools) -> None:
-    """Refuse gravity with obstacles, which would not fall with the particles."""
-    if gravity.any() and fixed.any():
-        raise SceneError(
-            f"particle {int(np.argmax(fixed))} has infinite mass, and there is gravity; obstacles do not "
-            "fall, and where a ball in free fall meets one is not computed: leave out gravity, or the "
-            "obstacles"
-        )
-
-
 def integer_labels(values: ArrayLike | None, n: int) -> NDArray[np.int64] | None:
     """Labels as (n,) 64-bit integers, or None where there are none; SceneError for anything else."""
     if values is None:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from hardspheres.checks import inertia
 from hardspheres.clock import FOREVER, recounted
 from hardspheres.errors import SimulationError
 from hardspheres.event_log import ROOM, Sink, as_events
@@ -114,7 +115,7 @@ class Engine:
         number[at.LAST_ADVANCE] = -length
         if scene.falls:
             number[at.PULL : at.PULL + dim] = scene.gravity
-            number[at.WEIGHT : at.WEIGHT + dim] = math.fsum(scene.masses.tolist()) * scene.gravity
+            number[at.WEIGHT : at.WEIGHT + dim] = math.fsum(inertia(scene.masses).tolist()) * scene.gravity
         number[at.SCALE], number[at.GROWTH] = growth or (1.0, 0.0)
         count[at.N] = n
         count[at.HEAP_ROOM] = 1024 + n // 16
@@ -214,7 +215,8 @@ class Engine:
         x, v, dt = rows[:, at.X : at.X + dim], rows[:, at.V : at.V + dim].copy(), self._since_rows[:, None]
         if not self.scene.falls:
             return x + v * dt, v
-        return x + (v + 0.5 * self.scene.gravity * dt) * dt, v + self.scene.gravity * dt
+        pull = self.scene.accelerations
+        return x + (v + 0.5 * pull * dt) * dt, v + pull * dt
 
     @property
     def _since_rows(self) -> Any:
@@ -228,7 +230,7 @@ class Engine:
         at, scene, dt = self.layout, self.scene, self._since_rows[:, None, None]
         v = self.rows[:, at.V : at.V + scene.dim]
         t, epoch = self.rows[:, at.T, None, None], int(self.arrays.counter[at.EPOCH])
-        mass = scene.masses[:, None, None]
+        mass = inertia(scene.masses)[:, None, None]
         c = v[:, :, None] * scene.gravity
         c = mass * (c + np.swapaxes(c, 1, 2))
         p = mass * np.multiply.outer(scene.gravity, scene.gravity)
@@ -362,8 +364,9 @@ class Engine:
         if status == self.kernels.RESTS:
             who = int(self.arrays.counter[self.layout.RESTING]) - 1
             self.arrays.counter[self.layout.RESTING] = 0
+            on = "a wall" if self.scene.n_moving == self.scene.n else "a wall or an obstacle"
             raise SimulationError(
-                f"particle {who} has come to rest on a wall that gravity pulls it to, at "
+                f"particle {who} has come to rest on {on} that gravity pulls it to, at "
                 f"{self.arrays.counter[self.layout.PAIRS]} collisions: its bounces have become lower than "
                 "the rounding of its radius, and there would be no end of them; start from other positions"
             )

@@ -16,6 +16,7 @@ from hardspheres.cells import CellGrid, distances, worst_overlap
 from hardspheres.checks import contact_tolerance, inertia
 from hardspheres.collision import discriminant_2d, discriminant_3d
 from hardspheres.errors import InvariantError
+from hardspheres.falling import falling_contact_time
 from hardspheres.gravity import impact_square, impact_time
 from hardspheres.scene import Scene, returned_to_box, squared_lengths, squares_at_floor
 
@@ -196,6 +197,7 @@ class _Search:
         self.x, self.v, self.t = rows[:, at.X : at.X + dim], rows[:, at.V : at.V + dim], rows[:, at.T]
         _, self.now = engine.last_event
         self.squares = engine.arrays.fall.reshape(self.n, dim) if self.scene.falls else np.zeros(0)
+        self.pulls = self.scene.accelerations
         self.one_size = bool(np.all(self.scene.radii == self.scene.radii[0]))
 
     # Lists.
@@ -245,6 +247,13 @@ class _Search:
         meet = (b < 0.0) & ((c <= 0.0) | (root > 0.0))
         wait = np.full(len(b), math.inf)
         np.divide(np.maximum(c, 0.0), root - b, out=wait, where=meet)
+        if self.scene.falls:
+            fixed, horizon = self.scene.obstacles, float(self.arrays.number[self.at.EPOCH_LENGTH])
+            pulls, still = self.pulls[i] - self.pulls[j], np.zeros(3 - self.scene.dim)
+            for k in np.flatnonzero(fixed[i] != fixed[j]).tolist():
+                of_pair = [number for part in (x, u, pulls) for number in np.append(part[k], still).tolist()]
+                of_pair += [float(sigma2[k]), horizon - float(later[k])]
+                wait[k] = falling_contact_time(*of_pair)
         times: Floats = later + wait
         return times
 
@@ -260,7 +269,7 @@ class _Search:
         dt = (when - self.t[i])[:, None]
         if not self.scene.falls:
             return self.x[i] + self.v[i] * dt, self.v[i]
-        pull = self.scene.gravity
+        pull = self.pulls[i]
         return self.x[i] + (self.v[i] + 0.5 * pull * dt) * dt, self.v[i] + pull * dt
 
     def nearest_image(self, i: Ints, j: Ints, when: Any) -> Floats:
@@ -282,6 +291,7 @@ class _Search:
         x = x + u * (self.now - later)[:, None] - self.scene.box * nearest
         sigma = self.scene.radii[i] + self.scene.radii[j]
         path = np.abs(u) * max(until - self.now, 0.0) + 1.001 * sigma[:, None]
+        path += np.abs(self.pulls[i] - self.pulls[j]) * until * until
         reached = {step: np.abs(x - self.scene.box * step) <= path for step in (-1, 0, 1)}
         found = []
         for steps in self.images_around():
@@ -318,6 +328,7 @@ class _Search:
             sooner = times < best
             best = np.where(sooner, times, best)
             which = np.where(sooner, self.n + 2 * axis + (v > 0.0), which)
+        best[self.scene.obstacles] = math.inf
         return best, which
 
     def are_what_the_rows_say(self, i: Ints, partner: Ints, time: Floats) -> None:
@@ -388,6 +399,8 @@ class _Search:
             pull, t = self.scene.gravity, self.t[:, None]
             x, v = x - 0.5 * pull * t * t, v - pull * t
         there = x + v * (np.minimum(time, until) - self.t)[:, None]
+        if self.scene.falls and self.scene.n_moving < self.scene.n:  # these do not fall
+            there, _ = self._flown(np.arange(self.n), np.minimum(time, until))
         gone = np.sqrt(np.sum((there - centres) ** 2, axis=1))
         shell = float(self.arrays.number[at.DISPLACEMENT_THRESHOLD])
         slack = 1e-7 * shell + contact_tolerance(self.scene.box)

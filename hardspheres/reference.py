@@ -5,11 +5,14 @@ all particles to its time. It has no cells, no lists, no queue and no stored eve
 it has any precision wanted.
 """
 
+import functools
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
 
 from hardspheres.collision import contact_time, elastic_collision
 from hardspheres.errors import SimulationError
@@ -74,12 +77,18 @@ class ReferenceSimulation:
         self.masses = [number(m) for m in scene.masses.tolist()]
         self.box = [number(edge) for edge in scene.box.tolist()]
         self.gravity = [number(pull) for pull in scene.gravity.tolist()]
+        self.still = [number(0.0)] * scene.dim
         self.periodic = [bool(p) for p in scene.periodic]
 
     def __repr__(self) -> str:
         """Return when it is, and of what."""
         when = f"time {float(self.time):.6g}, {self.collisions} collisions"
         return f"<ReferenceSimulation of {self.scene}: {when}>"
+
+    @property
+    def pulls(self) -> list[list[Number]]:
+        """Acceleration of each particle; obstacles do not fall."""
+        return [self.still if math.isinf(m) else self.gravity for m in self.scene.masses.tolist()]
 
     def separation(self, i: int, j: int) -> list[Number]:
         """x_i - x_j to the nearest image."""
@@ -98,9 +107,13 @@ class ReferenceSimulation:
             int(abs(u) * horizon / edge) + 1 if periodic else 0
             for u, edge, periodic in zip(v, self.box, self.periodic, strict=True)
         ]
+        a = [k - m for k, m in zip(self.pulls[i], self.pulls[j], strict=True)]
         best = float("inf")
         for image in itertools.product(*(range(-k, k + 1) for k in reach)):
             r = [x + k * edge for x, k, edge in zip(near, image, self.box, strict=True)]
+            if any(a):  # one of them falls
+                best = min(best, curved_time(r, v, a, sigma2))
+                continue
             b = sum(x * u for x, u in zip(r, v, strict=True))
             rr = sum(x * x for x in r)
             cross = sum((r[a] * v[c] - r[c] * v[a]) ** 2 for a, c in itertools.combinations(range(len(r)), 2))
@@ -110,7 +123,7 @@ class ReferenceSimulation:
 
     def wall_time(self, i: int, axis: int) -> tuple[Number, int]:
         """Time until i touches a wall of this axis, and on which side."""
-        v, pull = self.velocities[i][axis], self.gravity[axis]
+        v, pull = self.velocities[i][axis], self.pulls[i][axis]
         if pull != 0:
             return min((self.fall_time(i, axis, side), side) for side in (0, 1))
         if self.periodic[axis] or v == 0:
@@ -122,7 +135,7 @@ class ReferenceSimulation:
 
     def fall_time(self, i: int, axis: int, side: int) -> Number:
         """Time until i, which falls, touches a wall: the roots of the quadratic as in a textbook."""
-        x, v, pull = self.positions[i][axis], self.velocities[i][axis], self.gravity[axis]
+        x, v, pull = self.positions[i][axis], self.velocities[i][axis], self.pulls[i][axis]
         gap = self.box[axis] - self.radii[i] - x if side else x - self.radii[i]
         toward, pull = (v, pull) if side else (-v, -pull)
         square = toward * toward + 2 * pull * max(gap, 0.0)
@@ -147,9 +160,9 @@ class ReferenceSimulation:
     def fly(self, wait: Number) -> None:
         """Move all particles in free flight."""
         self.time = self.time + wait
-        for x, v in zip(self.positions, self.velocities, strict=True):
-            x[:] = [a + b * wait + g * wait**2 / 2 for a, b, g in zip(x, v, self.gravity, strict=True)]
-            v[:] = [b + g * wait for b, g in zip(v, self.gravity, strict=True)]
+        for x, v, pull in zip(self.positions, self.velocities, self.pulls, strict=True):
+            x[:] = [a + b * wait + g * wait**2 / 2 for a, b, g in zip(x, v, pull, strict=True)]
+            v[:] = [b + g * wait for b, g in zip(v, pull, strict=True)]
 
     def step(self) -> Event:
         """Go to the next event and execute it.
@@ -187,3 +200,29 @@ class ReferenceSimulation:
         """Execute and yield so many events."""
         for _ in range(count):
             yield self.step()
+
+
+def curved_time(r: list[Number], v: list[Number], a: list[Number], sigma2: Number) -> Number:
+    """Time until |r + v t + a t^2/2|^2 comes down to sigma2: of all roots of the quartic the first such one.
+
+    Eigenvalues give them roughly, and Newton's method, in the number type of the calculation, exactly.
+    """
+
+    def dot(one: list[Number], other: list[Number]) -> Number:
+        return sum(x * y for x, y in zip(one, other, strict=True))
+
+    quartic = [dot(a, a) / 4, dot(a, v), dot(v, v) + dot(a, r), 2 * dot(r, v), dot(r, r) - sigma2]
+    if quartic[3] < 0 and quartic[4] <= 0:
+        return 0.0
+    slope = [k * c for k, c in zip((4, 3, 2, 1), quartic, strict=False)]
+    best = float("inf")
+    for root in np.roots([float(c) for c in quartic]):
+        t = quartic[0] * 0 + float(root.real)
+        if abs(root.imag) > 1e-5 * (1.0 + abs(root)):
+            continue
+        for _ in range(12):
+            down = functools.reduce(lambda p, c: p * t + c, slope)
+            t = t - functools.reduce(lambda p, c: p * t + c, quartic) / down if down != 0 else t
+        if t > 0 and functools.reduce(lambda p, c: p * t + c, slope) < 0:
+            best = min(best, t)
+    return best

@@ -25,7 +25,6 @@ from hardspheres.checks import (
     require_in_box,
     require_inside,
     require_long_axes,
-    require_no_obstacles_under,
     require_no_overlap,
     require_resolved,
     wrapped,
@@ -58,7 +57,7 @@ class Scene:
     masses : float or (N,) array_like
         Masses, positive. Infinity makes a particle an obstacle, which nothing moves: its velocity is 0, and
         it may overlap other obstacles and reach beyond walls, so that obstacles make walls of any shape. At
-        least one particle moves. Not with gravity.
+        least one particle moves. Obstacles do not fall.
     box : (d,) array_like
         Edge lengths. A periodic axis is at least two largest diameters long (so that no pair meets through
         two images at once), a wall axis at least one; the longest at most 1e9 smallest diameters (so that
@@ -69,7 +68,7 @@ class Scene:
         A number for each particle, for whatever you want to tell apart (left and right, a tracer). Labels
         follow particles into frames, checkpoints and files; the dynamics never looks at them.
     gravity : (d,) array_like, optional
-        Acceleration of all particles, such as ``(0, 0, -9.81)``; only along wall axes. No particle may rest
+        Acceleration of all that move, such as ``(0, 0, -9.81)``; only along wall axes. No particle may rest
         on the wall that it is pulled to: elastic balls never come to rest. It follows a scene into
         simulations, copies and checkpoints; trajectory files have the particles, and not gravity.
 
@@ -168,7 +167,6 @@ class Scene:
         fixed = obstacles_among(weights, speeds)
         named = integer_labels(labels, n)
         pull = acceleration(gravity, words)
-        require_no_obstacles_under(pull, fixed)
         periodic = np.array([word == "periodic" for word in words])
         places = wrapped(places, edges, periodic)
         _require_representable(speeds, sizes, weights, edges, pull)
@@ -178,7 +176,7 @@ class Scene:
         require_inside(places, sizes, edges, periodic, tolerance, fixed)
         if not apart:
             require_no_overlap(places, sizes, edges, periodic, tolerance, fixed)
-        _require_none_at_rest(places, speeds, sizes, edges, pull, tolerance)
+        _require_none_at_rest(places, speeds, sizes, edges, pull, ~fixed, tolerance)
         kinds = _kinds(weights, sizes)
         self._store(places, speeds, sizes, weights, edges, words, periodic, kinds, pull, named)
 
@@ -245,6 +243,11 @@ class Scene:
     def thermal_energy(self) -> float:
         """Kinetic energy without the common motion along periodic axes, sum of P_k^2 / 2M."""
         return thermal_energy(self.velocities, self.masses, self.periodic)
+
+    @cached_property
+    def accelerations(self) -> Floats:
+        """Acceleration of each particle, (N, d): gravity; 0 for obstacles. Read-only."""
+        return read_only(np.where(self.obstacles[:, None], 0.0, self.gravity))
 
     @cached_property
     def falls(self) -> bool:
@@ -519,7 +522,7 @@ def potential_energy(positions: Floats, scene: Any) -> float:
     """Potential energy of a state of a scene; see `Scene.potential_energy`."""
     if not scene.falls:
         return 0.0
-    return float(np.sum(scene.masses * (heights(positions, scene) @ np.abs(scene.gravity))))
+    return float(np.sum(inertia(scene.masses) * (heights(positions, scene) @ np.abs(scene.gravity))))
 
 
 def momentum_flux(velocities: Floats, masses: Floats) -> Floats:
@@ -574,13 +577,19 @@ def returned_to_box(flown: Floats, box: Floats, periodic: Bools) -> Floats:
 
 
 def _require_none_at_rest(
-    positions: Floats, velocities: Floats, radii: Floats, box: Floats, gravity: Floats, tolerance: float
+    positions: Floats,
+    velocities: Floats,
+    radii: Floats,
+    box: Floats,
+    gravity: Floats,
+    moves: Bools,
+    tolerance: float,
 ) -> None:
     """Refuse particles that lie on a wall that gravity pulls them to."""
     for axis in np.flatnonzero(gravity):
         x, v, pull = positions[:, axis], velocities[:, axis], abs(float(gravity[axis]))
         gap = x - radii if gravity[axis] < 0.0 else (box[axis] - radii) - x
-        lying = np.flatnonzero((gap <= tolerance) & (radii + v * v / (2.0 * pull) == radii))
+        lying = np.flatnonzero(moves & (gap <= tolerance) & (radii + v * v / (2.0 * pull) == radii))
         if len(lying):
             raise SceneError(
                 f"particle {lying[0]} rests on the wall that gravity pulls it to along {'xyz'[axis]}; "

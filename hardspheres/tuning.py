@@ -62,7 +62,8 @@ def fall_square(scene: Scene) -> float:
         return 0.0
     distance = root_of_power_below(scene.volume / scene.n, scene.dim)
     pulls = np.abs(scene.gravity).tolist()
-    means = [math.fsum(above) / scene.n for above in heights(scene.positions, scene).T.tolist()]
+    above = moving(heights(scene.positions, scene), scene)
+    means = [math.fsum(along) / len(above) for along in above.T.tolist()]
     down = [2.0 * pull * mean for pull, mean in zip(pulls, means, strict=True)]
     return max(math.fsum(down), 8.0 * distance * math.fsum(pulls))
 

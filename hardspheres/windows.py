@@ -260,6 +260,8 @@ def windows_for(scene: Scene, epoch: float, search: str = "auto") -> Windows | N
 
 def cheapest_windows(scene: Scene, epoch: float) -> Windows | str:
     """Return the cheapest windows for epochs of this length, or the reason why there are none."""
+    if scene.falls and scene.n_moving < scene.n:
+        return "paths of falling particles towards obstacles are curved, and windows compare straight ones"
     now = squared_lengths(scene.velocities)
     rms = max(math.sqrt(float(np.sum(now)) / scene.n_moving), typical_speed(scene, energy_in_play(scene)))
     if rms == 0.0:

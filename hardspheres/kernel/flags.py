@@ -7,6 +7,6 @@ MASSES = False  # masses differ
 SPARSE = False  # dilute: common windows of time in place of neighbour lists
 GROWS = False  # all radii grow linearly in time (never with SPARSE)
 OBSTACLES = False  # some particles have infinite mass and stay where they are (with MASSES only)
-GRAVITY = False  # all particles fall with the same acceleration (never with GROWS or OBSTACLES)
+GRAVITY = False  # all that move fall with the same acceleration (never with GROWS; OBSTACLES: not SPARSE)
 HEAT = False  # the heat flux is tallied (never with GROWS, GRAVITY or OBSTACLES)
 FLIGHTS = False  # free flights are tallied, and events logged if there is a log (never with GROWS)

@@ -45,9 +45,9 @@ def specialise(
     flights : bool
         Free flights are tallied and events can be logged; not with `grows`.
     gravity : bool
-        All particles have the same acceleration; not with `grows`.
+        All that move have the same acceleration; not with `grows`, and with `obstacles` not where `sparse`.
     obstacles : bool
-        Some particles have infinite mass; with `masses` only, not with `grows` or `gravity`.
+        Some particles have infinite mass; with `masses` only, not with `grows`.
     heat : bool
         The heat flux is tallied; not with `grows`, `gravity` or `obstacles`.
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import itertools
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import hardspheres as hs
+from hardspheres.memory import require_room_for
 from studies.benchmarks.bench import Bench, bench
 from studies.benchmarks.gas import STARTS, Gas
+from studies.benchmarks.prices import Prices, run_prices
 from studies.benchmarks.rivals import PEERS
 from studies.benchmarks.suite import QUESTION, SUITES, Suite, run_suite, suite_named
 from studies.options import (
@@ -42,7 +44,7 @@ class Benchmark(Program):
     with --suite a table and a figure. Keeps no checkpoints, since an interruption would invalidate the
     timing.
     """
-    files = (*Bench.files, *Suite.files)
+    files = (*Bench.files, *Suite.files, *Prices.files)
     resumable = False
 
     n: tuple[int, ...] = option(
@@ -81,8 +83,9 @@ class Benchmark(Program):
     )
     suite: str | None = option(
         None,
-        "quick (3 min) or full (10 to 20 min): a table over N and packing fraction, with a figure.",
-        **word("--suite", *SUITES),
+        "quick (3 min) or full (10 to 20 min): a table over N and packing fraction, with a figure. prices (6 "
+        "min): what walls, gravity, tallies and the like cost.",
+        **word("--suite", *SUITES, "prices"),
     )
     seed: int = seed()
 
@@ -100,6 +103,8 @@ class Benchmark(Program):
             self.mass_ratio,
         )
         study = Bench(gas, self.collisions, self.discard, self.against, self.seed)
+        if self.suite == "prices":
+            return run_prices(self._prices(densities), out, screen, self.made())
         if self.suite is not None:
             return run_suite(suite_named(self.suite, self.n, densities), study, out, screen, self.made())
         if out.figure_format != "png":
@@ -108,6 +113,28 @@ class Benchmark(Program):
             if len(given) > 1:
                 raise hs.SceneError(f"{name} is given {len(given)} times, but one state has one; add --suite")
         return bench(study, out, screen, self.made())
+
+    def _prices(self, densities: list[float]) -> Prices:
+        """Return where to measure the price list; it has gases of its own."""
+        own = Benchmark()
+        for name in (
+            "dim", "boundary", "diameter_ratio", "mass_ratio", "fraction", "start", "collisions", "discard",
+            "against",
+        ):  # fmt: skip
+            if getattr(self, name) != getattr(own, name):
+                raise OptionError(
+                    f"--suite prices has gases of its own; leave out --{name.replace('_', '-')}"
+                )
+        if len(self.n) > 1:
+            raise OptionError(f"--n is given {len(self.n)} times, but the price list has one; give it once")
+        if self.n and self.n[0] < 50:
+            raise OptionError(f"--n {self.n[0]}: a price list needs at least 50 particles")
+        if densities and max(densities) > 0.35:
+            raise OptionError(f"--packing-fraction {max(densities):g}: a price list goes up to 0.35")
+        prices = Prices(seed=self.seed)
+        n, etas = (self.n or (prices.n,))[0], tuple(sorted(densities)) or prices.packing_fractions
+        require_room_for(n)
+        return replace(prices, n=n, packing_fractions=etas)
 
     def folder(
         self, out: Path | None, checkpoint_every: float = 60.0, resume: bool = False, force: bool = False

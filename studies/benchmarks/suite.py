@@ -67,7 +67,7 @@ def suite_named(
         If there is none of this name, or a number of particles is invalid, or too large for the memory.
     """
     if name not in SUITES:
-        raise hs.HardSpheresError(f"--suite {name} is not known; it can be {' or '.join(SUITES)}")
+        raise hs.HardSpheresError(f"--suite {name} is not known; it can be {', '.join(SUITES)} or prices")
     suite = SUITES[name]
     for n in sizes or ():
         if n < 2:

@@ -23,6 +23,7 @@ export class Gas {
     this.began = new Float64Array(flights);
     this.x = new Float64Array(flights * dim); this.v = new Float64Array(flights * dim);
     this.before = new Int32Array(flights).fill(-1);
+    this.falls = Float64Array.from({length: flights}, (_, i) => +(i >= n || !this.obstacle(i))); // 0 for obstacles
     this.flight = Int32Array.from({length: n}, (_, i) => i);
     this.x.set(this.positions); this.v.set(this.velocities);
     this.done = 0; this.t = 0;
@@ -36,7 +37,7 @@ export class Gas {
 
   turn(e, i, p, sign) {
     const {dim} = this, q = this.flight[i], m = this.masses[i];
-    this.began[p] = this.time[e]; this.before[p] = q; this.flight[i] = p;
+    this.began[p] = this.time[e]; this.before[p] = q; this.flight[i] = p; this.falls[p] = this.falls[q];
     for (let k = 0; k < dim; k++) {
       this.x[p * dim + k] = this.place(q, k, this.time[e]);
       this.v[p * dim + k] = this.velocity(q, k, this.time[e]) + sign * this.push[e * dim + k] / m;
@@ -45,10 +46,10 @@ export class Gas {
 
   place(p, k, t) { // of a flight
     const dt = t - this.began[p], at = p * this.dim + k;
-    return this.x[at] + (this.v[at] + .5 * this.gravity[k] * dt) * dt;
+    return this.x[at] + (this.v[at] + .5 * this.falls[p] * this.gravity[k] * dt) * dt;
   }
 
-  velocity(p, k, t) { return this.v[p * this.dim + k] + this.gravity[k] * (t - this.began[p]); }
+  velocity(p, k, t) { return this.v[p * this.dim + k] + this.falls[p] * this.gravity[k] * (t - this.began[p]); }
 
   redo() {
     const e = this.done++, p = this.n + 2 * e;

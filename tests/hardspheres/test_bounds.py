@@ -76,6 +76,32 @@ print(json.dumps(short))
 """
 
 
+AMONG_OBSTACLES = """
+sys.path.insert(0, {root!r})
+from tests.hardspheres.test_obstacles import maze
+np.seterr(divide="ignore", invalid="ignore")  # compiled, 1/0 is infinity: the time of what is at rest to a wall
+seen = []
+for pull, search, logs in ((0, "lists", True), (0, "windows", False), (-1, "lists", False), (-1, "lists", True)):
+    scene, chunks = maze(1, n=6, obstacles=8, edge=20.0, boundary=("periodic", "wall")), []
+    scene = scene.replace(gravity=(0, pull))
+    options = {{"log": chunks.append, "free_paths": pull == 0}} if logs else {{}}
+    sim = hs.Simulation(scene, search=search, **options)
+    sim.run(collisions=40)
+    sim.check()
+    flights = 0
+    if logs and not pull:
+        pairs = np.concatenate(chunks)
+        pairs = pairs[pairs["j"] < scene.n]
+        fixed = scene.obstacles[np.stack([pairs["i"], pairs["j"]], axis=1)]
+        flights = int(np.sum(np.isfinite(pairs["free_path"][fixed])))
+        assert fixed.any() and np.sum(fixed) == sim.obstacle_collisions
+        paths = sim.free_paths
+        assert int(np.sum(paths.flights + paths.first_flights)) == 80 - sim.obstacle_collisions
+        assert paths.flights[scene.species[scene.obstacles]].sum() == 0
+    seen.append([sim.collisions, sim.obstacle_collisions, flights, float(abs(sim.energy_drift))])
+print(json.dumps(seen))
+"""
+
 FITS = """
 from types import SimpleNamespace
 from hardspheres.kernel import specialise
@@ -138,6 +164,15 @@ def test_nor_while_room_is_short():
 
 def test_nor_while_spheres_grow():
     assert checked(with_prelude(GROWTH)) == [20, 20]
+
+
+def test_nor_among_obstacles():
+    """With and without gravity and a log; obstacles have no free flights in it, and in no tally."""
+    root = str(Path(__file__).parents[2])
+    seen = checked(with_prelude(AMONG_OBSTACLES.format(root=root)))
+    assert len(seen) == 4
+    for collisions, with_obstacles, flights, drift in seen:
+        assert collisions == 40 and 10 < with_obstacles < 40 and flights == 0 and drift < 1e-13
 
 
 def test_a_new_line_takes_the_place_of_an_old_one_only_where_it_fits():

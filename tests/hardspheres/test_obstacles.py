@@ -5,12 +5,15 @@ import itertools
 import math
 from fractions import Fraction
 
+import mpmath
 import numpy as np
 import pytest
 
 import hardspheres as hs
 from hardspheres.cells import worst_overlap
 from hardspheres.collision import elastic_collision, reduced_mass
+from hardspheres.falling import falling_contact_time
+from hardspheres.reference import ReferenceSimulation
 from tests.oracle import follow
 
 INF = math.inf
@@ -233,6 +236,190 @@ def test_a_grazing_contact_is_a_number():
         sim.check()
 
 
+# Gravity: obstacles do not fall.
+
+
+def falls_onto(x, v, a, sigma2, horizon):
+    """Return the first root of the quartic at which the ball approaches, from all four in 60 digits; None: a double one."""
+    with mpmath.workdps(60):
+        r, u, g = ([mpmath.mpf(c) for c in part] for part in (x, v, a))
+
+        def dot(one, other):
+            return sum(c * d for c, d in zip(one, other, strict=True))
+
+        quartic = [
+            dot(g, g) / 4,
+            dot(g, u),
+            dot(u, u) + dot(g, r),
+            2 * dot(r, u),
+            dot(r, r) - mpmath.mpf(sigma2),
+        ]
+        slope = [4 * quartic[0], 3 * quartic[1], 2 * quartic[2], quartic[3]]
+        roots = mpmath.polyroots(quartic[::-1], maxsteps=500, extraprec=300, asc=True)
+        real = [mpmath.re(t) for t in roots if abs(mpmath.im(t)) < 1e-40]
+        first = [t for t in real if 0 < t <= horizon and mpmath.polyval(slope[::-1], t, asc=True) < 0]
+        return float(min(first, default=INF))
+
+
+def test_the_contact_of_a_falling_ball_is_the_first_root():
+    """Far and near, fast and slow, weak and strong gravity; the contact distance is exact to a rounding of the way."""
+    rng, met = np.random.default_rng(3), 0
+    for k in range(150):
+        dim = 2 + k % 2
+        x, v, a = (np.zeros(3) for _ in range(3))
+        normal = rng.normal(size=dim)
+        x[:dim] = normal / np.linalg.norm(normal) * (1.0 + 10.0 ** rng.uniform(-9, 1))
+        v[:dim] = rng.normal(size=dim) * 10.0 ** rng.uniform(-3, 1)
+        a[:dim] = rng.normal(size=dim) * 10.0 ** rng.uniform(-3, 1)
+        found, exact = falling_contact_time(*x, *v, *a, 1.0, 100.0), falls_onto(x, v, a, 1.0, 100.0)
+        assert math.isinf(found) == math.isinf(exact)
+        if math.isinf(found):
+            continue
+        met += 1
+        way = np.linalg.norm(x) + np.linalg.norm(v) * found + np.linalg.norm(a) * found**2 / 2
+        there = x + v * found + a * found**2 / 2
+        assert abs(np.linalg.norm(there) - 1.0) < 8e-16 * way
+        assert abs(there @ (v + a * found)) * abs(found - exact) < 1e-14 * way**2
+    assert met > 50
+
+
+def test_a_ball_leaves_and_comes_back():
+    """A bounce of any height lasts 2 u / g, also where it starts too deep by a rounding, and that is no contact."""
+    for u in (1.0, 1e-3, 1e-6, 3e-8):
+        for depth in (0.0, 1e-16, -1e-16):
+            again = falling_contact_time(0.0, 1.0 - depth, 0.0, 0.0, u, 0.0, 0.0, -1.0, 0.0, 1.0, 10.0)
+            assert again == pytest.approx(2.0 * u, rel=max(1e-15, 8.0 * abs(depth) / u**2), abs=0.0)
+    down = (0.0, -1.0, 0.0)
+    assert (
+        falling_contact_time(0.0, 1.0, 0.0, 0.0, -1.0, 0.0, *down, 1.0, 10.0) == 0.0
+    )  # approaching, and there
+    assert (
+        falling_contact_time(0.0, -1.0, 0.0, 0.0, -1.0, 0.0, *down, 1.0, 10.0) == INF
+    )  # falls away from below
+    assert (
+        falling_contact_time(0.0, 1.0, 0.0, 5.0, 0.0, 0.0, *down, 1.0, 10.0) == INF
+    )  # too fast to touch it again
+    # Thrown up so as to graze it from below: 1e-9 more meets it, 1e-9 less does not.
+    for factor, meets in ((1.0 + 1e-9, True), (1.0 - 1e-9, False)):
+        up = factor * math.sqrt(2.0)
+        assert (falling_contact_time(0.0, -2.0, 0.0, 0.0, up, 0.0, *down, 1.0, 10.0) < INF) == meets
+
+
+def pinned(seed, gravity=(0.0, -1.0), **more):
+    return maze(seed, **more).replace(gravity=gravity)
+
+
+@pytest.mark.parametrize("gravity", [(0.0, -1.0), (0.3, 20.0)])
+def test_falling_discs_among_obstacles_do_what_the_all_pairs_solver_does(gravity):
+    """Every stored event is what the rows say and none is missing, energy is kept, and the oracle agrees."""
+    scene = pinned(4, gravity)
+    assert follow(scene, 40) == 40
+    sim = hs.Simulation(scene)
+    for _ in range(4):
+        sim.run(collisions=700)
+        sim.check()
+    assert sim.status()["late_events"] == 0 and sim.obstacle_collisions > 1000
+    assert abs(sim.energy_drift) < 3e-14 and np.all(np.abs(sim.momentum_drift) < 1e-13)
+    assert np.array_equal(sim.positions[scene.obstacles], scene.positions[scene.obstacles])
+    assert not sim.velocities[scene.obstacles].any()
+
+
+def test_the_comparison_sees_obstacles_that_fall(monkeypatch):
+    """Sibling: an oracle whose obstacles fall too is told apart, at their first collision."""
+    monkeypatch.setattr(ReferenceSimulation, "pulls", property(lambda self: [self.gravity] * self.scene.n))
+    with pytest.raises(AssertionError):
+        follow(pinned(4), 40)
+
+
+def test_potential_energy_and_weight_leave_obstacles_out():
+    scene = pinned(2)
+    moves = ~scene.obstacles
+    assert scene.potential_energy == pytest.approx(
+        float(np.sum(scene.masses[moves] * (scene.positions[moves, 1] - scene.radii[moves])))
+    )
+    sim = hs.Simulation(scene)
+    sim.run(time=30.0)
+    at = sim._at
+    assert sim._engine.arrays.number[at.WEIGHT + 1] == -scene.masses[moves].sum()
+    assert np.isfinite(sim.tallies.kinetic).all() and math.isfinite(sim.compressibility_factor)
+
+
+def test_a_bounce_on_an_obstacle_keeps_its_height():
+    """On top of it, exactly: 5000 bounces of 2 sqrt(2 h / g), whatever h; a ball that only lies there is refused."""
+    for h in (1e-12, 1e-8, 0.5):
+        scene = hs.Scene(
+            [[5.0, 3.0], [5.0, 4.0 + h]], [[0, 0], [0, 0]], [0.75, 0.25], [INF, 3.0], (10.0, 10.0), "wall",
+            gravity=(0, -1),
+        )  # fmt: skip
+        sim = hs.Simulation(scene)
+        sim.run(collisions=5000)
+        sim.check()
+        drop = scene.positions[1, 1] - 4.0
+        assert sim.time == pytest.approx(
+            2.0 * math.sqrt(2.0 * drop) * 4999.5, rel=1e-4 if h < 1e-10 else 1e-8
+        )
+        assert abs(sim.energy_drift) < 2e-14 and sim.positions[1, 0] == 5.0
+    sim = hs.Simulation(scene.replace(positions=[[5.0, 3.0], [5.0, 4.0]]))
+    with pytest.raises(hs.SimulationError, match="particle 1 has come to rest on a wall or an obstacle that"):
+        sim.run(time=1.0)
+
+
+def test_a_ball_rolls_off_an_obstacle():
+    """From a millionth above its side, in ever faster bounces; it ends with the energy that it began with."""
+    scene = hs.Scene(
+        [[5.0, 3.0], [5.1, 3.0 + math.sqrt(1.0 - 0.01) + 1e-6]], [[0, 0], [0, 0]], [0.75, 0.25], [INF, 3.0],
+        (10.0, 10.0), "wall", gravity=(0, -1),
+    )  # fmt: skip
+    sim = hs.Simulation(scene)
+    sim.run(time=5.0)
+    sim.check()
+    assert sim.collisions > 100 and sim.positions[1, 0] > 5.8 and abs(sim.energy_drift) < 2e-14
+
+
+def test_windows_cannot_be_used_with_obstacles_under_gravity():
+    with pytest.raises(
+        hs.SimulationError, match="towards obstacles are curved, and windows compare straight"
+    ):
+        hs.Simulation(pinned(2), search="windows")
+    assert "neighbour lists" in hs.Simulation(pinned(2)).status()["method"]
+
+
+def test_falling_among_obstacles_goes_on_with_the_same_bits(tmp_path):
+    sim = hs.Simulation(pinned(2))
+    sim.run(collisions=700)
+    sim.save(tmp_path / "pins.npz")
+    twins = [hs.Simulation.load(tmp_path / "pins.npz"), copy.deepcopy(sim)]
+    for each in (sim, *twins):
+        each.run(collisions=2000)
+    assert bits(sim) == bits(twins[0]) == bits(twins[1])
+    assert hs.Simulation(sim.to_scene()).scene.falls
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("gravity", [0.01, 30.0])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"boundary": ("periodic", "wall")},
+        {"boundary": ("periodic", "wall"), "edge": 7.0, "n": 5, "obstacles": 4, "largest": 0.6},
+        {"dim": 3, "edge": 10.0},
+        {"dim": 3, "edge": 9.0, "boundary": ("wall", "periodic", "wall")},
+    ],
+)
+def test_falling_among_obstacles_in_other_boxes(options, gravity):
+    """Periodic axes, lists that name the image, spheres, two directions at once."""
+    dim = options.get("dim", 2)
+    pull = np.zeros(dim)
+    pull[-1], pull[0] = -gravity, 0.3 * gravity * (dim == 3)
+    scene = pinned(5, pull, **options)
+    sim = hs.Simulation(scene)
+    for _ in range(6):
+        sim.run(collisions=500)
+        sim.check()
+    assert abs(sim.energy_drift) < 3e-14 and sim.status()["late_events"] == 0
+    assert follow(scene, 40) >= 10
+
+
 # What counts, and what does not.
 
 
@@ -287,8 +474,12 @@ def test_the_momentum_given_to_obstacles_is_accounted_for():
     assert np.abs(change).max() > 0.1  # and momentum itself is not kept
 
 
+@pytest.mark.slow
 def test_free_paths_and_the_log_leave_obstacles_out():
-    """Obstacles are one species without flights; all that they have in the log is the collision."""
+    """Obstacles are one species without flights; all that they have in the log is the collision.
+
+    In small: `test_bounds.test_nor_among_obstacles`.
+    """
     scene, chunks = maze(1), []
     sim = hs.Simulation(scene, free_paths=True, log=chunks.append, search="lists")
     sim.run(collisions=3000)
@@ -310,6 +501,7 @@ def test_free_paths_and_the_log_leave_obstacles_out():
 # Effusion.
 
 
+@pytest.mark.slow
 def test_effusion_through_a_hole_in_a_wall_of_obstacles():
     """Crossings of a gap at equilibrium: n <|v_x|> (gap - diameter) a time, both ways together; exact.
 
@@ -444,10 +636,6 @@ AT_REST = np.zeros((3, 2))
         ({"masses": INF}, "all particles have infinite mass; at least one must have a finite mass, to move"),
         ({"masses": [1, -INF, 1]}, "the mass of particle 1 is -inf; it must be positive"),
         ({"masses": [1, math.nan, 1]}, "the mass of particle 1 is nan; it must be positive"),
-        (
-            {"masses": [1, INF, 1], "gravity": (0, -1), "boundary": "wall"},
-            "particle 1 has infinite mass, and there is gravity; obstacles do not fall",
-        ),
         (
             {"positions": [[2, 2], [5, 11], [8, 8]], "masses": [1, INF, 1], "boundary": "wall"},
             "the centre of obstacle 1 lies 1 beyond a wall along y",

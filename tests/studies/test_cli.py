@@ -223,7 +223,7 @@ def test_help_cuts_no_option_and_groups_them(command, monkeypatch):
         (["hard-cases", "--only", "pi"], "--only pi is not known; it can be galperin, cradle, "),
         (["bench", "--start", "warm"], "--start warm is not known; it can be auto, lattice or fluid"),
         (["bench", "--against", "lammps"], "--against lammps is not known; it can be spheropack or plain"),
-        (["bench", "--suite", "all"], "--suite all is not known; it can be quick or full"),
+        (["bench", "--suite", "all"], "--suite all is not known; it can be quick, full or prices"),
         (["bench", "--mass-ratio", "0"], "--mass-ratio 0 must be positive"),
         (["bench", "--boundary", "wall,sticky"], "--boundary wall,sticky is not known"),
         (["mixture", "--packing-fractions", "0.1:0.2:3"], "names several, but this study is of one gas"),

@@ -8,12 +8,13 @@ from using vectors. Formulas and their sources: `hardspheres.collision`, for sph
 
 import math
 
-from hardspheres import collision, gravity, growth
+from hardspheres import collision, falling, gravity, growth
 
 from .. import layout as at
 from ..flags import DIM, GRAVITY, GROWS, SIZES
 from ..simd.jit import jit
 from ..simd.pointers import bits
+from .obstacles import is_obstacle
 
 contact_time = jit(collision.contact_time)
 discriminant_2d = jit(collision.discriminant_2d)
@@ -22,6 +23,7 @@ growing_contact_time = jit(growth.growing_contact_time)
 growing_discriminant = jit(growth.growing_discriminant)
 impact_time = jit(gravity.impact_time)
 impact_square = jit(gravity.impact_square)
+falling_contact_time = jit(falling.falling_contact_time)
 
 NEVER = math.inf
 NO_TIME = 0x7FF0000000000000  # the bits of infinity: non-negative times order as their bits do
@@ -122,6 +124,52 @@ def solve(s, table, i, now, m):
         scratch[table + WHEN + k] = time
         soonest = min(soonest, (bits(time) & ~LINE) | k)  # integers: their minimum is a vector instruction
     return soonest
+
+
+@jit
+def solve_obstacles(s, table, i, now, entry):
+    """Put right, in a table of neighbours of i, the times of those that do not fall; return the soonest."""
+    soonest = NO_TIME
+    for k in range(at.LANES):
+        j = s.neighbours[entry + k]
+        if j < s.counter[at.N] and is_obstacle(s, j):
+            s.scratch[table + WHEN + k] = obstacle_contact(s, table, i, j, k, now)
+        soonest = min(soonest, (bits(s.scratch[table + WHEN + k]) & ~LINE) | k)
+    return soonest
+
+
+@jit
+def obstacle_contact(s, table, i, j, k, now):
+    """Contact time of i, which falls, with obstacle j in line k of a table, as its stored image, if any."""
+    ri, rj = i * at.ROW, j * at.ROW
+    ti = s.row[ri + at.T]
+    x, y = apart(s, table, ri, rj, 0, k, now - ti), apart(s, table, ri, rj, 1, k, now - ti)
+    z, w, az = 0.0, 0.0, 0.0
+    if DIM == 3:
+        z, w, az = apart(s, table, ri, rj, 2, k, now - ti), s.row[ri + at.V + 2], s.number[at.PULL + 2]
+    sigma = full_contact(s, i, j)
+    return ti + falling_contact_time(
+        x,
+        y,
+        z,
+        s.row[ri + at.V],
+        s.row[ri + at.V + 1],
+        w,
+        s.number[at.PULL],
+        s.number[at.PULL + 1],
+        az,
+        sigma * sigma,
+        s.number[at.EPOCH_LENGTH] - ti,
+    )
+
+
+@jit
+def apart(s, table, ri, rj, d, k, ago):
+    """Separation of two rows along axis d in the stored image, or in that which is the nearest at `now`."""
+    x = s.row[ri + at.X + d] - s.row[rj + at.X + d]
+    if s.counter[at.IMAGES] == 1:
+        return x - s.number[at.BOX + d] * s.scratch[table + SHIFT + d * at.LANES + k]
+    return x - s.number[at.BOX + d] * rint((x + s.row[ri + at.V + d] * ago) * s.number[at.INVERSE + d])
 
 
 @jit

@@ -139,12 +139,30 @@ def collide_pair(s, i, j, t):
         tally_heat_transfer(s, i, j, unequal, x, y, z, 1.0 if factor == 1.0 else 1.0 / THREE_QUARTERS)
     if OBSTACLES and max(mi, mj) == math.inf:
         tally_obstacle(s, push if mi == math.inf else -push, x, y, z)
+        if GRAVITY:
+            note_rest(s, j if mi == math.inf else i, x, y, z, 1.0 if factor == 1.0 else 1.0 / THREE_QUARTERS)
         s.version[j if mi == math.inf else i] += 1
     else:
         s.version[i] += 1
         s.version[j] += 1
     s.counter[at.PAIRS] += 1
     s.counter[at.LAST_PAIR_EPOCH] = s.counter[at.EPOCH]
+
+
+@jit
+def note_rest(s, i, x, y, z, scale):
+    """Note whether i has come to rest on an obstacle, scale (x, y, z) apart: bounces so low come in no end.
+
+    With the speed v_n away from it, and r.r'' = v^2 + a.r < 0, the bounce rises by v_n^2 / (-2 r.r'') of r.
+    """
+    u, v = s.row[i * at.ROW + at.V], s.row[i * at.ROW + at.V + 1]
+    b, rr = x * u + y * v, x * x + y * y
+    bend = u * u + v * v + scale * (x * s.number[at.PULL] + y * s.number[at.PULL + 1])
+    if DIM == 3:
+        w = s.row[i * at.ROW + at.V + 2]
+        b, rr, bend = b + z * w, rr + z * z, bend + w * w + scale * z * s.number[at.PULL + 2]
+    if bend < 0.0 and 1.0 + b * b / rr / (-2.0 * bend) == 1.0:
+        s.counter[at.RESTING] = i + 1
 
 
 @jit

@@ -20,6 +20,7 @@ def fallen(s, d, x, v, t):
     """Place and velocity along axis d at time t, seen from a frame that falls since the epoch began.
 
     There every flight is straight, and a reference position stays where it is. All lists are of one epoch.
+    Not with obstacles, which do not fall.
     """
     pull = s.number[at.PULL + d]
     return x - 0.5 * pull * t * t, v - pull * t

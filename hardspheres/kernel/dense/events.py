@@ -7,13 +7,13 @@ entry.
 """
 
 from .. import layout as at
-from ..common.contact_times import NEVER, NO_TIME, TABLE, solve
+from ..common.contact_times import NEVER, NO_TIME, TABLE
 from ..common.obstacles import is_obstacle
 from ..flags import OBSTACLES
 from ..simd.jit import called, jit
 from .calendar import clear_calendar, schedule
 from .neighbour_lists import make_all_lists
-from .prediction import gather, next_event, threshold_crossing
+from .prediction import gather, next_event, soonest_contact, threshold_crossing
 
 
 @called
@@ -41,8 +41,8 @@ def predict_again(s, i, other, time):
     gather(s, 0, i, 0)
     if both:
         gather(s, TABLE, other, 0)
-    soonest = solve(s, 0, i, now, at.LANES)
-    soonest_of_other = solve(s, TABLE, other, now, at.LANES) if both else NO_TIME
+    soonest = soonest_contact(s, 0, i, 0, now)
+    soonest_of_other = soonest_contact(s, TABLE, other, 0, now) if both else NO_TIME
     enter_next(s, 0, i, soonest, now)
     if both:
         enter_next(s, TABLE, other, soonest_of_other, now)
@@ -89,7 +89,7 @@ def rebuild_all(s, now):
     make_all_lists(s, now)
     if s.counter[at.SHORT_CELLS] == 0 and s.counter[at.SHORT_LISTS] == 0:
         for i in range(s.counter[at.N]):
-            time = threshold_crossing(s, i)
+            time = threshold_crossing(s, i, now)
             if time < s.event_float[i * at.EVENT + at.TIME]:
                 s.event[i * at.EVENT + at.PARTNER_VERSION] = s.counter[at.REBUILDS_OF_ALL]
                 schedule(s, i, max(time, now), at.REBUILD)

@@ -34,7 +34,10 @@ def set_reference(s, i, now):
     most = MOST_AHEAD * s.number[at.DISPLACEMENT_THRESHOLD]
     for d in range(DIM):
         x, v = s.row[i * at.ROW + at.X + d], s.row[i * at.ROW + at.V + d]
-        if GRAVITY:
+        if GRAVITY and OBSTACLES:  # they stay where they are: so do reference positions
+            pull = 0.0 if is_obstacle(s, i) else s.number[at.PULL + d]
+            x, v = x - 0.5 * pull * dt * dt, v + pull * dt
+        elif GRAVITY:
             x, v = fallen(s, d, x, v, s.row[i * at.ROW + at.T])
         ahead = max(min(v * s.number[at.LEAD], most), -most)
         s.event_float[i * at.EVENT + at.REFERENCE + d] = x + v * dt + ahead

@@ -18,9 +18,11 @@ from ..common.contact_times import (
     discriminant_3d,
     growing_wall_contact,
     solve,
+    solve_obstacles,
     wall_contact,
 )
-from ..flags import DIM, GRAVITY, GROWS, WALLS
+from ..common.obstacles import is_obstacle
+from ..flags import DIM, GRAVITY, GROWS, OBSTACLES, WALLS
 from ..simd.jit import called, jit
 from ..simd.pointers import from_bits, int64
 from ..simd.vectors import alike, gather_transposed
@@ -37,6 +39,15 @@ def gather(s, table, i, first):
         for k in range(at.LANES):
             for d in range(DIM):
                 s.scratch[table + SHIFT + d * at.LANES + k] = s.images[(entry + k) * DIM + d]
+
+
+@jit
+def soonest_contact(s, table, i, first, now):
+    """Solve for those in a table, from slot `first` of i's list on; return the soonest as `solve` does."""
+    soonest = solve(s, table, i, now, at.LANES)
+    if GRAVITY and OBSTACLES:
+        soonest = solve_obstacles(s, table, i, now, i * s.counter[at.LIST_ROOM] + first)
+    return soonest
 
 
 @jit
@@ -89,7 +100,7 @@ def earliest_of_rest(s, i, best, partner, now):
     while not ends(s, i, first):
         gather(s, 0, i, first)
         entry = i * s.counter[at.LIST_ROOM] + first
-        time, who = earliest_in_table(s, 0, entry, solve(s, 0, i, now, at.LANES))
+        time, who = earliest_in_table(s, 0, entry, soonest_contact(s, 0, i, first, now))
         if time < best or (time == best and who < partner):
             best, partner = time, who
         first += at.LANES
@@ -97,12 +108,14 @@ def earliest_of_rest(s, i, best, partner, now):
 
 
 @jit
-def threshold_crossing(s, i):
+def threshold_crossing(s, i, now):
     """Time at which i is one displacement threshold away from its reference position.
 
     The row may have been written many thresholds away from there. So, as for contacts, the discriminant is
     the one in which nothing of the size of that distance cancels.
     """
+    if GRAVITY and OBSTACLES:
+        return curved_crossing(s, i, now)
     row = s.row
     ri, reference = i * at.ROW, i * at.EVENT + at.REFERENCE
     x, y = row[ri + at.X] - s.event_float[reference], row[ri + at.X + 1] - s.event_float[reference + 1]
@@ -129,6 +142,36 @@ def threshold_crossing(s, i):
 
 
 @jit
+def curved_crossing(s, i, now):
+    """As `threshold_crossing` for a path that is curved: not later than that.
+
+    A ball falls by a t^2 / 2 below its straight path. So it stays within the threshold as long as v t + a t^2
+    / 2 does not fill the gap, and as long as the straight path stays within the threshold less the fall up to
+    when it is beyond that.
+    """
+    if is_obstacle(s, i):
+        return NEVER
+    ri, reference = i * at.ROW, i * at.EVENT + at.REFERENCE
+    dt = now - s.row[ri + at.T]
+    rr, b, vv, aa = 0.0, 0.0, 0.0, 0.0
+    for d in range(DIM):
+        pull, v = s.number[at.PULL + d], s.row[ri + at.V + d]
+        x = s.row[ri + at.X + d] + (v + 0.5 * pull * dt) * dt - s.event_float[reference + d]
+        v += pull * dt
+        rr, b, vv, aa = rr + x * x, b + x * v, vv + v * v, aa + pull * pull
+    threshold, pull = s.number[at.DISPLACEMENT_THRESHOLD], math.sqrt(aa)
+    gap = max(threshold - math.sqrt(rr), 0.0)
+    speed = math.sqrt(vv)
+    time = 2.0 * gap / (speed + math.sqrt(vv + 2.0 * pull * gap)) if gap > 0.0 else 0.0
+    if vv > 0.0:
+        straight = (math.sqrt(max(b * b + vv * (threshold * threshold - rr), 0.0)) - b) / vv
+        rest = threshold - 0.5 * pull * straight * straight
+        if rest > 0.0 and rest * rest > rr:
+            time = max(time, (math.sqrt(b * b + vv * (rest * rest - rr)) - b) / vv)
+    return now + time
+
+
+@jit
 def next_event(s, table, i, soonest, now):
     """Time and partner of i's next event: a contact, a wall, or a new neighbour list."""
     time, partner = earliest_contact(s, table, i, soonest, now)
@@ -136,7 +179,7 @@ def next_event(s, table, i, soonest, now):
         t, wall = growing_wall_contact(s, i) if GROWS else wall_contact(s, i)
         if t < time:
             time, partner = t, wall
-    t = threshold_crossing(s, i)
+    t = threshold_crossing(s, i, now)
     if t <= time:
         if t == NEVER:
             return NEVER, at.NOTHING

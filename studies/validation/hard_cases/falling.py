@@ -1,9 +1,11 @@
-"""Gravity: balls that bounce very often, columns of two balls, and a corner that gravity pulls to.
+"""Gravity: balls that bounce very often, columns of two balls, a corner that gravity pulls to, and pins.
 
 Two balls of equal masses in a column exchange their energies in every collision, measured from where each
 could fall to, so the set of the two never changes. Where the lower one is heavier the motion is chaotic
 (Wojtkowski, Commun. Math. Phys. 126, 507 (1990); Simanyi, arXiv:2407.12033). Then places are compared with 60
-digits, for as many collisions as chaos allows, and so are those of discs in a corner.
+digits, for as many collisions as chaos allows, and so are those of discs in a corner and among the pins of a
+Galton board, which do not fall: elastic balls climb back up it for ever (Chernov, Dolgopyat, J. Amer. Math.
+Soc. 22, 821 (2009)).
 """
 
 from __future__ import annotations
@@ -16,10 +18,11 @@ import numpy as np
 
 import hardspheres as hs
 from hardspheres.reference import ReferenceSimulation
-from studies.validation.hard_cases.case import EPS, Case, Size, kept, pick
+from studies.validation.hard_cases.case import EPS, Case, Size, counted, kept, pick
 
 TITLE = "Gravity"
 DIGITS = 60
+NEAREST = 46  # 2^-NEAREST: how close to an obstacle's edge a parabola passes it
 
 
 def column(lower: float, upper: float) -> hs.Scene:
@@ -46,6 +49,55 @@ def corner() -> hs.Scene:
         "wall",
         gravity=(-1.0, -0.7),
     )
+
+
+def board() -> hs.Scene:
+    """Return a Galton board: rows of pins, each between those beside it, and a ball above them."""
+    pins = [(float(k), float(y)) for y in range(2, 7) for k in range(1 + y % 2, 12, 2)]
+    return hs.Scene(
+        [*pins, (6.2, 9.0)],
+        np.zeros((len(pins) + 1, 2)),
+        [0.3] * len(pins) + [0.2],
+        [math.inf] * len(pins) + [1.0],
+        (12.0, 10.0),
+        "wall",
+        gravity=(0.0, -1.0),
+    )
+
+
+@kept
+def among_pins(collisions: int) -> Case:
+    """Compare kinetic and potential energy of a ball among pins with those at the start."""
+    simulation = hs.Simulation(board())
+    simulation.run(collisions=collisions)
+    off = abs(simulation.energy_drift)
+    return Case(
+        f"a Galton board, {collisions:.0e} collisions",
+        "the energy of the start, kinetic and potential",
+        f"off by {off:.1e}",
+        off,
+        allowed=10.0 * EPS * math.sqrt(collisions),
+    )
+
+
+def grazing() -> Case:
+    """Count which of the discs whose parabola tops an obstacle by 1 -+ 2^-k contact distances meet it."""
+    right = 0
+    for k in range(10, NEAREST + 1):
+        for sign in (-1.0, 1.0):
+            scene = hs.Scene(
+                [[5.0, 3.0], [3.0, 3.5 + sign * 2.0**-k]],
+                [[0.0, 0.0], [2.0, 1.0]],  # the top is after a time of 1, half a length higher
+                [0.75, 0.25],
+                [math.inf, 3.0],
+                (10.0, 10.0),
+                "wall",
+                gravity=(0.0, -1.0),
+            )
+            simulation = hs.Simulation(scene)
+            simulation.run(time=1.75)
+            right += int((simulation.collisions == 1) == (sign < 0.0))
+    return counted("an obstacle touched by a parabola", 2 * (NEAREST - 9), right, "told apart")
 
 
 @kept
@@ -123,3 +175,7 @@ def cases(size: Size) -> Iterator[Case]:
     yield followed("a column of two balls, masses 2:1, chaotic", column(2.0, 1.0), 15, 1e-7)
     yield followed("a column of two balls, masses 1:2", column(1.0, 2.0), 30, 1e-7)
     yield followed("two balls in a corner", corner(), 10, 1e-7)
+    for collisions in pick(size, ((10**4,), (10**4, 10**6), (10**4, 10**6, 10**7))):
+        yield among_pins(collisions)
+    yield followed("a Galton board, chaotic", board(), 8, 1e-6)
+    yield grazing()

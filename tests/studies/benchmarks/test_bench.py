@@ -10,6 +10,7 @@ import pytest
 
 import hardspheres as hs
 from analysis import theory
+from studies.benchmarks import prices
 from studies.benchmarks.bench import Bench, bench, measure
 from studies.benchmarks.clock import Timing, Windows
 from studies.benchmarks.gas import Gas
@@ -296,3 +297,45 @@ def test_results_are_shown(tmp_path, capsys):
         "bytes per",
     ):
         assert words in shown
+
+
+def test_a_price_list_in_small(tmp_path, monkeypatch):
+    """Tallies only, whose kernels other tests have; ratios are of the two gases named, whatever they are."""
+    tallied = {name: prices.FEATURES[name] for name in ("free_paths=True", "heat=True")}
+    monkeypatch.setattr(prices, "FEATURES", tallied | {"itself": ("plain", {})})
+    study = prices.Prices(n=128, packing_fractions=(0.05,), rounds=5, window=1.0)
+    summary, sound = prices.run_prices(study, OutputFolder(tmp_path / "prices"), Screen())
+    assert sound and [row["feature"] for row in summary["prices"]] == [*tallied, "itself"]
+    assert all(row["ratio"] > 0.0 for row in summary["prices"])
+    with (tmp_path / "prices" / "prices.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["ratio"]) for row in rows] == [row["ratio"] for row in summary["prices"]]
+
+
+def test_gases_of_the_price_list_have_what_their_names_say():
+    scenes = {name: prices.gas_with(name, 200, 0.1, 1) for name in ("plain", *prices.FEATURES)}
+    plain = scenes.pop("plain")
+    for name, scene in scenes.items():
+        assert scene.n == 200 and scene.falls == name.startswith("gravity")
+        assert scene.periodic.all() != (scene.falls or name == "walls")
+        assert (scene.n - scene.n_moving == 4) == ("obstacles" in name)
+        assert (len(np.unique(scene.masses)) == 2) == ("mass" in name or "obstacles" in name)
+        assert (len(np.unique(scene.radii)) == 2) == ("radius" in name)
+        beside, options = prices.FEATURES[name]
+        assert beside in {"plain", "walls"} and (bool(options) == ("=" in name))
+        if options:
+            assert np.array_equal(scene.positions, plain.positions)
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["--dim", "2"], "--suite prices has gases of its own; leave out --dim"),
+        (["--packing-fraction", "0.4"], "--packing-fraction 0.4: a price list goes up to 0.35"),
+        (["--n", "20"], "--n 20: a price list needs at least 50 particles"),
+        (["--n", "100", "--n", "200"], "--n is given 2 times, but the price list has one; give it once"),
+    ],
+)
+def test_a_price_list_of_other_gases_is_refused(options, sentence, monkeypatch, capsys):
+    assert command(monkeypatch, "--suite", "prices", *options) == 2
+    assert sentence in capsys.readouterr().err

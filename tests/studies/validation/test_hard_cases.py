@@ -66,11 +66,24 @@ class Lossy(hs.Simulation):
 
 
 @pytest.mark.parametrize(
-    "name", ["galperin", "cradle", "ratios", "packing", "distances", "reversal", "exactly-solved", "gravity"]
+    "name",
+    [
+        "galperin",
+        "cradle",
+        "ratios",
+        "packing",
+        "distances",
+        "reversal",
+        "exactly-solved",
+        "gravity",
+        "obstacles",
+    ],
 )
 def test_a_lossy_gas_fails(name, monkeypatch):
     """Sibling of every group that has a conserved or counted answer."""
     monkeypatch.setattr(hs, "Simulation", Lossy)
+    if name == "obstacles":  # 2000 losses: more would bring the one disc to a halt
+        monkeypatch.setattr(Lossy, "LOSS", 1e-5)
     done = []
     for case in GROUPS[name].cases("small"):
         done.append(case)
