@@ -42,7 +42,7 @@ def off(kernel, distance, offset, rng, cancelling=False):
         b, vv = u @ v, v @ v
         time = (math.sqrt(max(b * b - vv * (u @ u - SHELL * SHELL), 0.0)) - b) / vv
     else:
-        time = threshold_crossing(SimpleNamespace(row=row, event_float=event, number=number), 0)
+        time = threshold_crossing(SimpleNamespace(row=row, event_float=event, number=number), 0, 0.0)
     with mpmath.workdps(50):
         end = [
             mpmath.mpf(x) + mpmath.mpf(w) * mpmath.mpf(time)
