@@ -17,7 +17,7 @@ from hardspheres.checks import contact_tolerance, inertia
 from hardspheres.collision import discriminant_2d, discriminant_3d
 from hardspheres.errors import InvariantError
 from hardspheres.falling import falling_contact_time
-from hardspheres.gravity import impact_square, impact_time
+from hardspheres.gravity import climbed_speed, impact_time
 from hardspheres.scene import Scene, returned_to_box, squared_lengths, squares_at_floor
 
 if TYPE_CHECKING:
@@ -312,10 +312,12 @@ class _Search:
             x, v, pull = self.x[:, axis], self.v[:, axis], float(self.scene.gravity[axis])
             if pull != 0.0:
                 for side, toward, gap in ((0, -v, x - radii), (1, v, (box[axis] - radii) - x)):
-                    square, lower = self.squares[:, axis], (pull > 0.0) != (side == 1)
-                    if lower:  # the wall opposite, which it rises to
-                        square = impact_square(np.sqrt(square), box[axis] - 2.0 * radii, -abs(pull))
-                    root = np.sqrt(np.maximum(square, 0.0))
+                    if (pull > 0.0) == (side == 1):
+                        root = np.sqrt(self.squares[:, axis])
+                    else:  # the wall opposite, which it rises to
+                        root = np.vectorize(climbed_speed, otypes=[float])(
+                            self.squares[:, axis], box[axis] - 2.0 * radii, abs(pull)
+                        )
                     times = self.t + _impact_times(
                         toward, np.maximum(gap, 0.0), pull if side else -pull, root
                     )

@@ -23,6 +23,7 @@ growing_contact_time = jit(growth.growing_contact_time)
 growing_discriminant = jit(growth.growing_discriminant)
 impact_time = jit(gravity.impact_time)
 impact_square = jit(gravity.impact_square)
+climbed_speed = jit(gravity.climbed_speed)
 falling_contact_time = jit(falling.falling_contact_time)
 
 NEVER = math.inf
@@ -228,16 +229,16 @@ def toward_wall(s, i, d, side):
 
 
 @jit
-def square_at_wall(s, i, d, side):
-    """Square of the speed along axis d with which i comes to a wall; 0 where it does not come so far."""
+def speed_at_wall(s, i, d, side):
+    """Speed along axis d with which i comes to a wall; 0 where it does not come so far."""
     pull = s.number[at.PULL + d]
     if pull == 0.0:
-        return s.row[i * at.ROW + at.V + d] * s.row[i * at.ROW + at.V + d]
+        return abs(s.row[i * at.ROW + at.V + d])
     square = s.fall[i * at.FALL + d]
     if (pull > 0.0) == (side == 1):
-        return square
+        return math.sqrt(square)
     radius = s.row[i * at.ROW + at.RADIUS] if SIZES else s.number[at.COMMON_RADIUS]
-    return max(impact_square(math.sqrt(square), s.number[at.BOX + d] - 2.0 * radius, -abs(pull)), 0.0)
+    return climbed_speed(square, s.number[at.BOX + d] - 2.0 * radius, abs(pull))
 
 
 @jit
@@ -258,7 +259,7 @@ def falling_wall_contact(s, i):
         if s.number[at.INVERSE + d] == 0.0:
             for side in range(2):
                 toward, gap, pull = toward_wall(s, i, d, side)
-                root = math.sqrt(square_at_wall(s, i, d, side))
+                root = speed_at_wall(s, i, d, side)
                 t = s.row[i * at.ROW + at.T] + impact_time(toward, gap, pull, root)
                 if t < time:
                     time = t

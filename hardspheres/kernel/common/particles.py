@@ -12,7 +12,7 @@ from .. import layout as at
 from ..flags import DIM, FLIGHTS, GRAVITY, GROWS, HEAT, MASSES, OBSTACLES, SIZES
 from ..simd.jit import called, jit
 from ..simd.pointers import bits, from_bits
-from .contact_times import full_contact, note_fall, rint, square_at_wall
+from .contact_times import full_contact, note_fall, rint, speed_at_wall
 from .flights import end_flight, tally_encounter
 from .log import log_pair, log_wall
 from .obstacles import is_obstacle
@@ -203,16 +203,16 @@ def hit_wall(s, i, wall, t):
 @jit
 def fall_to_wall(s, i, axis, side, t):
     """Flight of row i to a wall: there exactly, with the speed that follows from the energy."""
-    square = square_at_wall(s, i, axis, side)
+    speed = speed_at_wall(s, i, axis, side)
     fly(s, i, t)
     pull = s.number[at.PULL + axis] if side else -s.number[at.PULL + axis]
     ri = i * at.ROW
     radius = s.row[ri + at.RADIUS] if SIZES else s.number[at.COMMON_RADIUS]
     if pull != 0.0:
         s.row[ri + at.X + axis] = s.number[at.BOX + axis] - radius if side else radius
-    s.row[ri + at.V + axis] = math.sqrt(square) if side else -math.sqrt(square)
+    s.row[ri + at.V + axis] = speed if side else -speed
     # Bounces so low come in no end.
-    if pull > 0.0 and radius + square / (2.0 * pull) == radius:
+    if pull > 0.0 and radius + speed * speed / (2.0 * pull) == radius:
         s.counter[at.RESTING] = i + 1
 
 
