@@ -6,12 +6,25 @@ import signal
 import pytest
 from hypothesis import settings
 
+from studies.running.stopping import STOPPING
+
 settings.register_profile("hardspheres", derandomize=True, deadline=None, print_blob=True)
 settings.load_profile("hardspheres")
 
 # Readline, which pytest's debugger loads, invents a window where there is none.
 for name in ("COLUMNS", "LINES"):
     os.environ.pop(name, None)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item):
+    """Undo what a command that ended in this process did to signals: it ignores them, as its process is about to exit."""
+    before = {number: signal.getsignal(number) for number in STOPPING}
+    try:
+        return (yield)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @pytest.fixture

@@ -111,5 +111,5 @@ def browser():
         finally:
             window.call("DELETE", "")
     finally:
-        driver.terminate()
+        driver.kill()  # a parent that ignores SIGTERM hands that on
         driver.wait()
