@@ -692,11 +692,11 @@ def test_both_searches_and_the_oracle_in_other_boxes(options):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("reach", "per_collision", "per_length"), [(0.3, 2.38, 1.990), (0.4, 1.70, 2.760)])
-def test_sinais_billiard_on_a_torus(reach, per_collision, per_length):
+def test_sinais_billiard_on_a_torus():
     """Free path beside (1 - pi R^2) / (2R), Lyapunov exponents beside a tangent-space run of another program."""
     from analysis.lyapunov import lyapunov_exponent
 
+    reach, per_collision, per_length = 0.4, 1.70, 2.760
     scene = hs.Scene(
         [[0.5, 0.5], [0.05, 0.02]], [[0, 0], [0.6, 0.8]], reach / 2, [INF, 1.0], (1.0, 1.0), "periodic"
     )
