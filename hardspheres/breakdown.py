@@ -44,7 +44,6 @@ class Breakdown:
         self.looks: Counter[str] = Counter()
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._look, daemon=True)
-        self._before = self._counts()
 
     def __enter__(self) -> Self:
         """Begin to look."""

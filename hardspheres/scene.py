@@ -35,6 +35,7 @@ from hardspheres.gravity import impact_square
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Array = TypeVar("Array", bound=NDArray[Any])
+Lengths = TypeVar("Lengths", float, Floats)
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -464,8 +465,8 @@ class Scene:
         )
 
 
-def sphere_volume(radii: Floats, dim: int) -> Floats:
-    """Volumes of spheres (areas of discs): 4/3 pi r^3 in 3D, pi r^2 in 2D."""
+def sphere_volume(radii: Lengths, dim: int) -> Lengths:
+    """Volumes of spheres, or of one (areas of discs): 4/3 pi r^3 in 3D, pi r^2 in 2D."""
     return (4 / 3) * math.pi * radii * radii * radii if dim == 3 else math.pi * radii * radii
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 import hardspheres as hs
 from analysis import theory
+from hardspheres.scene import sphere_volume
 
 __all__ = ["ARRANGEMENTS", "ObstacleCourse"]
 
@@ -103,7 +104,7 @@ class ObstacleCourse:
     def reach(self) -> float:
         """Radius of an obstacle and of the particle together."""
         return float(
-            (self.packing_fraction / self.density / theory.ball_volume(1.0, self.dim)) ** (1.0 / self.dim)
+            (self.packing_fraction / self.density / sphere_volume(1.0, self.dim)) ** (1.0 / self.dim)
         )
 
     @property
@@ -118,7 +119,7 @@ class ObstacleCourse:
         Of obstacles at random it is the mean over time and over all arrangements of so many: wherever the
         particle is, they are anywhere but within reach.
         """
-        ball = theory.ball_volume(self.reach, self.dim)
+        ball = sphere_volume(self.reach, self.dim)
         volume, surface = float(np.prod(self.box)), self.count * ball * self.dim / self.reach
         return theory.santalo_free_path(
             volume - (ball if self.obstacles else self.count * ball), surface, self.dim

@@ -55,7 +55,6 @@ from analysis.theory.expansion import spread_entropy, spread_shares, tracer_disp
 from analysis.theory.flights import FreeFlights
 from analysis.theory.lorentz import (
     FINITE_HORIZON,
-    ball_volume,
     billiard_lyapunov_exponent,
     lorentz_diffusion,
     lorentz_lyapunov_exponent,
@@ -133,7 +132,6 @@ __all__ = [
     "adsorption",
     "anisotropy_decay",
     "anisotropy_rate",
-    "ball_volume",
     "barometric_density",
     "barometric_temperature",
     "billiard_lyapunov_exponent",

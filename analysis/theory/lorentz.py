@@ -10,11 +10,10 @@ import math
 
 import numpy as np
 
-from analysis.theory.prediction import Prediction, check_dim, inside_range, only_inside
+from analysis.theory.prediction import Prediction, check_dim, inside_range, only_inside, packing_fraction
 
 __all__ = [
     "FINITE_HORIZON",
-    "ball_volume",
     "billiard_lyapunov_exponent",
     "lorentz_diffusion",
     "lorentz_lyapunov_exponent",
@@ -30,20 +29,6 @@ FINITE_HORIZON = math.sqrt(3.0) / 4.0, 0.5
 _BILLIARD = (0.2, 0.3, 0.4), (3.21, 2.38, 1.70)
 BILLIARD_UNCERTAINTY = 0.015
 DILUTE_UP_TO = 0.3  # n times the volume of an obstacle
-
-
-def ball_volume(radius: float, dim: int) -> float:
-    """Return the volume of a ball, pi R^2 in 2D and 4/3 pi R^3 in 3D.
-
-    Parameters
-    ----------
-    radius : float
-        R.
-    dim : {2, 3}
-        Dimension d.
-    """
-    check_dim(dim)
-    return math.pi * radius**2 if dim == 2 else 4.0 / 3.0 * math.pi * radius**3
 
 
 def santalo_free_path(free_volume: float, surface: float, dim: int) -> float:
@@ -171,8 +156,7 @@ def billiard_lyapunov_exponent(radius: float) -> Prediction:
 
 def _dilute(density: float, radius: float, dim: int) -> float:
     """Return the packing fraction of obstacles, NaN where they are too dense for these theories."""
-    check_dim(dim)
-    filled = np.asarray(density * ball_volume(radius, dim))
+    filled = packing_fraction(density, 2.0 * radius, dim)
     return float(
         only_inside(filled, inside_range("the theory of dilute obstacles", filled, 0.0, DILUTE_UP_TO))
     )

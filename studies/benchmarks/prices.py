@@ -53,7 +53,7 @@ class Prices:
         Windows of each gas; the ratio is their median.
     seed : int
         Of the start.
-    window : int
+    window : float
         Collisions per window and particle.
     """
 

@@ -10,6 +10,7 @@ import hardspheres as hs
 from analysis import theory
 from analysis.lorentz import LAGS, PLACES, SURVIVAL_AT, LorentzWalk
 from analysis.theory import TheoryRangeWarning
+from hardspheres.scene import sphere_volume
 
 
 def billiard(reach=0.4, small=0.1, seed=1):
@@ -122,8 +123,8 @@ def test_walks_are_plain_values():
 
 def test_santalo():
     """A ball's mean chord is 4/3 R, a disc's pi/2 R."""
-    assert theory.santalo_free_path(theory.ball_volume(2.0, 3), 16.0 * math.pi, 3) == pytest.approx(8.0 / 3.0)
-    assert theory.santalo_free_path(theory.ball_volume(2.0, 2), 4.0 * math.pi, 2) == pytest.approx(math.pi)
+    assert theory.santalo_free_path(sphere_volume(2.0, 3), 16.0 * math.pi, 3) == pytest.approx(8.0 / 3.0)
+    assert theory.santalo_free_path(sphere_volume(2.0, 2), 4.0 * math.pi, 2) == pytest.approx(math.pi)
 
 
 def test_machta_and_zwanzig():

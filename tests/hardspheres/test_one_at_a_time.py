@@ -10,7 +10,6 @@ from scenes import everything, gas
 
 import hardspheres as hs
 from hardspheres import engine
-from hardspheres.engine import Engine
 from hardspheres.simulation import Simulation
 
 REFUSED = {
@@ -122,17 +121,17 @@ def test_a_run_within_its_own_log(guarded, monkeypatch):
 
 
 def test_a_look_into_which_a_run_comes_is_refused(monkeypatch):
-    sim, flown = hs.Simulation(gas("3d", 40, 0.1, seed=3)), Engine.flown
+    sim, flown = hs.Simulation(gas("3d", 40, 0.1, seed=3)), engine.Engine.flown
     assert np.array_equal(sim.positions, sim.positions)
 
-    def disturbed(engine):
-        places = flown(engine)
-        monkeypatch.setattr(Engine, "flown", flown)
+    def disturbed(mine):
+        places = flown(mine)
+        monkeypatch.setattr(engine.Engine, "flown", flown)
         sim.run(collisions=1)
         return places
 
     for look in (lambda: sim.positions, sim.frame, sim.to_scene):
-        monkeypatch.setattr(Engine, "flown", disturbed)
+        monkeypatch.setattr(engine.Engine, "flown", disturbed)
         with pytest.raises(hs.SimulationError, match="at work already"):
             look()
         look()  # and nothing is left locked
