@@ -2,12 +2,14 @@
 
 import copy
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from hardspheres.checks import inertia
 from hardspheres.clock import FOREVER, recounted
+from hardspheres.crew import Crew
 from hardspheres.errors import SimulationError
 from hardspheres.event_log import ROOM, Sink, as_events
 from hardspheres.free_paths import FlightTallies
@@ -74,6 +76,7 @@ class Engine:
         logs: bool = False,
         search: str = "auto",
         heat: bool = False,
+        threads: int = 1,
     ) -> None:
         from hardspheres.kernel import specialise
 
@@ -81,7 +84,10 @@ class Engine:
         masses = bool(np.any(scene.masses != scene.masses[0]))
         length = epoch_length(scene)
         windows = windows_for(scene, length, search) if growth is None else None
-        self.search: Lists | Windows = windows or Lists(scene)
+        one = growth is not None or (scene.falls and scene.n_moving < scene.n)
+        self.search: Lists | Windows = windows or Lists(scene, 1 if one else threads)
+        domains = getattr(self.search, "domains", None)
+        self.threads = domains.threads if domains else 1
         self.kernels: Any = specialise(
             scene.dim,
             not bool(scene.periodic.all()),
@@ -93,6 +99,7 @@ class Engine:
             scene.falls,
             scene.n_moving < scene.n,
             heat,
+            self.threads > 1 or domains is not None,
         )
         self.layout: Any = self.kernels.at
         self.scene = scene
@@ -144,6 +151,7 @@ class Engine:
         self.earlier = np.zeros(2 * dim * dim + (6 if heat else 4) * dim)
         self._afresh = True
         self._handed_over: tuple[Any, Any] = (None, None)  # the arrays, and what kernels take in their place
+        self._crew: Crew | None = None
         self.paused = False  # whether the last run ended because its budget of work ran out
 
     def _plan(self, length: float, number: Any, count: Any) -> None:
@@ -342,9 +350,8 @@ class Engine:
         # An interrupt before the result is known costs only a new search.
         afresh, self._afresh = self._afresh, True
         if self._handed_over[0] is not self.arrays:
-            self._handed_over = self.arrays, self.kernels.handed_over(self.arrays)
-        arrays = self._handed_over[1]
-        status = self.kernels.run(arrays, afresh, stop_epoch, stop_time, stop_pairs, budget)
+            self._handed_over = self.arrays, self._caller()
+        status = self._handed_over[1](afresh, stop_epoch, stop_time, stop_pairs, budget)
         self.paused = status == self.kernels.PAUSED
         if status == self.kernels.NO_ROOM:
             self._make_room()
@@ -371,6 +378,13 @@ class Engine:
                 "the rounding of its radius, and there would be no end of them; start from other positions"
             )
         return bool(status == self.kernels.DONE)
+
+    def _caller(self) -> Any:
+        """Return what runs the present arrays."""
+        if self.layout.THREADS:
+            self._crew = Crew(self.kernels, self.arrays)
+            return self._crew.run
+        return partial(self.kernels.run, self.kernels.handed_over(self.arrays))
 
     def hand_over_log(self) -> None:
         """Pass the buffered events to the sink, in a chunk of their own; at most once, also on failure."""

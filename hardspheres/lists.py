@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from hardspheres.domains import divided
 from hardspheres.scene import Scene
 from hardspheres.tuning import (
     EVENTS_PER_BUCKET,
@@ -35,9 +36,13 @@ class Lists:
     ----------
     scene : Scene
         The gas.
+    threads : int
+        Threads that run it, if there is room for as many domains.
 
     Attributes
     ----------
+    domains : Domains or None
+        How it is divided among threads, if there are several.
     threshold : float
         Displacement threshold: how far a particle may go from its reference position.
     cells : list of int
@@ -46,13 +51,14 @@ class Lists:
         Whether lists store the image index: more than one image of a pair can matter.
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, threads: int = 1) -> None:
         self.scene = scene
         self.threshold = displacement_threshold(scene)
         reach = 2.0 * self.threshold * (1.0 + SLACK) + 2.0 * float(scene.radii.max())
         self.cells = cells_per_axis(scene, reach, scene.n)
         few = bool(np.any(np.array(self.cells)[scene.periodic] < 3))
         self.images = few or self.threshold > widest_threshold_of_one_image(scene)
+        self.domains = divided(self.cells, threads)
 
     def for_epochs(self, length: float) -> "Lists":
         """Return the search for epochs of another length: the same."""
@@ -80,13 +86,17 @@ class Lists:
         events = 2.0 * n * frequency * length / per_bucket
         count[at.EPOCH_BUCKETS] = int(power_of_two_below(min(max(events, 16.0), 2.0**40)))
         number[at.INVERSE_WIDTH] = count[at.EPOCH_BUCKETS] / length
+        if self.domains:
+            self.domains.plan(scene, at, number, count)
 
     def require_countable(self, at: Any, count: Any) -> None:
         """Raise SimulationError if tables are so long that their places cannot be told."""
         require_countable(self.scene, math.prod(self.cells) * int(count[at.CELL_ROOM]))
 
     def fill(self, at: Any, arrays: dict[str, Any]) -> None:
-        """Fill the arrays that are not found from the rows: there are none."""
+        """Fill the arrays that are not found from the rows."""
+        if self.domains:
+            self.domains.fill(at, arrays)
 
     @property
     def method(self) -> str:

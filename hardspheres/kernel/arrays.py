@@ -24,6 +24,7 @@ class Array(NamedTuple):
     length: Length  # from the slots `at` (`layout`) and the counters `c`; 0: the scene has no use for it
     view: tuple[str, type] | None = None  # the same memory by another name, as another type
     kept: str = ""  # its name in a checkpoint; what has none can be found again
+    own: bool = False  # each thread has one of its own
 
 
 def around(at: Any, c: Any) -> int:
@@ -65,6 +66,32 @@ def near_pairs(at: Any, c: Any) -> int:
     return int(c[at.NEAR_ROOM]) + 32 if at.SPARSE else 0
 
 
+def tables_of_tiles(at: Any, c: Any, length: int) -> int:
+    """Tables that each tile has, all in one array."""
+    return int(c[at.TILES]) * length if at.THREADS else length
+
+
+def cell_columns(at: Any, c: Any) -> int:
+    """Columns of cells, where threads need to know of them."""
+    return int(c[at.CELLS] * c[at.CELLS + 1]) * at.THREADS
+
+
+def old_rows(at: Any, c: Any) -> int:
+    """Room for the old rows of a window, of all threads."""
+    return int(c[at.UNDO_ROOM] * c[at.THREAD_COUNT]) * at.OLD_ROW if at.THREADS else 0
+
+
+def counters(at: Any, c: Any) -> int:
+    """Counters, and those of flights."""
+    species = c[at.SPECIES_COUNT]
+    return int(at.COUNTERS + species * (at.FLIGHT_COUNT + species))
+
+
+def sums(at: Any, c: Any) -> int:
+    """Sums, and those of flights."""
+    return int(at.FLIGHT_SUMS + c[at.SPECIES_COUNT] * at.FLIGHT_SUM)
+
+
 OF_RUN = (  # These last as long as the simulation.
     # Rows of the particles, and one of NaN; see `layout`.
     Array("row", F8, lambda at, c: (c[at.N] + 1) * at.ROW, kept="row"),
@@ -77,31 +104,35 @@ OF_RUN = (  # These last as long as the simulation.
     # When each particle's flight began.
     Array("flight", F8, lambda at, c: c[at.N] * at.FLIGHT, kept="flight"),
     # Events that are still to be handed over.
-    Array("log", F8, lambda at, c: c[at.LOG_ROOM] * at.LOG_ROW),
+    Array("log", F8, lambda at, c: c[at.LOG_ROOM] * at.LOG_ROW, own=True),
     # Two tables of partners, or one of segments, that vector instructions read; see `contact_times`,
     # `segments`.
-    Array("scratch", F8, lambda at, c: at.LANES * 32, view=("scratch_int", I8)),
-    Array("number", F8, lambda at, c: at.NUMBERS + 3 * c[at.SPECIES_COUNT]),
+    Array("scratch", F8, lambda at, c: at.LANES * 32, view=("scratch_int", I8), own=True),
+    Array("number", F8, lambda at, c: at.NUMBERS + 3 * c[at.SPECIES_COUNT], own=True),
     Array(
         "counter",
         I8,
-        lambda at, c: at.COUNTERS + c[at.SPECIES_COUNT] * (at.FLIGHT_COUNT + c[at.SPECIES_COUNT]),
+        counters,
+        own=True,
     ),
     # Gravity: squared speed of each particle at the wall it is pulled to, along each axis.
     Array("fall", F8, lambda at, c: c[at.N] * at.FALL, kept="fall"),
-    Array("total", F8, lambda at, c: at.FLIGHT_SUMS + c[at.SPECIES_COUNT] * at.FLIGHT_SUM, kept="total"),
+    Array("total", F8, sums, kept="total", own=True),
+    # Counters and sums when the window began.
+    Array("old_counter", I8, lambda at, c: counters(at, c) * at.THREADS, own=True),
+    Array("old_total", F8, lambda at, c: sums(at, c) * at.THREADS, own=True),
 )
 
 OF_SEARCH = (  # These are found again from the rows whenever room runs out or epochs get another length.
     # Where a particle is in the cells; windows: slot of its segment, negative where there are several.
     Array("where", I4, lambda at, c: c[at.N]),
     # Bucket queue and event heap. First block of each bucket; the last bucket is for later cycles.
-    Array("buckets", I8, lambda at, c: c[at.BUCKETS] + 1),
-    Array("blocks", I8, lambda at, c: c[at.BLOCKS] * at.BLOCK),
+    Array("buckets", I8, lambda at, c: tables_of_tiles(at, c, c[at.BUCKETS] + 1)),
+    Array("blocks", I8, lambda at, c: tables_of_tiles(at, c, c[at.BLOCKS] * at.BLOCK)),
     # Binary heap of the current bucket's events: time; lower id << 32 | higher id; the entry of the queue.
-    Array("heap_time", F8, lambda at, c: c[at.HEAP_ROOM]),
-    Array("heap_key", I8, lambda at, c: c[at.HEAP_ROOM]),
-    Array("heap_entry", I8, lambda at, c: c[at.HEAP_ROOM]),
+    Array("heap_time", F8, lambda at, c: c[at.HEAP_ROOM], own=True),
+    Array("heap_key", I8, lambda at, c: c[at.HEAP_ROOM], own=True),
+    Array("heap_entry", I8, lambda at, c: c[at.HEAP_ROOM], own=True),
     # Lists. A particle's next event.
     Array("event", I8, lambda at, c: c[at.N] * at.EVENT, view=("event_float", F8)),
     # Ids, then n in all slots that are left; the image index of each where IMAGES.
@@ -114,11 +145,32 @@ OF_SEARCH = (  # These are found again from the rows whenever room runs out or e
         "cell_places", F4, lambda at, c: cells(at, c) * at.CELL_COLUMNS * c[at.CELL_ROOM], ("cell_ids", I4)
     ),
     # Ids of those within a cutoff, a table of those in a cell and around it.
-    Array("near", I4, lambda at, c: around(at, c) + c[at.LIST_ROOM]),
-    Array("around", F4, lambda at, c: at.CELL_COLUMNS * around(at, c), view=("around_ids", I4)),
+    Array("near", I4, lambda at, c: around(at, c) + c[at.LIST_ROOM], own=True),
+    Array(
+        "around", F4, lambda at, c: at.CELL_COLUMNS * around(at, c), view=("around_ids", I4), own=True
+    ),
     # Buckets that entries wait for (-1: none), and the entries.
     Array("waiting_slot", I8, lambda at, c: at.WAITING),
     Array("waiting_entry", I8, lambda at, c: at.WAITING),
+    # Threads. Of each column of cells its tile, and the shifts in which it is inside a domain, a bit each.
+    Array("tile_of_column", I4, cell_columns),
+    Array("inside_in", I4, cell_columns),
+    # Of each tile, for each shift, its domain.
+    Array("domain_of", I4, lambda at, c: (at.ALL_TILES + 1) * c[at.TILES] * at.THREADS),
+    # The head of each tile's list of free blocks; the cycle whose later events it has taken.
+    Array("free_block", I8, lambda at, c: c[at.TILES] * at.LINE * at.THREADS),
+    Array("cycle_of", I8, lambda at, c: c[at.TILES] * at.LINE * at.THREADS),
+    # Of each particle: the round in which it is frozen << 24 | its tile << 8 | as `inside_in`.
+    Array("place", I8, lambda at, c: c[at.N] * at.THREADS),
+    # Of each particle: the window << 32 | the latest of its old rows; these rows, each thread's in turn, and
+    # how many each has of a window that is undone.
+    Array("old_row_of", I8, lambda at, c: c[at.N] * at.THREADS),
+    Array("old_rows", F8, old_rows, view=("old_rows_int", I8)),
+    Array("undone", I8, lambda at, c: c[at.THREAD_COUNT] * at.LINE * at.THREADS),
+    # Those whose events are put off; what threads tell each other; how many have come to the barrier.
+    Array("put_off", I4, lambda at, c: c[at.HEAP_ROOM] * at.THREADS, own=True),
+    Array("told", I8, lambda at, c: 2 * c[at.THREAD_COUNT] * at.TOLD * at.THREADS),
+    Array("barrier", I8, lambda at, c: 2 * at.LINE * at.THREADS),
     # Windows. The particles of the cells in the order in which they are gone through; the large ones.
     Array("order", I4, lambda at, c: unsorted(at, c)),
     Array("large", I4, lambda at, c: c[at.LARGE] + 1),

@@ -12,6 +12,7 @@ from .flags import (  # noqa: F401  `arrays` reads MASSES
     OBSTACLES,
     SIZES,
     SPARSE,
+    THREADS,
 )
 
 
@@ -86,6 +87,11 @@ LARGEST = slot()  # largest radius
 LARGE_DENSITY = slot(3)  # coarse cells per length
 PULL = slot(3 if GRAVITY else 0)  # acceleration of all particles
 WEIGHT = slot(3 if GRAVITY else 0)  # that times the mass of all
+TICKS = slot(1 if THREADS else 0)  # threads: ticks per time; a bucket has TICKS_OF_BUCKET of them
+LATEST = slot(1 if THREADS else 0)  # time of the last event in windows that stand
+LATEST_IN_WINDOW = slot(1 if THREADS else 0)
+WINDOW_BEGIN = slot(1 if THREADS else 0)  # no event to come is earlier
+STOP_TIME = slot(1 if THREADS else 0)  # later events wait for another run
 NUMBERS = slot.end
 FLIGHT_UNITS = NUMBERS  # where FLIGHTS, of each species: 1 / the units of its paths, times, and bins of speed
 
@@ -153,9 +159,40 @@ LARGE = slot()  # how many particles are in the coarse grid
 LARGE_CELLS = slot(3)  # coarse cells per axis
 RESTING = slot(1 if GRAVITY else 0)  # 1 + a particle that has come to rest on a wall
 OBSTACLE_HITS = slot(1 if OBSTACLES else 0)  # those of the pair collisions with an obstacle
+THREAD = slot(1 if THREADS else 0)  # threads: which one this is
+THREAD_COUNT = slot(1 if THREADS else 0)
+TILES = slot(1 if THREADS else 0)
+DOMAINS = slot(1 if THREADS else 0)
+SHIFTS = slot(1 if THREADS else 0)  # in how many ways tiles make domains: 1, 2 or 4
+SHIFT = slot(1 if THREADS else 0)  # the present one
+DOMAIN = slot(1 if THREADS else 0)  # the domain at work
+ROUND = slot(1 if THREADS else 0)
+WINDOW = slot(1 if THREADS else 0)  # number of this window, or of this attempt at it
+TICK = slot(1 if THREADS else 0)  # the first of this window
+LIMIT = slot(1 if THREADS else 0)  # the first after it
+WINDOW_TICKS = slot(1 if THREADS else 0)  # how long windows are, a power of two
+UNDISTURBED = slot(1 if THREADS else 0)  # windows since that was changed
+IN_ORDER = slot(1 if THREADS else 0)  # 1: one thread alone goes through a window in the order of time
+STOP_PAIRS = slot(1 if THREADS else 0)  # it stops when its PAIRS are so many
+UNDO_ROOM = slot(1 if THREADS else 0)  # old rows that a thread can keep
+UNDO_LENGTH = slot(1 if THREADS else 0)
+PUT_OFF = slot(1 if THREADS else 0)  # events put off in this round
+WRONG = slot(1 if THREADS else 0)  # 1: this window has to be undone
+CHANGED_SINCE = slot(1 if THREADS else 0)  # neighbours that have changed since the time of a prediction
+OUTCOME = slot(1 if THREADS else 0)  # why one thread alone stopped within a window
+EVENTS_DONE = slot(1 if THREADS else 0)
+MEETINGS = slot(1 if THREADS else 0)  # of all threads at the barrier
+AGREED = slot(8 if THREADS else 0)  # what all threads told each other after a round, as TOLD says
+WINDOWS = slot(1 if THREADS else 0)  # that stand
+REDONE = slot(1 if THREADS else 0)  # that were undone
+ROUNDS = slot(1 if THREADS else 0)
+LEFT_OVER = slot(1 if THREADS else 0)  # events put off, in all rounds
 PART = slot()  # what the loop is at, for a look from outside: the index of one of the parts below
 COUNTERS = slot.end
 FLIGHT_COUNTS = COUNTERS
+
+# What each thread counts by itself.
+COUNTED = (PAIRS, WALL_HITS, OUT_OF_ORDER, STALE, REBUILDS, LOGGED) + ((OBSTACLE_HITS,) if OBSTACLES else ())
 
 # Parts of the loop (`hardspheres.breakdown`).
 CALENDAR, EXECUTION, PREDICTION, RENEWAL = range(4)
@@ -166,6 +203,21 @@ ROOMS = {
     SHORT_CELLS: [CELL_ROOM],
     SHORT_QUEUE: [HEAP_ROOM, BLOCKS, CONTACT_ROOM, NEAR_ROOM],
 }
+
+# Threads. What each tells the others after a round, int64.
+TOLD = 8
+TOLD_PUT_OFF, TOLD_WRONG, TOLD_SHORT, TOLD_REBUILDS, TOLD_PAIRS, TOLD_EVENTS, TOLD_LOGGED, TOLD_OUTCOME = range(8)
+LINE = 8  # int64 in a line of the cache, which no two threads should write to
+
+# An old row, as it was before an event of this window, 16 float64: the row, whose it is, the one before it.
+OLD_ROW = 16
+OLD_WHO = 8  # int64
+OLD_BEFORE = 9  # int64, as `old_rows` of a particle
+OLD_FLIGHT = 10  # BEGAN and BEGAN_EPOCH
+OLD_FALL = 12  # DIM numbers
+
+TICKS_OF_BUCKET = 32  # a window ends at one of them
+ALL_TILES = 4  # in place of a shift: the whole box is one domain
 
 # Flights, where FLIGHTS. Of a particle, float64:
 FLIGHT = 4 if FLIGHTS else 0

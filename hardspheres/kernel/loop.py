@@ -11,21 +11,20 @@ stands for, and whether it still holds) and `predict_again`. Lists also have the
 
 from . import layout as at
 from .common.event_heap import pop_event
-from .common.obstacles import is_obstacle
-from .common.particles import begin_epoch, collide_pair, epoch_length_due, hit_wall
+from .common.particles import begin_epoch, epoch_length_due
 from .common.prefetch import prefetch_next_event
-from .flags import FLIGHTS, GRAVITY, GROWS, MASSES, OBSTACLES, SPARSE, WALLS
-from .simd.jit import entry_point, jit
+from .execution import execute
+from .flags import FLIGHTS, GRAVITY, GROWS, MASSES, SPARSE
+from .simd.jit import entry_point
 from .simd.pointers import handed_over, pointers
 
 if SPARSE:
     from .dilute.overflow import is_full
     from .dilute.predicted_contacts import event_of, next_bucket
-    from .dilute.windows import detect, predict_again
+    from .dilute.windows import detect
 else:
     from .dense.calendar import next_bucket
-    from .dense.events import detect, event_of, predict_again, rebuild_all
-    from .dense.neighbour_lists import rebuild_list
+    from .dense.events import detect, event_of, rebuild_all
 
 __all__ = [
     "DONE",
@@ -102,7 +101,9 @@ def run(arrays, afresh, stop_epoch, stop_time, stop_pairs, budget):
             entry = s.heap_entry[0]
             pop_event(s)
             prefetch_next_event(s)
-            execute(s, entry, time)
+            i, partner = event_of(s, entry)
+            if partner != at.NOTHING:
+                execute(s, i, partner, time)
             if GRAVITY and s.counter[at.RESTING] > 0:
                 return RESTS
             if s.counter[at.INSTANT_EVENTS] > 1000 * n:
@@ -114,48 +115,3 @@ def run(arrays, afresh, stop_epoch, stop_time, stop_pairs, budget):
         if s.counter[at.SHORT_QUEUE] or s.counter[at.SHORT_LISTS] or s.counter[at.SHORT_CELLS]:
             return NO_ROOM
     return PAUSED
-
-
-@jit
-def execute(s, entry, time):
-    """Execute the event that an entry of the heap stands for, and predict its particles again.
-
-    One call of `predict_again` serves all outcomes: each more would be another copy of the search.
-    """
-    i, partner = event_of(s, entry)
-    if partner == at.NOTHING:
-        return
-    other = -1  # the second particle whose row has changed
-    if partner >= 0:
-        s.counter[at.PART] = at.EXECUTION
-        advance_clock(s, time)
-        if partner < s.counter[at.N]:
-            collide_pair(s, i, partner, time)
-            other = partner
-            if OBSTACLES:  # the row of one of them is as it was
-                if is_obstacle(s, i):
-                    i, other = other, -1
-                elif is_obstacle(s, other):
-                    other = -1
-        elif WALLS:
-            hit_wall(s, i, partner, time)
-    elif not SPARSE and partner == at.REBUILD:
-        s.counter[at.PART] = at.RENEWAL
-        rebuild_list(s, i, time)
-    s.counter[at.PART] = at.PREDICTION
-    predict_again(s, i, other, time)
-    s.counter[at.PART] = at.CALENDAR
-
-
-@jit
-def advance_clock(s, time):
-    """Advance the clock; count events out of order and events at one instant."""
-    now = s.number[at.NOW]
-    if time < now - s.number[at.ORDER_TOLERANCE]:
-        s.counter[at.OUT_OF_ORDER] += 1
-    s.number[at.NOW] = max(now, time)
-    if time > s.number[at.LAST_ADVANCE] + s.number[at.ORDER_TOLERANCE]:
-        s.number[at.LAST_ADVANCE] = time
-        s.counter[at.INSTANT_EVENTS] = 0
-    else:
-        s.counter[at.INSTANT_EVENTS] += 1

@@ -29,6 +29,7 @@ def specialise(
     gravity: bool = False,
     obstacles: bool = False,
     heat: bool = False,
+    threads: bool = False,
 ) -> types.ModuleType:
     """Load the kernels for one kind of scene.
 
@@ -50,11 +51,13 @@ def specialise(
         Some particles have infinite mass; with `masses` only, not with `grows`.
     heat : bool
         The heat flux is tallied; not with `grows`, `gravity` or `obstacles`.
+    threads : bool
+        Several threads are at work; not where `sparse`, not with `grows`, nor with `gravity` and `obstacles`.
 
     Returns
     -------
     module
-        The module `loop` compiled, on first use, for these constants; the same module for the same constants.
+        The module `loop`, or `threads.loop`, compiled, on first use, for these constants; the same module for the same constants.
     """
     tag = (
         f"{dim}d"
@@ -67,10 +70,12 @@ def specialise(
         + "_gravity" * gravity
         + "_obstacles" * obstacles
         + "_heat" * heat
+        + "_threads" * threads
     )
     name = f"{__package__}.{tag}"
     with _ONE_AT_A_TIME:
-        if f"{name}.loop" not in sys.modules:
+        loop = f"{name}.threads.loop" if threads else f"{name}.loop"
+        if loop not in sys.modules:
             from hardspheres.kernel_cache import cache_folder, cached_in
 
             package = types.ModuleType(name)
@@ -78,8 +83,9 @@ def specialise(
             flags = types.ModuleType(f"{name}.flags")
             vars(flags).update(DIM=dim, WALLS=walls, SIZES=sizes, MASSES=masses, SPARSE=sparse)
             vars(flags).update(GROWS=grows, FLIGHTS=flights, GRAVITY=gravity, OBSTACLES=obstacles, HEAT=heat)
+            vars(flags).update(THREADS=threads)
             sys.modules[name] = package
             sys.modules[flags.__name__] = flags
             with cached_in(cache_folder(tag)):
-                importlib.import_module(f"{name}.loop")
-    return sys.modules[f"{name}.loop"]
+                importlib.import_module(loop)
+    return sys.modules[loop]

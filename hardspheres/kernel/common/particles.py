@@ -9,7 +9,7 @@ import math
 from hardspheres import collision, growth
 
 from .. import layout as at
-from ..flags import DIM, FLIGHTS, GRAVITY, GROWS, HEAT, MASSES, OBSTACLES, SIZES
+from ..flags import DIM, FLIGHTS, GRAVITY, GROWS, HEAT, MASSES, OBSTACLES, SIZES, THREADS
 from ..simd.jit import called, jit
 from ..simd.pointers import bits, from_bits
 from .contact_times import full_contact, note_fall, rint, speed_at_wall
@@ -224,8 +224,17 @@ def begin_epoch(s):
     the scene and the rows decide, so the trajectory depends on neither the search for neighbours nor on who
     looks at it.
     """
+    fly_to_end_of_epoch(s, 0, s.counter[at.N])
+    count_epoch(s)
+    if MASSES and not GROWS:
+        s.number[at.MEAN_SQUARE] = mean_square(s)
+
+
+@jit
+def fly_to_end_of_epoch(s, first, last):
+    """Let rows from first to last fly to the end of the epoch, and back into the box."""
     length = s.number[at.EPOCH_LENGTH]
-    for i in range(s.counter[at.N]):
+    for i in range(first, last):
         if OBSTACLES and is_obstacle(s, i):
             continue
         ri = i * at.ROW
@@ -237,7 +246,13 @@ def begin_epoch(s):
                 shift = s.number[at.BOX + d] * wraps
                 s.row[ri + at.X + d] -= shift
                 s.image_counts[i * DIM + d] += int(wraps)
-    if GRAVITY:
+
+
+@jit
+def count_epoch(s):
+    """Begin another epoch."""
+    length = s.number[at.EPOCH_LENGTH]
+    if GRAVITY and not (THREADS and s.counter[at.THREAD] > 0):
         for d in range(DIM):
             s.total[at.LEDGER + d] -= s.number[at.WEIGHT + d] * length
     if GROWS:
@@ -246,8 +261,6 @@ def begin_epoch(s):
     s.counter[at.BUCKET] = 0
     s.number[at.NOW] -= length
     s.number[at.LAST_ADVANCE] -= length
-    if MASSES and not GROWS:
-        s.number[at.MEAN_SQUARE] = mean_square(s)
 
 
 @jit

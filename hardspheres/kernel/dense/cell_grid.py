@@ -11,8 +11,9 @@ import math
 import numpy as np
 
 from .. import layout as at
-from ..flags import DIM, SIZES
+from ..flags import DIM, SIZES, THREADS
 from ..simd.jit import jit
+from ..threads.tiles import settle
 
 
 @jit
@@ -71,6 +72,8 @@ def put_in_cell(s, i):
         s.where[i] = -1
         return
     s.cell_count[cell] = slot + 1
+    if THREADS:
+        settle(s, i, cx * s.counter[at.CELLS + 1] + cy)
     slot += cell * s.counter[at.CELL_ROOM]
     s.where[i] = slot
     line = place_of_slot(slot)

@@ -9,11 +9,15 @@ entry.
 from .. import layout as at
 from ..common.contact_times import NEVER, NO_TIME, TABLE
 from ..common.obstacles import is_obstacle
-from ..flags import OBSTACLES
+from ..flags import OBSTACLES, THREADS
 from ..simd.jit import called, jit
-from .calendar import clear_calendar, schedule
 from .neighbour_lists import make_all_lists
 from .prediction import gather, next_event, soonest_contact, threshold_crossing
+
+if THREADS:
+    from ..threads.calendars import schedule
+else:
+    from .calendar import clear_calendar, schedule
 
 
 @called

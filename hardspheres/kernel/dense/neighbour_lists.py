@@ -28,10 +28,10 @@ MOST_AHEAD = 0.5
 
 
 @jit
-def set_reference(s, i, now):
+def set_reference(s, i, now, most_ahead):
     """Put i's reference position ahead of i, about where it will collide: i stays near it for longer."""
     dt = now - s.row[i * at.ROW + at.T]
-    most = MOST_AHEAD * s.number[at.DISPLACEMENT_THRESHOLD]
+    most = most_ahead * s.number[at.DISPLACEMENT_THRESHOLD]
     for d in range(DIM):
         x, v = s.row[i * at.ROW + at.X + d], s.row[i * at.ROW + at.V + d]
         if GRAVITY and OBSTACLES:  # they stay where they are: so do reference positions
@@ -214,11 +214,11 @@ def write_list(s, i, kept):
 
 
 @jit
-def rebuild_list(s, i, now):
+def rebuild_list(s, i, now, most_ahead):
     """Move i's reference position to where i is now, and rebuild its list."""
     # Out of the cells first, so that i is not found as a neighbour of itself.
     take_from_cell(s, i)
-    set_reference(s, i, now)
+    set_reference(s, i, now, most_ahead)
     if s.counter[at.IMAGES]:
         clear_list(s, i)
         find_neighbours(s, i)
@@ -243,7 +243,7 @@ def make_all_lists(s, now):
         for k in range(n * s.counter[at.LIST_ROOM]):
             s.neighbours[k] = n
     for i in range(n):
-        set_reference(s, i, now)
+        set_reference(s, i, now, MOST_AHEAD)
         if s.counter[at.IMAGES]:
             find_neighbours(s, i)  # each with those before it
         put_in_cell(s, i)

@@ -13,6 +13,7 @@ from ..common.contact_times import (
     NO_PARTICLE,
     NO_TIME,
     SHIFT,
+    SINCE,
     WHEN,
     discriminant_2d,
     discriminant_3d,
@@ -22,7 +23,7 @@ from ..common.contact_times import (
     wall_contact,
 )
 from ..common.obstacles import is_obstacle
-from ..flags import DIM, GRAVITY, GROWS, OBSTACLES, WALLS
+from ..flags import DIM, GRAVITY, GROWS, OBSTACLES, THREADS, WALLS
 from ..simd.jit import called, jit
 from ..simd.pointers import from_bits, int64
 from ..simd.vectors import alike, gather_transposed
@@ -42,9 +43,20 @@ def gather(s, table, i, first):
 
 
 @jit
+def changed_since(s, table, now):
+    """How many in a table have rows from now or later; several threads need not come to events in order."""
+    changed = 0
+    for k in range(at.LANES):
+        changed += 1 if s.scratch[table + SINCE + k] >= now else 0
+    return changed
+
+
+@jit
 def soonest_contact(s, table, i, first, now):
     """Solve for those in a table, from slot `first` of i's list on; return the soonest as `solve` does."""
     soonest = solve(s, table, i, now, at.LANES)
+    if THREADS:
+        s.counter[at.CHANGED_SINCE] += changed_since(s, table, now)
     if GRAVITY and OBSTACLES:
         soonest = solve_obstacles(s, table, i, now, i * s.counter[at.LIST_ROOM] + first)
     return soonest

@@ -1,0 +1,77 @@
+"""The threads that run one gas together: each has tables of its own beside those of all."""
+
+import threading
+from typing import Any
+
+import numpy as np
+
+from hardspheres.kernel.arrays import OF_RUN, OF_SEARCH, allocated
+
+__all__ = ["Crew"]
+
+OWN = tuple(array for array in OF_RUN + OF_SEARCH if array.own)
+
+
+class Crew:
+    """Calls a kernel from several threads at once.
+
+    Parameters
+    ----------
+    kernels : module
+        `kernel.threads.loop` of a kind of scene.
+    arrays : Arrays
+        The engine's arrays; the first thread has them as they are.
+    """
+
+    def __init__(self, kernels: Any, arrays: Any) -> None:
+        self.at: Any = kernels.at
+        self.kernels, self.arrays = kernels, arrays
+        at, count = self.at, arrays.counter
+        self.records = [arrays]
+        for _ in range(1, int(count[at.THREAD_COUNT])):
+            self.records.append(arrays._replace(**allocated(OWN, at, count)))
+        self.tables = [kernels.handed_over(record) for record in self.records]
+
+    def run(self, *arguments: Any) -> int:
+        """Call the kernel from all threads; what each has counted is then added to the engine's arrays."""
+        first, *others = self.records
+        self.kernels.run(self.tables[0], False, 0, 0.0, 0, 0)  # compiled before anybody waits for others
+        for thread, record in enumerate(others, 1):
+            record.number[:], record.counter[:] = first.number, first.counter
+            record.counter[self.at.THREAD] = thread
+            record.counter[list(self.at.COUNTED)] = 0
+            record.counter[self.at.COUNTERS :] = 0
+            record.total[:] = 0
+        waiting = [
+            threading.Thread(target=self.kernels.run, args=(table, *arguments), daemon=True)
+            for table in self.tables[1:]
+        ]
+        for thread_at_work in waiting:
+            thread_at_work.start()
+        try:
+            status = int(self.kernels.run(self.tables[0], *arguments))
+        finally:
+            for thread_at_work in waiting:
+                thread_at_work.join()
+            for record in others:
+                self._add(first, record)
+        return status
+
+    def _add(self, first: Any, record: Any) -> None:
+        at = self.at
+        for k in at.COUNTED:
+            first.counter[k] += record.counter[k]
+        first.counter[at.COUNTERS :] += record.counter[at.COUNTERS :]
+        for k in (at.SHORT_LISTS, at.SHORT_CELLS, at.SHORT_QUEUE, at.LAST_PAIR_EPOCH):
+            first.counter[k] = max(first.counter[k], record.counter[k])
+        for k in (at.NOW, at.LAST_ADVANCE):
+            first.number[k] = max(first.number[k], record.number[k])
+        first.total[:] += record.total
+
+    def logged(self) -> Any:
+        """Rows of the log of all threads, in the order of one thread; the buffers are empty then."""
+        at = self.at
+        rows = []
+        for record in self.records:
+            rows.append(record.log[: int(record.counter[at.LOGGED]) * at.LOG_ROW].reshape(-1, at.LOG_ROW))
+        return np.concatenate(rows)

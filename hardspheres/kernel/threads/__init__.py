@@ -1,0 +1,1 @@
+"""One gas on several threads, with the bits of one: see `hardspheres.kernel`."""

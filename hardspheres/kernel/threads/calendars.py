@@ -1,0 +1,124 @@
+"""The calendars of the tiles: as `dense.calendar`, one for each, since no two threads may write to one.
+
+The heap has the events of this window, of one domain at a time. A window ends at a tick, of which a bucket
+has many, so an event of the current bucket may wait for a later window.
+"""
+
+from .. import layout as at
+from ..common.event_heap import push_event
+from ..common.prefetch import prefetch_event
+from ..dense.calendar import tie_key
+from ..simd.jit import called, jit
+from ..simd.pointers import prefetch
+from .tiles import owner, tile_of
+
+
+@jit
+def tick_of(s, time):
+    """Tick of a time within the epoch."""
+    return int(max(time, 0.0) * s.number[at.TICKS])
+
+
+@jit
+def push_bucket(s, tile, slot, entry):
+    """Append an entry to a bucket of a tile."""
+    place = tile * (s.counter[at.BUCKETS] + 1) + slot
+    block = s.buckets[place]
+    if block < 0 or (s.blocks[block * at.BLOCK] & 7) == 7:
+        fresh = s.free_block[tile * at.LINE]
+        if fresh < 0:
+            s.counter[at.SHORT_QUEUE] = 1
+            return
+        s.free_block[tile * at.LINE] = s.blocks[fresh * at.BLOCK] >> 3
+        s.blocks[fresh * at.BLOCK] = block << 3
+        s.buckets[place] = fresh
+        block = fresh
+    header = s.blocks[block * at.BLOCK] + 1
+    s.blocks[block * at.BLOCK] = header
+    s.blocks[block * at.BLOCK + (header & 7)] = entry
+
+
+@jit
+def put_back(s, i):
+    """Insert i's event into its bucket, even if it is of this window."""
+    time = s.event_float[i * at.EVENT + at.TIME]
+    now, cycle = s.counter[at.BUCKET], s.counter[at.BUCKETS]
+    bucket = max(tick_of(s, time) // at.TICKS_OF_BUCKET, now)
+    slot = bucket & (cycle - 1) if bucket < now + cycle else cycle
+    push_bucket(s, tile_of(s, i), slot, i << 32 | s.event[i * at.EVENT + at.STAMP])
+
+
+@jit
+def insert_event(s, i):
+    """Insert i's event, just predicted, into the heap or the calendar."""
+    event = i * at.EVENT
+    time = s.event_float[event + at.TIME]
+    if time >= s.number[at.EPOCH_LENGTH]:
+        return
+    if tick_of(s, time) < s.counter[at.LIMIT] and time <= s.number[at.STOP_TIME]:
+        prefetch_event(s, i)
+        push_event(s, time, tie_key(i, s.event[event + at.PARTNER]), i << 32 | s.event[event + at.STAMP])
+    else:
+        put_back(s, i)
+
+
+@jit
+def schedule(s, i, time, partner):
+    """Make this i's next event; an entry of i made before no longer counts."""
+    event = i * at.EVENT
+    s.event_float[event + at.TIME] = time
+    s.event[event + at.PARTNER] = partner
+    s.event[event + at.STAMP] = (s.event[event + at.STAMP] + 1) & at.STAMP_BITS
+    insert_event(s, i)
+
+
+@called
+def open_bucket(s, tile, slot):
+    """Insert the live events of a bucket again: those of this window go to the heap."""
+    place = tile * (s.counter[at.BUCKETS] + 1) + slot
+    block = s.buckets[place]
+    s.buckets[place] = -1
+    while block >= 0:
+        header = s.blocks[block * at.BLOCK]
+        for k in range(1, (header & 7) + 1):
+            entry = s.blocks[block * at.BLOCK + k]
+            i = entry >> 32
+            if s.event[i * at.EVENT + at.STAMP] == entry & at.STAMP_BITS:
+                insert_event(s, i)
+        s.blocks[block * at.BLOCK] = s.free_block[tile * at.LINE] << 3
+        s.free_block[tile * at.LINE] = block
+        block = header >> 3
+
+
+@jit
+def open_tile(s, tile):
+    """Take the events of this window from a tile's calendar; a new cycle first takes its share of later ones.
+
+    The next bucket is prefetched.
+    """
+    bucket, cycle = s.counter[at.BUCKET], s.counter[at.BUCKETS]
+    if s.cycle_of[tile * at.LINE] != bucket // cycle:
+        s.cycle_of[tile * at.LINE] = bucket // cycle
+        open_bucket(s, tile, cycle)
+    open_bucket(s, tile, bucket & (cycle - 1))
+    block = s.buckets[tile * (cycle + 1) + ((bucket + 1) & (cycle - 1))]
+    while block >= 0 and s.counter[at.SHIFT] == 0:
+        header = s.blocks[block * at.BLOCK]
+        for k in range(1, (header & 7) + 1):
+            prefetch(s.event, (s.blocks[block * at.BLOCK + k] >> 32) * at.EVENT)
+        block = header >> 3
+
+
+@called
+def clear_calendars(s):
+    """Empty the calendars of this thread's tiles."""
+    buckets, blocks = s.counter[at.BUCKETS] + 1, s.counter[at.BLOCKS]
+    for tile in range(s.counter[at.TILES]):
+        if owner(s, tile) == s.counter[at.THREAD]:
+            for slot in range(tile * buckets, (tile + 1) * buckets):
+                s.buckets[slot] = -1
+            first = tile * blocks
+            for block in range(first, first + blocks):
+                s.blocks[block * at.BLOCK] = (block + 1 if block + 1 < first + blocks else -1) << 3
+            s.free_block[tile * at.LINE] = first
+            s.cycle_of[tile * at.LINE] = s.counter[at.BUCKET] // s.counter[at.BUCKETS]

@@ -1,0 +1,193 @@
+"""Neighbour lists where several threads are at work: one list in a round, or all of them together."""
+
+from .. import layout as at
+from ..common.contact_times import NEVER
+from ..common.obstacles import is_obstacle
+from ..dense.cell_grid import cell_and_place, place_of_slot, put_in_cell
+from ..dense.events import predict_again
+from ..dense.neighbour_lists import (
+    MOST_AHEAD,
+    make_all_lists,
+    make_lists_of_cell,
+    rebuild_list,
+    set_reference,
+)
+from ..dense.prediction import threshold_crossing
+from ..flags import DIM, OBSTACLES
+from ..simd.jit import called, jit
+from ..simd.pointers import int64
+from .barrier import barrier
+from .calendars import clear_calendars, put_back, schedule, tick_of
+from .tiles import is_inside, owner, settle, tile_of
+from .undo import has_been_within, of_this_window
+
+
+@jit
+def column_of(s, i):
+    """Column of cells of i's reference position."""
+    x, _ = cell_and_place(s, i, 0)
+    y, _ = cell_and_place(s, i, 1)
+    return x * s.counter[at.CELLS + 1] + y
+
+
+@called
+def renew_list(s, i, now):
+    """Rebuild i's list. False where that has to wait for another round; then nothing has changed.
+
+    Somebody may yet be predicted from an earlier time of this window on, and has to find i on the list. So i
+    must have been within its new threshold since the window began.
+    """
+    if s.counter[at.IN_ORDER]:
+        rebuild_list(s, i, now, MOST_AHEAD)
+        return True
+    reference = i * at.EVENT + at.REFERENCE
+    before_x, before_y = s.event_float[reference], s.event_float[reference + 1]
+    before_z = s.event_float[reference + 2] if DIM == 3 else 0.0
+    threshold = s.number[at.DISPLACEMENT_THRESHOLD]
+    ahead = MOST_AHEAD
+    set_reference(s, i, now, ahead)
+    if not has_been_within(s, i, threshold):
+        ahead = 0.0
+        set_reference(s, i, now, ahead)
+        if not has_been_within(s, i, threshold):
+            s.counter[at.WRONG] = 1
+    inside = s.counter[at.WRONG] == 0 and is_inside(s, column_of(s, i))
+    s.event_float[reference], s.event_float[reference + 1] = before_x, before_y
+    if DIM == 3:
+        s.event_float[reference + 2] = before_z
+    if inside:
+        rebuild_list(s, i, now, ahead)
+    return inside
+
+
+@called
+def renew_all_lists(s, now):
+    """Rebuild all lists, each thread those in its tiles; then the calendars are empty."""
+    n, thread, threads = s.counter[at.N], s.counter[at.THREAD], s.counter[at.THREAD_COUNT]
+    first, last = n * thread // threads, n * (thread + 1) // threads
+    rebuilds = s.counter[at.AGREED + at.TOLD_REBUILDS]
+    s.counter[at.SHORT_CELLS] = 0
+    s.counter[at.SHORT_LISTS] = 0
+    if s.counter[at.IMAGES]:  # these lists are made one from the other
+        barrier(s)
+        if thread == 0:
+            make_all_lists(s, now)
+        else:
+            s.counter[at.REBUILDS_OF_ALL] += 1
+        barrier(s)
+    else:
+        s.counter[at.REBUILDS_OF_ALL] += 1
+        for i in range(first, last):
+            set_reference(s, i, now, MOST_AHEAD)
+            settle(s, i, column_of(s, i))
+        empty_cells(s)
+        barrier(s)
+        for i in range(n):
+            if owner(s, tile_of(s, i)) == thread:
+                put_in_cell(s, i)
+        barrier(s)
+        if s.counter[at.SHORT_CELLS] == 0:
+            make_lists_of_tiles(s)
+    s.counter[at.REBUILD_ALL_DUE] = rebuilds + s.counter[at.REBUILD_THRESHOLD]
+    clear_calendars(s)
+
+
+@jit
+def is_mine(s, column):
+    """Whether a column of cells is in a tile of this thread."""
+    return owner(s, int64(s.tile_of_column[column])) == s.counter[at.THREAD]
+
+
+@jit
+def empty_cells(s):
+    """Empty the cells of this thread's tiles."""
+    deep = s.counter[at.CELLS + 2]
+    for column in range(s.counter[at.CELLS] * s.counter[at.CELLS + 1]):
+        if is_mine(s, column):
+            for cell in range(column * deep, (column + 1) * deep):
+                s.cell_count[cell] = 0
+
+
+@jit
+def make_lists_of_tiles(s):
+    """Make the lists of all particles in this thread's tiles."""
+    for column in range(s.counter[at.CELLS] * s.counter[at.CELLS + 1]):
+        if is_mine(s, column):
+            for z in range(s.counter[at.CELLS + 2]):
+                make_lists_of_cell(s, column // s.counter[at.CELLS + 1], column % s.counter[at.CELLS + 1], z)
+
+
+@called
+def detect(s):
+    """Find all lists and events from the rows."""
+    now = max(s.number[at.NOW], 0.0)
+    s.counter[at.LIMIT] = -1  # no event is due yet
+    s.counter[at.TICK] = tick_of(s, now)
+    s.counter[at.BUCKET] = s.counter[at.TICK] // at.TICKS_OF_BUCKET
+    s.number[at.WINDOW_BEGIN] = now
+    s.counter[at.SHORT_QUEUE] = 0
+    s.counter[at.WINDOW] += 1  # no old row counts
+    renew_all_lists(s, now)
+    if s.counter[at.SHORT_CELLS] == 0 and s.counter[at.SHORT_LISTS] == 0:
+        predict_all(s, now, True)
+    barrier(s)
+
+
+@called
+def rebuild_all(s, now):
+    """Rebuild all lists. Events stay, but a threshold that is now crossed earlier is the next event."""
+    s.counter[at.LIMIT] = -1
+    renew_all_lists(s, now)
+    if s.counter[at.SHORT_CELLS] == 0 and s.counter[at.SHORT_LISTS] == 0:
+        predict_all(s, now, False)
+    barrier(s)
+
+
+@called
+def predict_all(s, now, afresh):
+    """Enter the events of all particles in this thread's tiles, in the order of their cells."""
+    deep, room = s.counter[at.CELLS + 2], s.counter[at.CELL_ROOM]
+    for column in range(s.counter[at.CELLS] * s.counter[at.CELLS + 1]):
+        if is_mine(s, column):
+            for cell in range(column * deep, (column + 1) * deep):
+                for k in range(s.cell_count[cell]):
+                    i = int64(s.cell_ids[place_of_slot(cell * room + k)])
+                    if afresh:
+                        predict_first(s, i, now)
+                    else:
+                        look_at_threshold(s, i, now)
+
+
+@called
+def predict_first(s, i, now):
+    """Predict i's next event from its row."""
+    if OBSTACLES and is_obstacle(s, i):
+        schedule(s, i, NEVER, at.NOTHING)
+    else:
+        predict_again(s, i, -1, now)
+
+
+@jit
+def look_at_threshold(s, i, now):
+    """Enter i's event as it is, or the crossing of its new threshold where that comes first."""
+    time = threshold_crossing(s, i, now)
+    if time < s.event_float[i * at.EVENT + at.TIME]:
+        s.event[i * at.EVENT + at.PARTNER_VERSION] = s.counter[at.REBUILDS_OF_ALL]
+        schedule(s, i, max(time, now), at.REBUILD)
+    elif s.event_float[i * at.EVENT + at.TIME] < s.number[at.EPOCH_LENGTH]:
+        put_back(s, i)
+
+
+@called
+def predict_undone(s):
+    """Predict those again that have got back the rows with which the window began, each in its own tile."""
+    begin = s.number[at.WINDOW_BEGIN]
+    s.counter[at.LIMIT] = -1
+    for thread in range(s.counter[at.THREAD_COUNT]):
+        number = thread * s.counter[at.UNDO_ROOM]
+        for k in range(s.undone[thread * at.LINE]):
+            old = (number + k) * at.OLD_ROW
+            i = s.old_rows_int[old + at.OLD_WHO]
+            first = not of_this_window(s, s.old_rows_int[old + at.OLD_BEFORE])
+            if first and owner(s, tile_of(s, i)) == s.counter[at.THREAD]:
+                predict_first(s, i, begin)
