@@ -170,6 +170,8 @@ ROUND = slot(1 if THREADS else 0)
 WINDOW = slot(1 if THREADS else 0)  # number of this window, or of this attempt at it
 TICK = slot(1 if THREADS else 0)  # the first of this window
 LIMIT = slot(1 if THREADS else 0)  # the first after it
+PRESENT_TICK = slot(1 if THREADS else 0)  # whose events are in the heap
+QUEUED = slot(1 if THREADS else 0)  # events that were queued for later ticks of this window
 WINDOW_TICKS = slot(1 if THREADS else 0)  # how long windows are, a power of two
 UNDISTURBED = slot(1 if THREADS else 0)  # windows since that was changed
 IN_ORDER = slot(1 if THREADS else 0)  # 1: one thread alone goes through a window in the order of time
@@ -216,7 +218,7 @@ OLD_BEFORE = 9  # int64, as `old_rows` of a particle
 OLD_FLIGHT = 10  # BEGAN and BEGAN_EPOCH
 OLD_FALL = 12  # DIM numbers
 
-TICKS_OF_BUCKET = 32  # a window ends at one of them
+TICKS_OF_BUCKET = 256  # a window ends at one of them
 ALL_TILES = 4  # in place of a shift: the whole box is one domain
 
 # Flights, where FLIGHTS. Of a particle, float64:

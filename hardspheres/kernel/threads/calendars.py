@@ -55,11 +55,75 @@ def insert_event(s, i):
     time = s.event_float[event + at.TIME]
     if time >= s.number[at.EPOCH_LENGTH]:
         return
-    if tick_of(s, time) < s.counter[at.LIMIT] and time <= s.number[at.STOP_TIME]:
+    tick = tick_of(s, time)
+    if tick >= s.counter[at.LIMIT] or time > s.number[at.STOP_TIME]:
+        put_back(s, i)
+    elif tick > s.counter[at.PRESENT_TICK]:
+        queue(s, tick - s.counter[at.TICK], i << 32 | s.event[event + at.STAMP])
+    else:
         prefetch_event(s, i)
         push_event(s, time, tie_key(i, s.event[event + at.PARTNER]), i << 32 | s.event[event + at.STAMP])
-    else:
-        put_back(s, i)
+
+
+@jit
+def queue(s, tick, entry):
+    """Queue an entry for a later tick of this window."""
+    k = s.counter[at.QUEUED]
+    if k == s.counter[at.HEAP_ROOM]:
+        s.counter[at.SHORT_QUEUE] = 1
+        return
+    s.counter[at.QUEUED] = k + 1
+    s.queued[k] = entry
+    s.queued_before[k] = s.queued_last[tick]
+    s.queued_last[tick] = k
+
+
+@jit
+def next_tick(s):
+    """Go on to the next tick: its events go to the heap. Whether there is one, in this window."""
+    tick = s.counter[at.PRESENT_TICK] + 1
+    if tick >= s.counter[at.LIMIT]:
+        return False
+    s.counter[at.PRESENT_TICK] = tick
+    k = s.queued_last[tick - s.counter[at.TICK]]
+    s.queued_last[tick - s.counter[at.TICK]] = -1
+    while k >= 0:
+        entry = s.queued[k]
+        i = entry >> 32
+        if s.event[i * at.EVENT + at.STAMP] == entry & at.STAMP_BITS:
+            insert_event(s, i)
+        k = s.queued_before[k]
+    return True
+
+
+@jit
+def clear_queue(s):
+    """Empty the heap and the queue of this window's ticks."""
+    s.counter[at.HEAP_LENGTH] = 0
+    s.counter[at.QUEUED] = 0
+    s.counter[at.PRESENT_TICK] = s.counter[at.TICK] - 1
+    for tick in range(at.TICKS_OF_BUCKET):
+        s.queued_last[tick] = -1
+
+
+@called
+def put_back_all(s):
+    """Put back to the calendar what is left in the heap and in the queue."""
+    for k in range(s.counter[at.HEAP_LENGTH]):
+        put_back_live(s, s.heap_entry[k])
+    for tick in range(at.TICKS_OF_BUCKET):
+        k = s.queued_last[tick]
+        while k >= 0:
+            put_back_live(s, s.queued[k])
+            k = s.queued_before[k]
+    s.counter[at.HEAP_LENGTH] = 0
+
+
+@jit
+def put_back_live(s, entry):
+    """Put an entry back, unless a later prediction has replaced it."""
+    if s.event[(entry >> 32) * at.EVENT + at.STAMP] == entry & at.STAMP_BITS:
+        put_back(s, entry >> 32)
 
 
 @jit

@@ -8,7 +8,7 @@ from ..execution import execute
 from ..flags import FLIGHTS, GRAVITY
 from ..simd.jit import called, jit
 from .barrier import agree
-from .calendars import open_tile, put_back
+from .calendars import clear_queue, next_tick, open_tile, put_back, put_back_all
 from .renewal import renew_list
 from .tiles import free_to_go, freeze, is_ours, put_off
 from .undo import look_back
@@ -51,7 +51,7 @@ def go_through_domain(s, domain, shift):
     """Execute the events of one domain; what is put off goes back to the calendar."""
     s.counter[at.SHIFT], s.counter[at.DOMAIN] = shift, domain
     s.counter[at.PUT_OFF] = 0
-    s.counter[at.HEAP_LENGTH] = 0
+    clear_queue(s)
     s.counter[at.INSTANT_EVENTS] = 0
     s.number[at.NOW] = -s.number[at.EPOCH_LENGTH]
     s.number[at.LAST_ADVANCE] = -s.number[at.EPOCH_LENGTH]
@@ -61,19 +61,20 @@ def go_through_domain(s, domain, shift):
             open_tile(s, tile)
     execute_all(s)
     s.number[at.LATEST_IN_WINDOW] = max(s.number[at.LATEST_IN_WINDOW], s.number[at.NOW])
-    for k in range(s.counter[at.HEAP_LENGTH]):  # it stopped before the end
-        entry = s.heap_entry[k]
-        if s.event[(entry >> 32) * at.EVENT + at.STAMP] == entry & at.STAMP_BITS:
-            put_back(s, entry >> 32)
-    s.counter[at.HEAP_LENGTH] = 0
+    if not goes_on(s):
+        put_back_all(s)
     for k in range(s.counter[at.PUT_OFF]):
         put_back(s, int(s.put_off[k]))
 
 
 @jit
 def execute_all(s):
-    """Execute the events of the heap in their order, but for those that have to wait for another round."""
-    while s.counter[at.HEAP_LENGTH] > 0 and goes_on(s):
+    """Execute the events of the window in their order, but for those that have to wait for another round."""
+    while goes_on(s):
+        if s.counter[at.HEAP_LENGTH] == 0:
+            if next_tick(s):
+                continue
+            return
         time = s.heap_time[0]
         entry = s.heap_entry[0]
         pop_event(s)
