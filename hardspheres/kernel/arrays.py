@@ -160,8 +160,6 @@ OF_SEARCH = (  # These are found again from the rows whenever room runs out or e
     # The head of each tile's list of free blocks; the cycle whose later events it has taken.
     Array("free_block", I8, lambda at, c: c[at.TILES] * at.LINE * at.THREADS),
     Array("cycle_of", I8, lambda at, c: c[at.TILES] * at.LINE * at.THREADS),
-    # Of each particle: the round in which it is frozen << 24 | its tile << 8 | as `inside_in`.
-    Array("place", I8, lambda at, c: c[at.N] * at.THREADS),
     # Of each particle: the window << 32 | the latest of its old rows; these rows, each thread's in turn, and
     # how many each has of a window that is undone.
     Array("old_row_of", I8, lambda at, c: c[at.N] * at.THREADS),

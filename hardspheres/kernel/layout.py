@@ -43,6 +43,7 @@ PARTNER = 1  # a particle, n + 2 axis + side for a wall, or one of the codes bel
 PARTNER_VERSION = 2  # the partner's version when the event was predicted
 STAMP = 3  # of the one queue entry that counts
 REFERENCE = 4  # reference position of the particle's list (unwrapped as the row), DIM numbers
+TILE_WORD = 7  # threads: where it is, and whether it is frozen (`threads.tiles`)
 
 # Squared speed, along each axis, that a particle has whenever it is at the wall that gravity pulls it to: as
 # long as it meets nobody, this stays as it is.

@@ -8,7 +8,7 @@ that too (BEYOND_ALL) for the memory, some 300 cycles for each line. Where neith
 from .. import layout as at
 from ..dilute.grid import cell_place, columns_around
 from ..dilute.pair_table import slot_in
-from ..flags import SPARSE
+from ..flags import SPARSE, THREADS
 from ..simd.jit import called, jit
 from ..simd.pointers import int64, prefetch
 from ..simd.vectors import AT_ONCE
@@ -45,6 +45,9 @@ def prefetch_event(s, i):
         prefetch(s.neighbours, partner * s.counter[at.LIST_ROOM])
         prefetch(s.event, partner * at.EVENT)
         prefetch(s.version, partner)
+    if THREADS:
+        prefetch(s.old_row_of, i)
+        prefetch(s.old_row_of, max(partner, 0))
 
 
 @jit

@@ -93,6 +93,11 @@ def next_tick(s):
         if s.event[i * at.EVENT + at.STAMP] == entry & at.STAMP_BITS:
             insert_event(s, i)
         k = s.queued_before[k]
+    if tick + 1 < s.counter[at.LIMIT]:
+        k = s.queued_last[tick + 1 - s.counter[at.TICK]]
+        while k >= 0:
+            prefetch(s.event, (s.queued[k] >> 32) * at.EVENT)
+            k = s.queued_before[k]
     return True
 
 
@@ -156,17 +161,20 @@ def open_bucket(s, tile, slot):
 
 @jit
 def open_tile(s, tile):
-    """Take the events of this window from a tile's calendar; a new cycle first takes its share of later ones.
-
-    The next bucket is prefetched.
-    """
+    """Take the events of this window from a tile's calendar; a new cycle first takes its share of later ones."""
     bucket, cycle = s.counter[at.BUCKET], s.counter[at.BUCKETS]
     if s.cycle_of[tile * at.LINE] != bucket // cycle:
         s.cycle_of[tile * at.LINE] = bucket // cycle
         open_bucket(s, tile, cycle)
+    prefetch_bucket(s, tile, bucket & (cycle - 1))
     open_bucket(s, tile, bucket & (cycle - 1))
-    block = s.buckets[tile * (cycle + 1) + ((bucket + 1) & (cycle - 1))]
-    while block >= 0 and s.counter[at.SHIFT] == 0:
+
+
+@jit
+def prefetch_bucket(s, tile, slot):
+    """Prefetch the events of a bucket."""
+    block = s.buckets[tile * (s.counter[at.BUCKETS] + 1) + slot]
+    while block >= 0:
         header = s.blocks[block * at.BLOCK]
         for k in range(1, (header & 7) + 1):
             prefetch(s.event, (s.blocks[block * at.BLOCK + k] >> 32) * at.EVENT)

@@ -17,8 +17,8 @@ from ..flags import DIM, OBSTACLES
 from ..simd.jit import called, jit
 from ..simd.pointers import int64
 from .barrier import barrier
-from .calendars import clear_calendars, put_back, schedule, tick_of
-from .tiles import is_inside, owner, settle, tile_of
+from .calendars import clear_calendars, schedule, tick_of
+from .tiles import has_moved, is_inside, owner, settle, tile_of
 from .undo import has_been_within, of_this_window
 
 
@@ -62,7 +62,7 @@ def renew_list(s, i, now):
 
 @called
 def renew_all_lists(s, now):
-    """Rebuild all lists, each thread those in its tiles; then the calendars are empty."""
+    """Rebuild all lists, each thread those in its tiles."""
     n, thread, threads = s.counter[at.N], s.counter[at.THREAD], s.counter[at.THREAD_COUNT]
     first, last = n * thread // threads, n * (thread + 1) // threads
     rebuilds = s.counter[at.AGREED + at.TOLD_REBUILDS]
@@ -89,7 +89,6 @@ def renew_all_lists(s, now):
         if s.counter[at.SHORT_CELLS] == 0:
             make_lists_of_tiles(s)
     s.counter[at.REBUILD_ALL_DUE] = rebuilds + s.counter[at.REBUILD_THRESHOLD]
-    clear_calendars(s)
 
 
 @jit
@@ -120,6 +119,7 @@ def make_lists_of_tiles(s):
 @called
 def detect(s):
     """Find all lists and events from the rows."""
+    s.counter[at.PART] = at.RENEWAL
     now = max(s.number[at.NOW], 0.0)
     s.counter[at.LIMIT] = -1  # no event is due yet
     s.counter[at.TICK] = tick_of(s, now)
@@ -128,18 +128,22 @@ def detect(s):
     s.counter[at.SHORT_QUEUE] = 0
     s.counter[at.WINDOW] += 1  # no old row counts
     renew_all_lists(s, now)
+    clear_calendars(s)
     if s.counter[at.SHORT_CELLS] == 0 and s.counter[at.SHORT_LISTS] == 0:
         predict_all(s, now, True)
+    s.counter[at.PART] = at.CALENDAR
     barrier(s)
 
 
 @called
 def rebuild_all(s, now):
     """Rebuild all lists. Events stay, but a threshold that is now crossed earlier is the next event."""
+    s.counter[at.PART] = at.RENEWAL
     s.counter[at.LIMIT] = -1
     renew_all_lists(s, now)
     if s.counter[at.SHORT_CELLS] == 0 and s.counter[at.SHORT_LISTS] == 0:
         predict_all(s, now, False)
+    s.counter[at.PART] = at.CALENDAR
     barrier(s)
 
 
@@ -169,13 +173,13 @@ def predict_first(s, i, now):
 
 @jit
 def look_at_threshold(s, i, now):
-    """Enter i's event as it is, or the crossing of its new threshold where that comes first."""
-    time = threshold_crossing(s, i, now)
-    if time < s.event_float[i * at.EVENT + at.TIME]:
-        s.event[i * at.EVENT + at.PARTNER_VERSION] = s.counter[at.REBUILDS_OF_ALL]
+    """Enter the crossing of i's new threshold where that comes first; its event elsewhere, if i has moved."""
+    time, event = threshold_crossing(s, i, now), i * at.EVENT
+    if time < s.event_float[event + at.TIME]:
+        s.event[event + at.PARTNER_VERSION] = s.counter[at.REBUILDS_OF_ALL]
         schedule(s, i, max(time, now), at.REBUILD)
-    elif s.event_float[i * at.EVENT + at.TIME] < s.number[at.EPOCH_LENGTH]:
-        put_back(s, i)
+    elif has_moved(s, i):
+        schedule(s, i, s.event_float[event + at.TIME], s.event[event + at.PARTNER])
 
 
 @called

@@ -96,7 +96,10 @@ def execute_all(s):
             freeze(s, partner)
             continue
         if partner == at.REBUILD:
-            if not renew_list(s, i, time):
+            s.counter[at.PART] = at.RENEWAL
+            renewed = renew_list(s, i, time)
+            s.counter[at.PART] = at.CALENDAR
+            if not renewed:
                 put_off(s, i)
                 continue
             partner = at.STALE_EVENT  # all that is left to do is a prediction

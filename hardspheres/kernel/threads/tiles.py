@@ -13,23 +13,40 @@ particles are frozen for the rest of this one.
 from .. import layout as at
 from ..simd.jit import jit
 
-BITS_OF_SHIFTS = 0xFF
-TILE = 8  # where the tile stands in `place`
+# A particle's TILE_WORD: the shifts in which it is inside its domain, a bit each; whether it has come from
+# another tile; the tile; the round in which it is frozen.
+HAS_MOVED = 1 << 7
+TILE = 8
 TILES = 0xFFFF
-FROZEN = 24  # where the round stands
+FROZEN = 24
+
+
+@jit
+def word_of(s, i):
+    """TILE_WORD of i."""
+    return s.event[i * at.EVENT + at.TILE_WORD]
 
 
 @jit
 def settle(s, i, column):
     """Note in which tile i is, from the column of its reference position."""
-    round_of_freezing = s.place[i] >> FROZEN << FROZEN
-    s.place[i] = round_of_freezing | int(s.tile_of_column[column]) << TILE | int(s.inside_in[column])
+    before, tile = word_of(s, i), int(s.tile_of_column[column])
+    moved = HAS_MOVED if (before >> TILE) & TILES != tile else 0
+    s.event[i * at.EVENT + at.TILE_WORD] = (
+        before >> FROZEN << FROZEN | tile << TILE | moved | int(s.inside_in[column])
+    )
+
+
+@jit
+def has_moved(s, i):
+    """Whether i has come from another tile, when its reference position was last set."""
+    return word_of(s, i) & HAS_MOVED > 0
 
 
 @jit
 def tile_of(s, i):
     """Tile of i."""
-    return (s.place[i] >> TILE) & TILES
+    return (word_of(s, i) >> TILE) & TILES
 
 
 @jit
@@ -41,14 +58,15 @@ def is_inside(s, column):
 @jit
 def free_to_go(s, i):
     """Whether i is inside its domain and not frozen in this round."""
-    place = s.place[i]
-    return (place >> s.counter[at.SHIFT]) & 1 == 1 and place >> FROZEN != s.counter[at.ROUND]
+    word = word_of(s, i)
+    return (word >> s.counter[at.SHIFT]) & 1 == 1 and word >> FROZEN != s.counter[at.ROUND]
 
 
 @jit
 def freeze(s, i):
     """Freeze i for the rest of the round."""
-    s.place[i] = s.place[i] & ((1 << FROZEN) - 1) | s.counter[at.ROUND] << FROZEN
+    word = word_of(s, i) & ((1 << FROZEN) - 1)
+    s.event[i * at.EVENT + at.TILE_WORD] = word | s.counter[at.ROUND] << FROZEN
 
 
 @jit
