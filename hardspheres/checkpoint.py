@@ -20,7 +20,7 @@ from hardspheres import __version__
 from hardspheres.archive import Arrays
 from hardspheres.checks import LEFT_BY_ROUNDING, contact_tolerance
 from hardspheres.clock import FOREVER
-from hardspheres.engine import Engine
+from hardspheres.engine import ALONE, Engine, How
 from hardspheres.errors import CheckpointError, SceneError
 from hardspheres.invariants import deepest_overlap
 from hardspheres.scene import Scene, kinetic_energy, potential_energy, returned_to_box, squares_at_floor
@@ -56,16 +56,16 @@ def to_arrays(engine: Engine) -> Arrays:
     return arrays
 
 
-def restored(scene: Scene, arrays: Arrays, logs: bool, search: str) -> Engine:
+def restored(scene: Scene, arrays: Arrays, logs: bool, how: How) -> Engine:
     """Return an engine of this scene in the state that `to_arrays` gave, unchecked: for copies."""
     about = json.loads(arrays["about"].tobytes())
-    engine = _fresh(scene, arrays, about, logs, search)
+    engine = _fresh(scene, arrays, about, logs, how)
     if logs and "flight" not in arrays:
         arrays = _with_flights(engine, arrays)
     return _in_state(engine, arrays, about)
 
 
-def from_arrays(arrays: Arrays, logs: bool = False, search: str = "auto") -> Engine:
+def from_arrays(arrays: Arrays, logs: bool = False, how: How = ALONE) -> Engine:
     """Return the engine in the arrays of a file; CheckpointError where no simulation leaves such arrays."""
     about = _read_about(arrays)
     _require(
@@ -78,7 +78,7 @@ def from_arrays(arrays: Arrays, logs: bool = False, search: str = "auto") -> Eng
         heats or not about.get("heat"), "it tallies heat under gravity or with obstacles, which no run does"
     )
     _require_epochs(scene, about["epoch_length"])
-    engine = _fresh(scene, arrays, about, logs, search)
+    engine = _fresh(scene, arrays, about, logs, how)
     _require_like(arrays, engine.state())
     _require_state(engine, arrays, about)
     return _in_state(engine, arrays, about)
@@ -93,10 +93,10 @@ def _with_flights(engine: Engine, arrays: Arrays) -> Arrays:
     return arrays | complete
 
 
-def _fresh(scene: Scene, arrays: Arrays, about: dict[str, Any], logs: bool, search: str) -> Engine:
+def _fresh(scene: Scene, arrays: Arrays, about: dict[str, Any], logs: bool, how: How) -> Engine:
     """Return an engine of this scene with the epochs of the checkpoint."""
     heat = about.get("heat", False)
-    engine = Engine(scene, flights=logs or "flight" in arrays, logs=logs, search=search, heat=heat)
+    engine = Engine(scene, flights=logs or "flight" in arrays, logs=logs, how=how, heat=heat)
     length = about["epoch_length"]
     return engine if length == engine.length else engine.with_epochs(length)
 

@@ -3,8 +3,6 @@
 import threading
 from typing import Any
 
-import numpy as np
-
 from hardspheres.kernel.arrays import OF_RUN, OF_SEARCH, allocated
 
 __all__ = ["Crew"]
@@ -21,6 +19,11 @@ class Crew:
         `kernel.threads.loop` of a kind of scene.
     arrays : Arrays
         The engine's arrays; the first thread has them as they are.
+
+    Attributes
+    ----------
+    log : list of arrays
+        What the threads have logged since somebody emptied this, thread by thread, in the kernels' rows.
     """
 
     def __init__(self, kernels: Any, arrays: Any) -> None:
@@ -31,6 +34,7 @@ class Crew:
         for _ in range(1, int(count[at.THREAD_COUNT])):
             self.records.append(arrays._replace(**allocated(OWN, at, count)))
         self.tables = [kernels.handed_over(record) for record in self.records]
+        self.log: list[Any] = []
 
     def run(self, *arguments: Any) -> int:
         """Call the kernel from all threads; what each has counted is then added to the engine's arrays."""
@@ -53,6 +57,7 @@ class Crew:
         finally:
             for thread_at_work in waiting:
                 thread_at_work.join()
+            self._collect()
             for record in others:
                 self._add(first, record)
         return status
@@ -68,10 +73,11 @@ class Crew:
             first.number[k] = max(first.number[k], record.number[k])
         first.total[:] += record.total
 
-    def logged(self) -> Any:
-        """Rows of the log of all threads, in the order of one thread; the buffers are empty then."""
+    def _collect(self) -> None:
+        """Empty the logs of all threads."""
         at = self.at
-        rows = []
         for record in self.records:
-            rows.append(record.log[: int(record.counter[at.LOGGED]) * at.LOG_ROW].reshape(-1, at.LOG_ROW))
-        return np.concatenate(rows)
+            logged = int(record.counter[at.LOGGED])
+            if logged:
+                self.log.append(record.log[: logged * at.LOG_ROW].reshape(logged, at.LOG_ROW).copy())
+                record.counter[at.LOGGED] = 0

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from hardspheres.scene import Scene
 from hardspheres.tuning import collision_frequency, power_of_two_below
 
-__all__ = ["Domains", "divided"]
+__all__ = ["Domains", "divided", "too_small"]
 
 LAYERS = 3  # of cells in a tile along an axis that is divided, at least: then each is inside in some round
 COLLISIONS_IN_BUCKET = 0.02  # per particle, at least; windows are no longer than a bucket
@@ -112,3 +112,12 @@ def divided(cells: list[int], threads: int) -> Domains | None:
         if best:
             return Domains(cells, count, best)
     return None
+
+
+def too_small(n: int, asked: int, threads: int) -> str:
+    """Return why a gas of n particles runs on so few threads."""
+    many = "thread" if threads == 1 else "threads"
+    return (
+        f"threads={asked}: this gas of {n} particles runs on {threads} {many}, as each needs a part of the box "
+        f"at least {2 * LAYERS} cells wide"
+    )

@@ -3,15 +3,18 @@
 import copy
 import math
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from hardspheres.checks import inertia
 from hardspheres.clock import FOREVER, recounted
+from hardspheres.cores import available_cores, idle_cores
 from hardspheres.crew import Crew
+from hardspheres.domains import too_small
 from hardspheres.errors import SimulationError
 from hardspheres.event_log import ROOM, Sink, as_events
+from hardspheres.event_order import in_order
 from hardspheres.free_paths import FlightTallies
 from hardspheres.kernel.arrays import OF_RUN, OF_SEARCH, allocated, bytes_of, record
 from hardspheres.lists import Lists
@@ -24,6 +27,47 @@ CACHED = 16000  # particles that fit the caches of a core
 CACHED_AT_ALL = 48000  # particles that fit the caches that cores share
 # Where the sums keep the components of a symmetric tensor.
 COMPONENTS = {2: np.array([[0, 3], [3, 1]]), 3: np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])}
+
+
+class How(NamedTuple):
+    """How a simulation is computed; no bit depends on it.
+
+    Attributes
+    ----------
+    search : str
+        One of `tuning.SEARCHES`.
+    threads : int
+        Threads that may be at work; fewer are where there are fewer idle cores, or where they cannot share
+        the gas.
+    """
+
+    search: str = "auto"
+    threads: int = 1
+
+    def threads_for(self, scene: Scene, windows: bool) -> tuple[int, str | None]:
+        """Return how many threads to use, if the gas is large enough, and why they are fewer."""
+        if self.threads == 1:
+            return 1, None
+        begins = f"threads={self.threads}: this gas runs on one thread, because"
+        if windows:
+            return 1, (
+                f"{begins} it is so dilute that its partners are searched by windows of time; "
+                'search="lists" can use several, and is slower on each'
+            )
+        if scene.falls and scene.n_moving < scene.n:
+            return 1, f"{begins} obstacles under gravity need it"
+        idle = idle_cores()
+        if idle < self.threads:
+            many = "thread" if idle == 1 else "threads"
+            sentence = (
+                f"threads={self.threads}: this gas runs on {idle} {many}, as {idle} of the "
+                f"{available_cores()} cores that this process may use {'is' if idle == 1 else 'are'} idle"
+            )
+            return idle, sentence
+        return self.threads, None
+
+
+ALONE = How()
 
 
 class Engine:
@@ -40,8 +84,8 @@ class Engine:
         Tally free flights.
     logs : bool
         Keep a log of events, which `sink` receives; needs `flights`.
-    search : str
-        One of `tuning.SEARCHES`; spheres that grow have lists.
+    how : How
+        How the work is done; spheres that grow have lists, and one thread.
     heat : bool
         Tally the heat flux; not where spheres grow or fall.
 
@@ -49,8 +93,14 @@ class Engine:
     ----------
     arrays : Arrays
         What the kernels work on; `number`, `counter`, `total` are addressed by the names in `kernel.layout`.
+    how : How
+        How the work was to be done.
     search : Lists or Windows
         How it finds the coming events.
+    threads : int
+        Threads that are at work.
+    shortfall : str or None
+        Why these are fewer than asked for, in a sentence.
     layout : module
         Those names, for this kind of scene.
     flights : FlightTallies or None
@@ -74,20 +124,22 @@ class Engine:
         growth: tuple[float, float] | None = None,
         flights: bool = False,
         logs: bool = False,
-        search: str = "auto",
+        how: How = ALONE,
         heat: bool = False,
-        threads: int = 1,
     ) -> None:
         from hardspheres.kernel import specialise
 
         sizes = bool(np.any(scene.radii != scene.radii[0]))
         masses = bool(np.any(scene.masses != scene.masses[0]))
         length = epoch_length(scene)
-        windows = windows_for(scene, length, search) if growth is None else None
-        one = growth is not None or (scene.falls and scene.n_moving < scene.n)
-        self.search: Lists | Windows = windows or Lists(scene, 1 if one else threads)
-        domains = getattr(self.search, "domains", None)
+        self.how = how
+        windows = windows_for(scene, length, self.how.search) if growth is None else None
+        threads, self.shortfall = (1, None) if growth else self.how.threads_for(scene, windows is not None)
+        self.search: Lists | Windows = windows or Lists(scene, threads)
+        domains = self.search.domains
         self.threads = domains.threads if domains else 1
+        if self.threads < threads:
+            self.shortfall = too_small(scene.n, threads, self.threads)
         self.kernels: Any = specialise(
             scene.dim,
             not bool(scene.periodic.all()),
@@ -99,7 +151,7 @@ class Engine:
             scene.falls,
             scene.n_moving < scene.n,
             heat,
-            self.threads > 1 or domains is not None,
+            domains is not None,
         )
         self.layout: Any = self.kernels.at
         self.scene = scene
@@ -382,6 +434,7 @@ class Engine:
     def _caller(self) -> Any:
         """Return what runs the present arrays."""
         if self.layout.THREADS:
+            self.hand_over_log()
             self._crew = Crew(self.kernels, self.arrays)
             return self._crew.run
         return partial(self.kernels.run, self.kernels.handed_over(self.arrays))
@@ -389,11 +442,16 @@ class Engine:
     def hand_over_log(self) -> None:
         """Pass the buffered events to the sink, in a chunk of their own; at most once, also on failure."""
         at, arrays = self.layout, self.arrays
-        logged = int(arrays.counter[at.LOGGED])
-        if self.sink is not None and logged:
-            events = as_events(arrays.log[: logged * at.LOG_ROW].reshape(logged, at.LOG_ROW), at)
+        rows = self._crew.log if self._crew else []
+        if logged := int(arrays.counter[at.LOGGED]):
+            rows.append(arrays.log[: logged * at.LOG_ROW].reshape(logged, at.LOG_ROW))
+        if self.sink is not None and rows:
+            events = np.concatenate(rows)
+            if self._crew:
+                events = in_order(events, at, ~self.scene.obstacles)
+            rows.clear()
             arrays.counter[at.LOGGED] = 0
-            self.sink(events)
+            self.sink(as_events(events, at))
 
     @property
     def rows(self) -> Any:

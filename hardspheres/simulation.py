@@ -2,6 +2,7 @@
 
 import copy
 import math
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from os import PathLike
@@ -15,7 +16,7 @@ from hardspheres.archive import Arrays, read_archive, write_archive
 from hardspheres.arguments import ascending, finite, whole
 from hardspheres.checks import inertia
 from hardspheres.clock import FOREVER, carried, recounted
-from hardspheres.engine import Engine
+from hardspheres.engine import ALONE, Engine, How
 from hardspheres.errors import CheckpointError, SimulationError
 from hardspheres.event_log import NpyStream, Sink, sink_of
 from hardspheres.exclusive import Exclusive, at_rest
@@ -78,6 +79,11 @@ class Simulation(Exclusive):
         How collision partners are found: "lists" (neighbour lists, for dense gases), "windows" (windows of
         time, for dilute ones), or "auto", the faster of the two. All give the same bits; `status` tells which
         one is used. A copy searches in the same way.
+    threads : int, default 1
+        Threads that run this one gas together, with the bits of one; never more than there are idle cores.
+        They pay from some 20 000 particles on. A gas that they cannot share says why, in a warning, and runs
+        on one: a small one, or a dilute one that is searched by windows. A log's chunks are then of any size.
+        In an ensemble leave it at 1, and run the replicas side by side.
 
     Raises
     ------
@@ -104,6 +110,7 @@ class Simulation(Exclusive):
         heat: bool = False,
         log: Log | None = None,
         search: str = "auto",
+        threads: int = 1,
     ) -> None:
         if not isinstance(scene, Scene):
             raise SimulationError(f"a simulation starts from a Scene, not from {scene!r:.60}")
@@ -131,22 +138,25 @@ class Simulation(Exclusive):
                 "leave it out, and use log=... for the path of each flight"
             )
         logs = log is not None
-        engine = Engine(scene, flights=free_paths or logs, logs=logs, search=search, heat=bool(heat))
-        self._take(engine, log, search)
+        how = How(search, _required_threads(threads))
+        engine = Engine(scene, flights=free_paths or logs, logs=logs, how=how, heat=bool(heat))
+        self._take(engine, log)
 
-    def _take(self, engine: Engine, log: Log | None, search: str) -> None:
+    def _take(self, engine: Engine, log: Log | None) -> None:
         """Run this engine from now on."""
         super().__init__()
-        self._engine, self._search, self._at = engine, search, engine.layout
+        self._engine, self._at = engine, engine.layout
+        if engine.shortfall:
+            warnings.warn(engine.shortfall, stacklevel=4)
         self._energy = engine.scene.kinetic_energy + engine.scene.potential_energy
         self._slices, self._patience = Slices(engine.scene.n), Patience(engine.scene)
         if log is not None:  # after all that may be refused: it begins its file anew
             engine.sink = sink_of(log, engine.scene.dim)
 
     @classmethod
-    def _of(cls, engine: Engine, log: Log | None, search: str) -> Self:
+    def _of(cls, engine: Engine, log: Log | None) -> Self:
         simulation = cls.__new__(cls)
-        simulation._take(engine, log, search)
+        simulation._take(engine, log)
         return simulation
 
     @property
@@ -358,6 +368,11 @@ class Simulation(Exclusive):
         return epoch * self._engine.length + moment
 
     @property
+    def threads(self) -> int:
+        """Threads that run it."""
+        return self._engine.threads
+
+    @property
     def collisions(self) -> int:
         """Pair collisions since the start, those with obstacles included."""
         return int(self._engine.arrays.counter[self._at.PAIRS])
@@ -477,6 +492,7 @@ class Simulation(Exclusive):
         *,
         log: Log | None = None,
         search: str = "auto",
+        threads: int = 1,
     ) -> Self:
         """Return the simulation in a checkpoint, which goes on to the same bits as the one that was saved.
 
@@ -489,6 +505,8 @@ class Simulation(Exclusive):
             `free_paths`.
         search : str, default "auto"
             As of `Simulation`. A checkpoint does not store it: any search goes on with the same bits.
+        threads : int, default 1
+            As of `Simulation`; not stored either.
 
         Returns
         -------
@@ -501,24 +519,25 @@ class Simulation(Exclusive):
             When the file is missing, torn, altered, of another format version, or holds what no simulation
             leaves.
         SimulationError
-            When `log` or `search` cannot be used, as of `Simulation`.
+            When `log`, `search` or `threads` cannot be used, as of `Simulation`.
         """
         _require_search(search)
+        how = How(search, _required_threads(threads))
         arrays = read_archive(path)
         try:
-            return cls._from_arrays(arrays, log, search)
+            return cls._from_arrays(arrays, log, how)
         except CheckpointError as error:
             raise CheckpointError(f"{path} cannot be used: {error}") from None
 
     @classmethod
-    def _from_arrays(cls, arrays: Arrays, log: Log | None = None, search: str = "auto") -> Self:
+    def _from_arrays(cls, arrays: Arrays, log: Log | None = None, how: How = ALONE) -> Self:
         """Return the simulation that consists of these arrays; CheckpointError where there is none."""
-        return cls._of(checkpoint.from_arrays(arrays, log is not None, search), log, search)
+        return cls._of(checkpoint.from_arrays(arrays, log is not None, how), log)
 
     @classmethod
-    def _restored(cls, scene: Scene, arrays: Arrays, log: Sink | None, search: str) -> Self:
+    def _restored(cls, scene: Scene, arrays: Arrays, log: Sink | None, how: How) -> Self:
         """Return a copy: arrays are those of another simulation, and need no check."""
-        return cls._of(checkpoint.restored(scene, arrays, log is not None, search), log, search)
+        return cls._of(checkpoint.restored(scene, arrays, log is not None, how), log)
 
     def with_log(self, log: Log) -> "Simulation":
         """Return an independent copy that goes on with the same bits and logs its events from now on.
@@ -539,7 +558,7 @@ class Simulation(Exclusive):
             If the log cannot be used.
         """
         sink = sink_of(log, self.scene.dim)
-        return type(self)._restored(self.scene, self._alone(self._copied_arrays), sink, self._search)
+        return type(self)._restored(self.scene, self._alone(self._copied_arrays), sink, self._engine.how)
 
     def __copy__(self) -> "Simulation":
         return self._duplicate(lambda part: part)
@@ -554,7 +573,7 @@ class Simulation(Exclusive):
 
     def __reduce__(self, copied: Callable[[Any], Any] = lambda part: part) -> tuple[Any, ...]:
         def parts() -> tuple[Any, ...]:
-            return copied(self.scene), self._copied_arrays(), copied(self._log()), self._search
+            return copied(self.scene), self._copied_arrays(), copied(self._log()), self._engine.how
 
         return type(self)._restored, self._alone(parts)
 
@@ -780,6 +799,7 @@ class Simulation(Exclusive):
             "late_events": int(count[at.OUT_OF_ORDER]),
             "stale_events": int(count[at.STALE]),
             "method": self._engine.search.method,
+            "threads": self.threads,
             "cell_size": (1.0 / number[at.CELL_DENSITY : at.CELL_DENSITY + dim]).tolist(),
             "shell": float(number[at.DISPLACEMENT_THRESHOLD]),
             "window": 2.0 * float(number[at.HALF_WINDOW]),
@@ -801,3 +821,11 @@ class Simulation(Exclusive):
 def _require_search(search: object) -> None:
     if not isinstance(search, str) or search not in SEARCHES:
         raise SimulationError(f'search is {search!r}; it must be "auto", "lists" or "windows"')
+
+
+def _required_threads(threads: object) -> int:
+    """Return how many threads may be at work: those asked for, or as many as there are idle cores."""
+    count = whole("threads", threads)
+    if count < 1:
+        raise SimulationError(f"threads is {count}; it must be at least 1")
+    return count

@@ -99,6 +99,8 @@ class Windows:
         both = float(scene.radii.max()) + self.reach + half_length
         self.large_cells = cells_per_axis(scene, both, len(self.large))
 
+    domains = None  # one thread
+
     @property
     def fall(self) -> float:
         """How far particles fall from rest in half a window, along any axis at most."""

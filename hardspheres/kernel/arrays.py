@@ -68,7 +68,7 @@ def near_pairs(at: Any, c: Any) -> int:
 
 def tables_of_tiles(at: Any, c: Any, length: int) -> int:
     """Tables that each tile has, all in one array."""
-    return int(c[at.TILES]) * length if at.THREADS else length
+    return int(c[at.TILES] if at.THREADS else 1) * int(length)
 
 
 def cell_columns(at: Any, c: Any) -> int:
@@ -146,9 +146,7 @@ OF_SEARCH = (  # These are found again from the rows whenever room runs out or e
     ),
     # Ids of those within a cutoff, a table of those in a cell and around it.
     Array("near", I4, lambda at, c: around(at, c) + c[at.LIST_ROOM], own=True),
-    Array(
-        "around", F4, lambda at, c: at.CELL_COLUMNS * around(at, c), view=("around_ids", I4), own=True
-    ),
+    Array("around", F4, lambda at, c: at.CELL_COLUMNS * around(at, c), view=("around_ids", I4), own=True),
     # Buckets that entries wait for (-1: none), and the entries.
     Array("waiting_slot", I8, lambda at, c: at.WAITING),
     Array("waiting_entry", I8, lambda at, c: at.WAITING),

@@ -183,6 +183,7 @@ PUT_OFF = slot(1 if THREADS else 0)  # events put off in this round
 WRONG = slot(1 if THREADS else 0)  # 1: this window has to be undone
 CHANGED_SINCE = slot(1 if THREADS else 0)  # neighbours that have changed since the time of a prediction
 OUTCOME = slot(1 if THREADS else 0)  # why one thread alone stopped within a window
+BLIND = slot(1 if THREADS else 0)  # 1, in tests alone: nothing that went wrong is seen
 EVENTS_DONE = slot(1 if THREADS else 0)
 MEETINGS = slot(1 if THREADS else 0)  # of all threads at the barrier
 AGREED = slot(8 if THREADS else 0)  # what all threads told each other after a round, as TOLD says
@@ -209,7 +210,9 @@ ROOMS = {
 
 # Threads. What each tells the others after a round, int64.
 TOLD = 8
-TOLD_PUT_OFF, TOLD_WRONG, TOLD_SHORT, TOLD_REBUILDS, TOLD_PAIRS, TOLD_EVENTS, TOLD_LOGGED, TOLD_OUTCOME = range(8)
+TOLD_PUT_OFF, TOLD_WRONG, TOLD_SHORT, TOLD_REBUILDS, TOLD_PAIRS, TOLD_EVENTS, TOLD_LOGGED, TOLD_OUTCOME = (
+    range(8)
+)
 LINE = 8  # int64 in a line of the cache, which no two threads should write to
 
 # An old row, as it was before an event of this window, 16 float64: the row, whose it is, the one before it.
@@ -263,6 +266,9 @@ LOG_SECOND = slot()
 LOG_IMPULSE = slot()
 LOG_PATHS = slot(2)  # of both
 LOG_NORMAL = slot(DIM)
+LOG_EPOCH = slot(1 if THREADS else 0)  # from here on: by which the logs of threads are put in order
+LOG_MOMENT = slot(1 if THREADS else 0)  # time within the epoch
+LOG_ROUND = slot(1 if THREADS else 0)
 LOG_ROW = slot.end
 
 # What a checkpoint keeps of the numbers and counters, besides the arrays that `arrays` says. All else follows

@@ -80,7 +80,7 @@ def uses(combinations):
 import json, sys
 import numpy as np
 import hardspheres as hs
-from hardspheres.engine import Engine
+from hardspheres.engine import Engine, How
 hits = misses = 0
 for dim, walls, sizes, masses, sparse, grows, flights in {combinations!r}:
     odd = np.arange(64) % 2
@@ -89,7 +89,7 @@ for dim, walls, sizes, masses, sparse, grows, flights in {combinations!r}:
         radii=np.where(odd, 0.4, 0.5) if sizes else 0.5, masses=np.where(odd, 1.0, 2.0) if masses else 1.0,
     )
     growth, search = (0.9, 0.001) if grows else None, "windows" if sparse else "lists"
-    engine = Engine(scene, growth, flights, search=search)
+    engine = Engine(scene, growth, flights, how=How(search))
     assert bool(engine.arrays.counter[engine.layout.WINDOW_BUCKETS]) == sparse
     engine.run(2**62, 0.0, 1, 10**6)
     stats = engine.kernels.run.stats

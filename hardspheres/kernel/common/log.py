@@ -7,7 +7,7 @@ over. Particles are logged by the lower, then the higher id, whichever of the tw
 import math
 
 from .. import layout as at
-from ..flags import DIM, GRAVITY
+from ..flags import DIM, GRAVITY, THREADS
 from ..simd.jit import jit
 from .flights import began_here, flown_for, speed_of
 
@@ -23,6 +23,10 @@ def log_event(s, i, j, t, impulse, path_i, path_j):
     s.log[row + at.LOG_IMPULSE] = impulse
     s.log[row + at.LOG_PATHS] = path_i
     s.log[row + at.LOG_PATHS + 1] = path_j
+    if THREADS:
+        s.log[row + at.LOG_EPOCH] = s.counter[at.EPOCH]
+        s.log[row + at.LOG_MOMENT] = t
+        s.log[row + at.LOG_ROUND] = s.counter[at.ROUND]
     return row + at.LOG_NORMAL
 
 

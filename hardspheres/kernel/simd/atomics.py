@@ -66,7 +66,9 @@ else:
 
         def codegen(context, builder, signature, args):
             kind = ir.FunctionType(ir.IntType(32), [])
-            found = builder.module.globals.get("sched_yield") or ir.Function(builder.module, kind, "sched_yield")
+            found = builder.module.globals.get("sched_yield") or ir.Function(
+                builder.module, kind, "sched_yield"
+            )
             builder.call(found, [])
             return context.get_dummy_value()
 

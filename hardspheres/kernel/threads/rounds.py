@@ -84,7 +84,7 @@ def execute_all(s):
             continue
         prefetch_next_event(s)
         partner = s.event[event + at.PARTNER]
-        met = 0 <= partner and partner < s.counter[at.N]
+        met = 0 <= partner < s.counter[at.N]
         if not free_to_go(s, i):
             put_off(s, i)
             if met and is_ours(s, partner) and s.version[partner] == s.event[event + at.PARTNER_VERSION]:
@@ -106,7 +106,8 @@ def execute_all(s):
         s.counter[at.CHANGED_SINCE] = 0
         i, other = execute(s, i, partner, time)
         s.counter[at.EVENTS_DONE] += 1
-        if s.counter[at.CHANGED_SINCE] > (2 if other >= 0 else 0) and s.counter[at.IN_ORDER] == 0:
+        suspect = s.counter[at.CHANGED_SINCE] > (2 if other >= 0 else 0)
+        if suspect and s.counter[at.IN_ORDER] == 0 and s.counter[at.BLIND] == 0:
             look_back(s, i, time, other)
             if other >= 0:
                 look_back(s, other, time, i)
@@ -115,7 +116,12 @@ def execute_all(s):
 @jit
 def goes_on(s):
     """Whether another event may be executed; if not, why."""
-    if s.counter[at.WRONG] or s.counter[at.SHORT_QUEUE] or s.counter[at.SHORT_LISTS] or s.counter[at.SHORT_CELLS]:
+    if (
+        s.counter[at.WRONG]
+        or s.counter[at.SHORT_QUEUE]
+        or s.counter[at.SHORT_LISTS]
+        or s.counter[at.SHORT_CELLS]
+    ):
         return False
     outcome = 0
     if s.counter[at.IN_ORDER] and s.counter[at.PAIRS] >= s.counter[at.STOP_PAIRS]:

@@ -137,14 +137,14 @@ def keep_counts(s):
 
 @jit
 def flight_counts(s):
-    """Counters of flights."""
+    """Return how many counters flights have."""
     species = s.counter[at.SPECIES_COUNT]
     return species * (at.FLIGHT_COUNT + species)
 
 
 @jit
 def flight_sums(s):
-    """Sums of flights."""
+    """Return how many sums flights have."""
     return s.counter[at.SPECIES_COUNT] * at.FLIGHT_SUM
 
 
