@@ -118,6 +118,6 @@ def too_small(n: int, asked: int, threads: int) -> str:
     """Return why a gas of n particles runs on so few threads."""
     many = "thread" if threads == 1 else "threads"
     return (
-        f"threads={asked}: this gas of {n} particles runs on {threads} {many}, as each needs a part of the box "
-        f"at least {2 * LAYERS} cells wide"
+        f"threads={asked}: this gas of {n} particles runs on {threads} {many}, as each needs a part of the "
+        f"box at least {2 * LAYERS} cells wide"
     )

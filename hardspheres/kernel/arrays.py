@@ -68,7 +68,8 @@ def near_pairs(at: Any, c: Any) -> int:
 
 def tables_of_tiles(at: Any, c: Any, length: int) -> int:
     """Tables that each tile has, all in one array."""
-    return int(c[at.TILES] if at.THREADS else 1) * int(length)
+    tables = c[at.TILES] if at.THREADS else 1
+    return int(tables * length)
 
 
 def cell_columns(at: Any, c: Any) -> int:
@@ -82,13 +83,13 @@ def old_rows(at: Any, c: Any) -> int:
 
 
 def counters(at: Any, c: Any) -> int:
-    """Counters, and those of flights."""
+    """Return how many counters there are, with those of flights."""
     species = c[at.SPECIES_COUNT]
     return int(at.COUNTERS + species * (at.FLIGHT_COUNT + species))
 
 
 def sums(at: Any, c: Any) -> int:
-    """Sums, and those of flights."""
+    """Return how many sums there are, with those of flights."""
     return int(at.FLIGHT_SUMS + c[at.SPECIES_COUNT] * at.FLIGHT_SUM)
 
 

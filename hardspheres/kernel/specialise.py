@@ -57,7 +57,8 @@ def specialise(
     Returns
     -------
     module
-        The module `loop`, or `threads.loop`, compiled, on first use, for these constants; the same module for the same constants.
+        The module `loop`, or `threads.loop`, compiled, on first use, for these constants; the same module for
+        the same constants.
     """
     tag = (
         f"{dim}d"

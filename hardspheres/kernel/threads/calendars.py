@@ -161,7 +161,7 @@ def open_bucket(s, tile, slot):
 
 @jit
 def open_tile(s, tile):
-    """Take the events of this window from a tile's calendar; a new cycle first takes its share of later ones."""
+    """Take the events of this window from a tile's calendar; first a new cycle's share of later ones."""
     bucket, cycle = s.counter[at.BUCKET], s.counter[at.BUCKETS]
     if s.cycle_of[tile * at.LINE] != bucket // cycle:
         s.cycle_of[tile * at.LINE] = bucket // cycle

@@ -166,7 +166,7 @@ def begin_window(s, halvings):
 
 @jit
 def end_window(s):
-    """What has happened in the window stands."""
+    """Let what has happened in the window stand."""
     s.number[at.LATEST] = s.number[at.LATEST_IN_WINDOW]
     s.counter[at.WINDOWS] += 1
 

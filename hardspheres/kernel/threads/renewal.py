@@ -175,10 +175,11 @@ def predict_first(s, i, now):
 def look_at_threshold(s, i, now):
     """Enter the crossing of i's new threshold where that comes first; its event elsewhere, if i has moved."""
     time, event = threshold_crossing(s, i, now), i * at.EVENT
+    moved = has_moved(s, i)
     if time < s.event_float[event + at.TIME]:
         s.event[event + at.PARTNER_VERSION] = s.counter[at.REBUILDS_OF_ALL]
         schedule(s, i, max(time, now), at.REBUILD)
-    elif has_moved(s, i):
+    elif moved:
         schedule(s, i, s.event_float[event + at.TIME], s.event[event + at.PARTNER])
 
 

@@ -29,9 +29,9 @@ def word_of(s, i):
 
 @jit
 def settle(s, i, column):
-    """Note in which tile i is, from the column of its reference position."""
+    """Note in which tile i is, from the column of its reference position, and whether it has moved there."""
     before, tile = word_of(s, i), int(s.tile_of_column[column])
-    moved = HAS_MOVED if (before >> TILE) & TILES != tile else 0
+    moved = HAS_MOVED if (before >> TILE) & TILES != tile else before & HAS_MOVED
     s.event[i * at.EVENT + at.TILE_WORD] = (
         before >> FROZEN << FROZEN | tile << TILE | moved | int(s.inside_in[column])
     )
@@ -39,8 +39,10 @@ def settle(s, i, column):
 
 @jit
 def has_moved(s, i):
-    """Whether i has come from another tile, when its reference position was last set."""
-    return word_of(s, i) & HAS_MOVED > 0
+    """Whether i has come from another tile since this was asked last."""
+    word = word_of(s, i)
+    s.event[i * at.EVENT + at.TILE_WORD] = word & ~HAS_MOVED
+    return word & HAS_MOVED > 0
 
 
 @jit
