@@ -1,0 +1,141 @@
+"""One gas on several threads has the bits of one: rows, clock, counts, tallies, free paths and log.
+
+Threads are more than there are cores here, and domains are more than threads, which changes when each of them
+comes to what; nothing of that may be seen.
+"""
+
+import warnings
+
+import numpy as np
+import pytest
+from scenes import KINDS, everything, gas
+
+import hardspheres as hs
+from hardspheres import engine, lists
+from hardspheres.domains import Domains
+
+OWN = ("threads", "late_events")
+LAYOUTS = [(2, None), (1, (2, 1)), (2, (2, 2)), (3, (1, 3))]
+
+
+@pytest.fixture(autouse=True)
+def _cores(monkeypatch):
+    """Take any number of threads."""
+    monkeypatch.setattr(engine, "idle_cores", lambda: 99)
+
+
+def shared(monkeypatch, scene, threads, across=None, **options):
+    """A simulation by so many threads, with so many domains along both axes, or as many as threads."""
+    if across is not None:
+        monkeypatch.setattr(lists, "divided", lambda cells, _: Domains(cells, threads, across))
+    sim = hs.Simulation(scene, threads=max(threads, 2), search="lists", **options)
+    monkeypatch.undo()
+    monkeypatch.setattr(engine, "idle_cores", lambda: 99)
+    assert sim.threads == threads
+    assert sim._engine.search.domains is not None
+    return sim
+
+
+def redone(sim):
+    """How many windows were undone."""
+    return int(sim._engine.arrays.counter[sim._at.REDONE])
+
+
+def cut(scene):
+    """Layers of cells, along both axes that may be divided."""
+    return lists.Lists(scene).cells[:2]
+
+
+def seen(sim):
+    """All that a user can see, to the last bit."""
+    return everything(sim)
+
+
+def ties(n_axis=12, seed=4):
+    """A lattice whose spheres all have one speed, each along an axis: their collisions come all at once."""
+    rng = np.random.default_rng(seed)
+    n, edge = n_axis**3, 1.25
+    places = (np.stack(np.meshgrid(*[np.arange(n_axis)] * 3, indexing="ij"), -1).reshape(n, 3) + 0.5) * edge
+    velocities = np.zeros((n, 3))
+    velocities[np.arange(n), rng.integers(3, size=n)] = rng.choice([-1.0, 1.0], size=n)
+    return hs.Scene(positions=places, velocities=velocities, radii=0.5, box=n_axis * edge)
+
+
+def in_parts(sim, collisions):
+    """Run in uneven parts, to times and to numbers of collisions."""
+    sim.run(collisions=collisions // 3)
+    sim.run(time=0.37 * sim.time)
+    sim.run(collisions=7)
+    sim.run(collisions=collisions // 3)
+    sim.run(time=0.0)
+    sim.run(time=0.11 * sim.time)
+
+
+@pytest.mark.parametrize(("threads", "across"), LAYOUTS)
+def test_any_layout_gives_the_bits_of_one_thread(monkeypatch, threads, across):
+    """In uneven parts, over some epochs, with a state saved and loaded on the way."""
+    scene = gas("3d", 6000, 0.3)
+    one = hs.Simulation(scene, search="lists")
+    many = shared(monkeypatch, scene, threads, across)
+    for sim in (one, many):
+        in_parts(sim, 9000)
+    assert seen(many) == seen(one)
+    many.check()
+    again = many.copy() if hasattr(many, "copy") else None
+    for sim in (one, many):
+        sim.run(collisions=6000)
+    assert seen(many) == seen(one)
+
+
+def test_ties_come_in_the_order_of_one_thread(monkeypatch):
+    """Thousands of collisions at the same moments, many of them of three spheres at once."""
+    scene = ties()
+    one, many = hs.Simulation(scene, search="lists"), shared(monkeypatch, scene, 2, (2, 2))
+    for sim in (one, many):
+        sim.run(collisions=4000)
+    assert seen(many) == seen(one)
+
+
+def test_what_went_wrong_is_seen_and_undone(monkeypatch):
+    """Windows of a whole bucket are too long for a dense gas: some are undone; blind to that, bits differ."""
+    scene = hs.lattice_gas(n=6912, packing_fraction=0.3, seed=1)
+    one = hs.Simulation(scene, search="lists")
+    one.run(collisions=20000)
+    results = {}
+    for blind in (0, 1):
+        many = shared(monkeypatch, scene, 2, (2, 2))
+        at, counter = many._at, many._engine.arrays.counter
+        counter[at.BLIND] = blind
+        counter[at.WINDOW_TICKS] = at.TICKS_OF_BUCKET
+        many.run(collisions=20000)
+        results[blind] = seen(many) == seen(one), redone(many)
+    assert results[0][0]
+    assert results[0][1] > 0
+    assert not results[1][0]
+
+
+def test_a_gas_that_threads_cannot_share_says_why():
+    """In a sentence, and runs on one."""
+    small = gas("3d", 200, 0.3)
+    with pytest.warns(UserWarning, match="threads=2: this gas of 200 particles runs on 1 thread, as each"):
+        assert hs.Simulation(small, threads=2).threads == 1
+    dilute = gas("3d", 200, 0.01)
+    with pytest.warns(UserWarning, match="searched by windows of time"):
+        assert hs.Simulation(dilute, threads=2).threads == 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert hs.Simulation(small).threads == 1
+
+
+def test_no_more_threads_than_idle_cores(monkeypatch):
+    """A busy machine has fewer."""
+    monkeypatch.setattr(engine, "idle_cores", lambda: 1)
+    with pytest.warns(UserWarning, match="runs on 1 thread, as 1 of the .* cores that this process may use is"):
+        assert hs.Simulation(gas("3d", 6000, 0.3), threads=4).threads == 1
+
+
+@pytest.mark.parametrize("threads", [0, -1, 1.5, "two"])
+def test_an_impossible_number_of_threads_is_refused(threads):
+    """One clear sentence."""
+    with pytest.raises(hs.SimulationError, match="threads"):
+        hs.Simulation(gas("3d", 20, 0.1), threads=threads)
