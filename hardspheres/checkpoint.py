@@ -29,7 +29,7 @@ from hardspheres.tuning import epoch_length, pace
 __all__ = ["from_arrays", "restored", "to_arrays"]
 
 FORMAT = "hardspheres checkpoint"
-VERSION = 3
+VERSION = 4
 SCENE = ("positions", "velocities", "radii", "masses", "box")
 
 
@@ -174,7 +174,7 @@ def _require_state(engine: Engine, arrays: Arrays, about: dict[str, Any]) -> Non
     at, length = engine.layout, engine.length
     counters = dict(zip(at.STATE_COUNTERS, arrays["counters"].tolist(), strict=True))
     numbers = dict(zip(at.STATE_NUMBERS, arrays["numbers"].tolist(), strict=True))
-    counts = [arrays[name] for name in ("counters", "counts", "earlier_counts") if name in arrays]
+    counts = [arrays[name] for name in ("counters", "counts", "counts_then") if name in arrays]
     turns, (epoch, moment), since = arrays["turns"], about["clock"], about["tallied_since"]
     counted = all(np.all((part >= 0) & (part < FOREVER)) for part in counts)
     turned = np.all((turns > -FOREVER) & (turns < FOREVER))

@@ -293,7 +293,7 @@ class Compression:
         positions = returned_to_box(flown, scene.box, scene.periodic)
         energy = kinetic_energy(velocities, scene.masses)
         if passed > 0.0 and energy > 0.0:
-            virial = float(np.sum(engine.arrays.total[at.VIRIAL : at.VIRIAL + scene.dim]))
+            virial = float(np.sum(engine.sums()[at.VIRIAL : at.VIRIAL + scene.dim]))
             self.pressure = 1.0 + virial / (passed * (energy + self._energy))
             velocities *= math.sqrt(self._energy / energy)
         self.scene = scene.with_state(positions, velocities, self._radii * self.scale)
