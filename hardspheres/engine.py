@@ -152,7 +152,7 @@ class Engine:
     def _plan(self, length: float, number: Any, count: Any) -> None:
         """Write everything that depends on the length of an epoch to numbers and counters."""
         at, scene = self.layout, self.scene
-        number[at.EPOCH_LENGTH] = length
+        number[at.EPOCH_LENGTH], number[at.PER_EPOCH] = length, 1.0 / length
         number[at.ORDER_TOLERANCE] = 4.0 * math.ulp(length)
         number[at.LOWER_MEAN_SQUARE], number[at.UPPER_MEAN_SQUARE] = pace(scene, length)
         number[at.MEAN_SQUARE] = math.nan
@@ -262,7 +262,9 @@ class Engine:
         """
         at, dim, arrays = self.layout, self.scene.dim, self.arrays
         epoch, moment = (0, 0.0) if from_start else self.since[:2]
-        passed = (int(arrays.counter[at.EPOCH]) - epoch) * self.length  # between the beginnings of both epochs
+        passed = (
+            int(arrays.counter[at.EPOCH]) - epoch
+        ) * self.length  # between the beginnings of both epochs
         changed, all_changed = self.sums(from_start), self.sums(from_start=True)
         if self.scene.falls:
             fallen = self._fallen()

@@ -89,9 +89,7 @@ OF_RUN = (  # These last as long as the simulation.
     ),
     # Gravity: squared speed of each particle at the wall it is pulled to, along each axis.
     Array("fall", F8, lambda at, c: c[at.N] * at.FALL, kept="fall"),
-    Array(
-        "total", F8, lambda at, c: at.FLIGHT_SUMS + 2 * c[at.SPECIES_COUNT] * at.FLIGHT_SUM, kept="total"
-    ),
+    Array("total", F8, lambda at, c: at.FLIGHT_SUMS + 2 * c[at.SPECIES_COUNT] * at.FLIGHT_SUM, kept="total"),
     Array("integral", F8, lambda at, c: 2 * at.INTEGRALS, kept="integral"),
 )
 

@@ -56,6 +56,7 @@ slot = Slots()
 BOX = slot(3)  # edge lengths
 INVERSE = slot(3)  # 1/edge on periodic axes, 0 on wall axes
 EPOCH_LENGTH = slot()  # length of an epoch in time
+PER_EPOCH = slot()  # 1 / it, a power of two as it is
 SIGMA2 = slot()  # squared contact distance, where all radii are equal
 COMMON_RADIUS = slot()  # radius, where all radii are equal
 REDUCED = slot()  # reduced mass of a pair, where all masses are equal
@@ -95,7 +96,9 @@ PER_HEAT_TRANSFER = slot()  # m v v x
 PER_HEAT_FLUX = slot()  # m v v v
 PER_HEAT_MOMENT = slot()  # m v v v t
 NUMBERS = slot.end
-FLIGHT_UNITS = NUMBERS  # where FLIGHTS, of each species: 1 / the units of its paths, times, and bins of speed,
+FLIGHT_UNITS = (
+    NUMBERS  # where FLIGHTS, of each species: 1 / the units of its paths, times, and bins of speed,
+)
 PER_PATH, PER_TIME = 3, 4  # and powers of two about the first two of these
 FLIGHT_UNIT = 5
 

@@ -80,7 +80,7 @@ def integrate(s, k, changes, moment, per_unit):
 def tally_pair(s, push, t, x, y, z, u, v, w, scale):
     """Add a collision with impulse push (x, y, z), scale (x, y, z) apart; (u, v, w): old plus new v_ij."""
     virial, stress = scale * push * s.number[at.PER_VIRIAL], push * s.number[at.PER_STRESS]
-    late = t * (s.number[at.PER_STRESS_MOMENT] / s.number[at.PER_STRESS])
+    late = t * s.number[at.PER_EPOCH]  # in the units of moments
     xu, yv, xy = stress * x * u, stress * y * v, 0.5 * stress * (x * v + y * u)
     vx, vy = virial * x, virial * y
     if DIM == 3:

@@ -101,8 +101,10 @@ else:
             self.builder, self.value = builder, value
 
         def _with(self, other):
-            return other.value if isinstance(other, _Lanes) else ir.Constant(
-                self.value.type, [other] * self.value.type.count
+            return (
+                other.value
+                if isinstance(other, _Lanes)
+                else ir.Constant(self.value.type, [other] * self.value.type.count)
             )
 
         def __add__(self, other):
@@ -126,7 +128,9 @@ else:
                 for k in (first, builder.add(first, gap))
             ]
             there = (_Lanes(builder, builder.load(place, align=8)) for place in places)
-            for place, lanes in zip(places, sums.merged(*there, *sums.split(_Lanes(builder, term))), strict=True):
+            for place, lanes in zip(
+                places, sums.merged(*there, *sums.split(_Lanes(builder, term))), strict=True
+            ):
                 builder.store(lanes.value, place, align=8)
             return context.get_dummy_value()
 
