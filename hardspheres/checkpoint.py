@@ -24,6 +24,7 @@ from hardspheres.engine import Engine
 from hardspheres.errors import CheckpointError, SceneError
 from hardspheres.invariants import deepest_overlap
 from hardspheres.scene import Scene, kinetic_energy, potential_energy, returned_to_box, squares_at_floor
+from hardspheres.sums import are_sums
 from hardspheres.tuning import epoch_length, pace
 
 __all__ = ["from_arrays", "restored", "to_arrays"]
@@ -185,6 +186,9 @@ def _require_state(engine: Engine, arrays: Arrays, about: dict[str, Any]) -> Non
     pairs, hits = counters[at.PAIRS], counters[at.WALL_HITS]
     begun = since[:2] <= [epoch, moment] and since[2] <= pairs and since[3] <= hits
     _require(begun, "its tallies begin after its time")
+    for name in ("total", "total_then"):
+        right = all(map(are_sums, engine.blocks(arrays[name])))
+        _require(right, f"a sum in {name} is not a whole number and a fraction")
     _require_rows(engine, arrays["row"], arrays.get("fall"), now, moment)
     if engine.flights:
         _require_flights(arrays["flight"], engine.arrays.flight, at, epoch, length)

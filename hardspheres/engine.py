@@ -244,6 +244,12 @@ class Engine:
         sums[at.STRESS + places], sums[at.STRESS_MOMENT + places] = np.sum(change, axis=0), moment
         return sums
 
+    def blocks(self, total: Any) -> list[Any]:
+        """Return the parts of an array of sums, views of shape (..., 2, n): whole numbers and fractions."""
+        at = self.layout
+        of_flights = total[at.FLIGHT_SUMS :].reshape(-1, 2, at.FLIGHT_SUM)
+        return [total[: at.FLIGHT_SUMS].reshape(2, at.SUMS), of_flights]
+
     def sums(self, from_start: bool = False) -> Any:
         """Return what the kernels' sums that are none of flights have become since `since`, or the start.
 
@@ -262,9 +268,8 @@ class Engine:
         """
         at, dim, arrays = self.layout, self.scene.dim, self.arrays
         epoch, moment = (0, 0.0) if from_start else self.since[:2]
-        passed = (
-            int(arrays.counter[at.EPOCH]) - epoch
-        ) * self.length  # between the beginnings of both epochs
+        # Between the beginnings of the two epochs.
+        passed = (int(arrays.counter[at.EPOCH]) - epoch) * self.length
         changed, all_changed = self.sums(from_start), self.sums(from_start=True)
         if self.scene.falls:
             fallen = self._fallen()

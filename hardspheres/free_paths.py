@@ -213,8 +213,8 @@ class FlightTallies:
     def read(self, arrays: Any, now: tuple[int, float], passed: float, then: Floats | None) -> FreePaths:
         """Return what was tallied until now, for this time: since the sums were `then`, or from the start."""
         at, kinds = self.at, len(self.particles)
-        sums, every, before = arrays.total[at.FLIGHT_SUMS :], arrays.counter[at.FLIGHT_COUNTS :], 0.0
-        every = every.copy()
+        sums, every = arrays.total[at.FLIGHT_SUMS :], arrays.counter[at.FLIGHT_COUNTS :].copy()
+        before = np.zeros(kinds)
         if then is not None:  # at the start no flight was under way
             sums, every = sums - then[at.FLIGHT_SUMS :], every - self.counts_then
             before = self.paths_before

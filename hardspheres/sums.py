@@ -13,7 +13,9 @@ functions take numbers, arrays or vectors of a kernel. They must not be compiled
 import math
 from typing import Any
 
-__all__ = ["accumulated", "add_sums", "add_to", "merged", "split"]
+import numpy as np
+
+__all__ = ["accumulated", "add_sums", "add_to", "are_sums", "merged", "split"]
 
 FRACTION_BITS = 47
 # Adding and taking off 1.5 * 2^52 rounds to whole numbers; 1.5 * 2^52 * 2^-47, to multiples of 2^-47.
@@ -49,10 +51,17 @@ def add_sums(sums: Any, more: Any) -> None:
     )
 
 
-def accumulated(value: Any, rest: Any, more: Any, more_rest: Any) -> Any:
-    """Return the sum of two numbers of twice the digits of float64, each in two parts, to 2^-104 of the larger.
+def are_sums(sums: Any) -> bool:
+    """Whether all, of shape (..., 2, n), are whole numbers and fractions as sums have them."""
+    whole, fraction = sums[..., 0, :], sums[..., 1, :]
+    kept = merged(*split(whole), *split(fraction))
+    return bool(np.all(kept[0] == whole) and np.all(kept[1] == fraction))
 
-    For what is added in one order only. Source: Knuth's two-sum (The Art of Computer Programming 2, 4.2.2).
+
+def accumulated(value: Any, rest: Any, more: Any, more_rest: Any) -> Any:
+    """Return the sum of two numbers of twice the digits of float64, each in two parts.
+
+    To 2^-104 of the larger, for what is added in one order only. Source: Knuth's two-sum (The Art of Computer Programming 2, 4.2.2).
     """
     total = value + more
     of_more = total - value

@@ -201,13 +201,13 @@ LEAST_OCTAVE, OCTAVES = -8, 16
 FLIGHT_BINS = (OCTAVES << OCTAVE_BITS) + 2
 SPEED_BINS = 129
 
-# What the flights of a species have added up, float64 after the sums: whole numbers, then fractions. Units are
-# those of PER_PATH and PER_TIME times 2^-12, of their squares times 2^-14, of their cubes times 2^-15.
+# What the flights of a species have added up, float64 after the sums: whole numbers, then fractions.
 slot = Slots()
 FIRST_PATH = slot()  # paths from the start of the simulation to first collisions
 HIGHER_MOMENTS = slot(4)  # sums of path^2, path^3, time^2, time^3
 SPEED_FLIGHTS = slot(2 * SPEED_BINS)  # sums of path and of free time, by speed
 FLIGHT_SUM = slot.end
+# Units of these sums in one of PER_PATH or PER_TIME, its square, its cube.
 PER_MOMENT = (2.0**12, 2.0**14, 2.0**15)
 
 # How many, int64 after the counters.

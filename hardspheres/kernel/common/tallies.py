@@ -2,8 +2,8 @@
 
 The virial is a sum over collisions. The kinetic part is an integral over time of sum m v_a v_b, which is
 constant between events: each event adds its change, and the change times its time. The integral follows from
-these sums, what earlier epochs have left, and the present velocities (`Engine.tallied`), without a look at all
-particles at each event.
+these sums, what they have added up to in earlier epochs, and the present velocities (`Engine.tallied`),
+without a look at all particles at each event.
 
 The heat flux, where it is tallied, has the same two parts: energy E = m v^2/2 that collisions pass from one
 centre to the other, and sum v_a E between events.

@@ -1,8 +1,8 @@
 """Vector instructions that LLVM does not find by itself, each with its equivalent in plain Python.
 
 They move and compare bits, decide what is looked at more closely, and add to tallies; none of them computes a
-number that enters the trajectory. Each intrinsic writes LLVM's own vector operations, which every processor has in some
-form; where one has no such instruction LLVM makes it of several.
+number that enters the trajectory. Each intrinsic writes LLVM's own vector operations, which every processor
+has in some form; where one has no such instruction LLVM makes it of several.
 """
 
 import numba
@@ -101,11 +101,9 @@ else:
             self.builder, self.value = builder, value
 
         def _with(self, other):
-            return (
-                other.value
-                if isinstance(other, _Lanes)
-                else ir.Constant(self.value.type, [other] * self.value.type.count)
-            )
+            if isinstance(other, _Lanes):
+                return other.value
+            return _constant(self.value.type.element, [other] * self.value.type.count)
 
         def __add__(self, other):
             return _Lanes(self.builder, self.builder.fadd(self.value, self._with(other)))
@@ -128,9 +126,8 @@ else:
                 for k in (first, builder.add(first, gap))
             ]
             there = (_Lanes(builder, builder.load(place, align=8)) for place in places)
-            for place, lanes in zip(
-                places, sums.merged(*there, *sums.split(_Lanes(builder, term))), strict=True
-            ):
+            added = sums.merged(*there, *sums.split(_Lanes(builder, term)))
+            for place, lanes in zip(places, added, strict=True):
                 builder.store(lanes.value, place, align=8)
             return context.get_dummy_value()
 
