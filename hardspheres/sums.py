@@ -54,14 +54,15 @@ def add_sums(sums: Any, more: Any) -> None:
 def are_sums(sums: Any) -> bool:
     """Whether all, of shape (..., 2, n), are whole numbers and fractions as sums have them."""
     whole, fraction = sums[..., 0, :], sums[..., 1, :]
-    kept = merged(*split(whole), *split(fraction))
-    return bool(np.all(kept[0] == whole) and np.all(kept[1] == fraction))
+    carry, kept = merged(0.0, 0.0, *split(fraction))
+    return bool(np.all((np.rint(whole) == whole) & (carry == 0.0) & (kept == fraction)))
 
 
 def accumulated(value: Any, rest: Any, more: Any, more_rest: Any) -> Any:
     """Return the sum of two numbers of twice the digits of float64, each in two parts.
 
-    To 2^-104 of the larger, for what is added in one order only. Source: Knuth's two-sum (The Art of Computer Programming 2, 4.2.2).
+    To 2^-104 of the larger, for what is added in one order only. Source: Knuth's two-sum (The Art of
+    Computer Programming 2, 4.2.2).
     """
     total = value + more
     of_more = total - value

@@ -8,8 +8,8 @@ and what is made of the two and a length or time:
 - all energy in one of 10^9 particles makes one term of 2^38 units, which is exact, too;
 - 10^12 typical terms (2^40) of one sign add up to 2^48 units.
 
-Masses that differ by a factor of 2^12 cost 6 of these bits. Paths l and free times have units of their own, for
-each species, V / (N sigma^(d-1)) and the time for that: of a thin gas of spheres <l>, <l^2>, <l^3> are 0.23,
+Masses that differ by a factor of 2^12 cost 6 of these bits. Paths l and free times have units of their own,
+for each species, V / (N sigma^(d-1)) and the time for that: of a thin gas of spheres <l>, <l^2>, <l^3> are 0.23,
 0.10, 0.07 of them, of a dense one down to 1/8, 1/64, 1/512 of that. The sums count 2^12, 2^14, 2^15 units in
 one of these, so those of the 2 x 10^12 flights of 10^12 collisions stay below 2^53. A flight has no longest
 path: one of 6000 such units, or 26 000 mean free paths, makes a sum of cubes that is rounded as float64 is.

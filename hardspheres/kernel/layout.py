@@ -96,10 +96,10 @@ PER_HEAT_TRANSFER = slot()  # m v v x
 PER_HEAT_FLUX = slot()  # m v v v
 PER_HEAT_MOMENT = slot()  # m v v v t
 NUMBERS = slot.end
-FLIGHT_UNITS = (
-    NUMBERS  # where FLIGHTS, of each species: 1 / the units of its paths, times, and bins of speed,
-)
-PER_PATH, PER_TIME = 3, 4  # and powers of two about the first two of these
+# Where FLIGHTS, of each species: 1 / the units of its paths, times, and bins of speed, and powers of two about
+# the first two of these, for sums.
+FLIGHT_UNITS = NUMBERS
+PER_PATH, PER_TIME = 3, 4
 FLIGHT_UNIT = 5
 
 # Sums since the start (`hardspheres.sums`), float64: all whole numbers, then as many fractions. Symmetric
