@@ -9,10 +9,11 @@ and what is made of the two and a length or time:
 - 10^12 typical terms (2^40) of one sign add up to 2^48 units.
 
 Masses that differ by a factor of 2^12 cost 6 of these bits. Paths l and free times have units of their own,
-for each species, V / (N sigma^(d-1)) and the time for that: of a thin gas of spheres <l>, <l^2>, <l^3> are 0.23,
-0.10, 0.07 of them, of a dense one down to 1/8, 1/64, 1/512 of that. The sums count 2^12, 2^14, 2^15 units in
-one of these, so those of the 2 x 10^12 flights of 10^12 collisions stay below 2^53. A flight has no longest
-path: one of 6000 such units, or 26 000 mean free paths, makes a sum of cubes that is rounded as float64 is.
+for each species: V / (N sigma^(d-1)), and the time for that. In a dilute gas <l>, <l^2>, <l^3> are less than
+half, all, and all of these, and their sums count 2^11, 2^12, 2^11 units in one of these; so those of the 2 x
+10^12 flights of 10^12 collisions stay below 2^53. Flights of dense gases are a tenth as long: a cube is rounded
+to 2^-45 of itself, which the sum of many does not show. There is no longest flight: one of 10^4 such units makes
+a sum of cubes that is rounded as float64 is.
 
 Units scale as lengths, times and masses do if these are multiplied by powers of two.
 """
@@ -60,17 +61,16 @@ def tally_units(scene: Scene) -> TallyUnits:
 
 
 def flight_units(scene: Scene, kinds: NDArray[np.int32]) -> Floats:
-    """Units of paths and free times of each species, (k, 2): those of a thin gas; no sums decide a bit."""
-    units = tally_units(scene)
-    _, first = np.unique(kinds, return_index=True)
-    radius, room = mean(scene.radii), power_of_two_below(scene.volume / scene.n)
+    """Return powers of two about the paths and free times in a dilute gas, of each species, (k, 2)."""
+    energy, radius = tally_units(scene).energy, mean(scene.radii)
     found = []
-    for k in first.tolist():
-        across = power_of_two_below(float(scene.radii[k]) + radius)
+    for k in np.unique(kinds, return_index=True)[1].tolist():
+        path, across = scene.volume / scene.n, float(scene.radii[k]) + radius
+        for _ in range(scene.dim - 1):
+            path /= across
         mass = float(scene.masses[k])
-        momentum = root_of_power_below(units.energy * power_of_two_below(mass if mass < math.inf else 1.0), 2)
-        path = room / across ** (scene.dim - 1)
-        found.append([path, path * momentum / units.energy])
+        time = path / math.sqrt(energy / mass) if mass < math.inf else 1.0  # no obstacle has flights
+        found.append([power_of_two_below(1.5 * path), power_of_two_below(1.5 * time)])
     return np.array(found)
 
 

@@ -96,8 +96,8 @@ PER_HEAT_TRANSFER = slot()  # m v v x
 PER_HEAT_FLUX = slot()  # m v v v
 PER_HEAT_MOMENT = slot()  # m v v v t
 NUMBERS = slot.end
-# Where FLIGHTS, of each species: 1 / the units of its paths, times, and bins of speed, and powers of two about
-# the first two of these, for sums.
+# Where FLIGHTS, of each species: 1 / the units of the bins of paths, times, and speeds, and 1 / powers of two for
+# the sums of paths and times.
 FLIGHT_UNITS = NUMBERS
 PER_PATH, PER_TIME = 3, 4
 FLIGHT_UNIT = 5
@@ -208,7 +208,7 @@ HIGHER_MOMENTS = slot(4)  # sums of path^2, path^3, time^2, time^3
 SPEED_FLIGHTS = slot(2 * SPEED_BINS)  # sums of path and of free time, by speed
 FLIGHT_SUM = slot.end
 # Units of these sums in one of PER_PATH or PER_TIME, its square, its cube.
-PER_MOMENT = (2.0**12, 2.0**14, 2.0**15)
+PER_MOMENT = (2.0**11, 2.0**12, 2.0**11)
 
 # How many, int64 after the counters.
 slot = Slots()
