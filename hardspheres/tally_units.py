@@ -10,10 +10,10 @@ and what is made of the two and a length or time:
 
 Masses that differ by a factor of 2^12 cost 6 of these bits. Paths l and free times have units of their own,
 for each species: V / (N sigma^(d-1)), and the time for that. In a dilute gas <l>, <l^2>, <l^3> are less than
-half, all, and all of these, and their sums count 2^11, 2^12, 2^11 units in one of these; so those of the 2 x
-10^12 flights of 10^12 collisions stay below 2^53. Flights of dense gases are a tenth as long: a cube is rounded
-to 2^-45 of itself, which the sum of many does not show. There is no longest flight: one of 10^4 such units makes
-a sum of cubes that is rounded as float64 is.
+half, all, and all of these, and their sums count 2^11, 2^12, 2^11 units in one of these; so those of the
+2 x 10^12 flights of 10^12 collisions stay below 2^53. Flights of dense gases are a tenth as long: a cube is
+rounded to 2^-45 of itself, which the sum of many does not show. There is no longest flight: one of 10^4 such
+units makes a sum of cubes that is rounded as float64 is.
 
 Units scale as lengths, times and masses do if these are multiplied by powers of two.
 """

@@ -96,8 +96,8 @@ PER_HEAT_TRANSFER = slot()  # m v v x
 PER_HEAT_FLUX = slot()  # m v v v
 PER_HEAT_MOMENT = slot()  # m v v v t
 NUMBERS = slot.end
-# Where FLIGHTS, of each species: 1 / the units of the bins of paths, times, and speeds, and 1 / powers of two for
-# the sums of paths and times.
+# Where FLIGHTS, of each species: 1 / the units of the bins of paths, times and speeds, and 1 / powers of two,
+# for the sums of paths and times.
 FLIGHT_UNITS = NUMBERS
 PER_PATH, PER_TIME = 3, 4
 FLIGHT_UNIT = 5
