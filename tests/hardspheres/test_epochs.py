@@ -126,6 +126,25 @@ def test_tallies_go_on(kind, impatient):
     assert float(np.trace(t.kinetic)) == pytest.approx(2.0 * sim.scene.kinetic_energy * t.time, rel=1e-11)
 
 
+def test_tallies_that_began_in_an_epoch_of_another_length(impatient):
+    """Each component of the integral is that of the steps of sum m v v, collision by collision, to rounding."""
+    sim = hs.Simulation(uneasy("3d_mixture"))
+    sim.run(collisions=1001)
+    before, at_reset = sim.frame().tallies.kinetic, sim.time
+    sim.reset_tallies()
+    assert sim._engine.since[1] > 0.0
+    expected, seen, then = np.zeros((3, 3)), [], at_reset
+    for _ in range(600):
+        flux = np.einsum("i,ia,ib", sim.scene.masses, sim.velocities, sim.velocities)
+        sim.run(collisions=1)
+        expected += flux * (sim.time - then)
+        then = sim.time
+        seen.append(sim.status()["epoch_length"])
+    assert (np.diff(seen) < 0.0).any() and (np.diff(seen) > 0.0).any()
+    for found in (sim.tallies.kinetic, sim.frame().tallies.kinetic - before):
+        assert found == pytest.approx(expected, abs=1e-11 * np.trace(expected))
+
+
 def deepest(scene):
     """Worst overlap seen right after collisions."""
     sim, worst = hs.Simulation(scene), 0.0
