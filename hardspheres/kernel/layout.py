@@ -7,6 +7,7 @@ from .flags import (  # noqa: F401  `arrays` reads MASSES
     DIM,
     FLIGHTS,
     GRAVITY,
+    GROWS,
     HEAT,
     MASSES,
     OBSTACLES,
@@ -63,6 +64,8 @@ REDUCED = slot()  # reduced mass of a pair, where all masses are equal
 MASS = slot()  # mass, where all are equal
 SCALE = slot()  # growth: at the epoch's start all radii are this many times those given
 GROWTH = slot()  # how much that grows in a unit of time
+# Diagonal of the virial, a sum in the order of events: growth goes by it, so it decides what starts are made.
+GROWTH_VIRIAL = slot(3 if GROWS else 0)
 NOW = slot()  # time of the last event, relative to the epoch
 LAST_ADVANCE = slot()  # NOW when time last advanced
 ORDER_TOLERANCE = slot()  # an event is out of order if predicted more than this before NOW

@@ -14,7 +14,7 @@ All sums are those of `hardspheres.sums`: the order in which events are added de
 from hardspheres import sums
 
 from .. import layout as at
-from ..flags import DIM, HEAT, MASSES
+from ..flags import DIM, GROWS, HEAT, MASSES
 from ..simd.jit import jit
 from ..simd.vectors import add_terms
 
@@ -79,6 +79,10 @@ def integrate(s, k, changes, moment, per_unit):
 @jit
 def tally_pair(s, push, t, x, y, z, u, v, w, scale):
     """Add a collision with impulse push (x, y, z), scale (x, y, z) apart; (u, v, w): old plus new v_ij."""
+    if GROWS:
+        s.number[at.GROWTH_VIRIAL] += scale * push * x * x
+        s.number[at.GROWTH_VIRIAL + 1] += scale * push * y * y
+        s.number[at.GROWTH_VIRIAL + 2] += scale * push * z * z
     virial, stress = scale * push * s.number[at.PER_VIRIAL], push * s.number[at.PER_STRESS]
     late = t * s.number[at.PER_EPOCH]  # in the units of moments
     xu, yv, xy = stress * x * u, stress * y * v, 0.5 * stress * (x * v + y * u)
