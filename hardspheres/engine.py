@@ -62,6 +62,8 @@ class Engine:
     now : (int, float)
         The time: whole epochs, and the time within this one. It is the end of the last run, or that of its
         last event.
+    units : TallyUnits
+        Scales of what is tallied.
     since : (int, float, int, int)
         Where the tallies began: epoch, time within it, pair collisions, wall collisions.
     total_then, integral_then : arrays
