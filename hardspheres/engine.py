@@ -64,6 +64,8 @@ class Engine:
         last event.
     units : TallyUnits
         Scales of what is tallied.
+    per_unit : array
+        1 / the unit of each of the kernels' sums that is none of flights.
     since : (int, float, int, int)
         Where the tallies began: epoch, time within it, pair collisions, wall collisions.
     total_then, integral_then : arrays
@@ -159,6 +161,7 @@ class Engine:
         number[at.LOWER_MEAN_SQUARE], number[at.UPPER_MEAN_SQUARE] = pace(scene, length)
         number[at.MEAN_SQUARE] = math.nan
         write_tally_units(at, self.units, length, number)
+        self.per_unit = per_unit(at, number)
         self.search.plan(at, number, count)
 
     def _searching_arrays(self, count: Any) -> dict[str, Any]:
@@ -260,7 +263,7 @@ class Engine:
         at = self.layout
         then = 0.0 if from_start else self.total_then[: at.FLIGHT_SUMS]
         whole, fraction = (self.arrays.total[: at.FLIGHT_SUMS] - then).reshape(2, at.SUMS)
-        return (whole + fraction) / per_unit(at, self.arrays.number)
+        return (whole + fraction) / self.per_unit
 
     def tallied_by_events(self, from_start: bool = False) -> Any:
         """Return what `tallied` does, less what of kinetic tensor and heat flux needs all velocities.
@@ -272,7 +275,8 @@ class Engine:
         epoch, moment = (0, 0.0) if from_start else self.since[:2]
         # Between the beginnings of the two epochs.
         passed = (int(arrays.counter[at.EPOCH]) - epoch) * self.length
-        changed, all_changed = self.sums(from_start), self.sums(from_start=True)
+        changed = self.sums(from_start)
+        all_changed = changed if from_start else self.sums(from_start=True)
         if self.scene.falls:
             fallen = self._fallen()
             changed, all_changed = changed + fallen, all_changed + fallen
@@ -297,7 +301,7 @@ class Engine:
         at, arrays = self.layout, self.arrays
         self.total_then, self.integral_then = arrays.total.copy(), arrays.integral.copy()
         if self.scene.falls:  # of the flights under way, what there was until now does not count
-            add_to(self.total_then, 0, at.SUMS, self._fallen() * per_unit(at, arrays.number))
+            add_to(self.total_then, 0, at.SUMS, self._fallen() * self.per_unit)
         self.since = (*self.now, int(arrays.counter[at.PAIRS]), int(arrays.counter[at.WALL_HITS]))
         if self.flights:
             self.flights.reset(arrays, *self.now)
@@ -361,7 +365,7 @@ class Engine:
         moment in it, less the sum's moment.
         """
         at, total, integral = self.layout, self.total_then.copy(), self.integral_then.copy()
-        sums = (total[: at.SUMS] + total[at.SUMS : at.FLIGHT_SUMS]) / per_unit(at, self.arrays.number)
+        sums = (total[: at.SUMS] + total[at.SUMS : at.FLIGHT_SUMS]) / self.per_unit
         parts = [(at.STRESS_INTEGRAL, at.STRESS, at.STRESS_MOMENT, at.TENSOR)]
         parts += [(at.HEAT_INTEGRAL, at.HEAT_FLUX, at.HEAT_MOMENT, 3)] if self.heat else []
         for first, changes, moments, n in parts:

@@ -79,12 +79,12 @@ def write_tally_units(at: Any, units: TallyUnits, length: float, number: Any) ->
     energy, momentum, contact = units
     speed = energy / momentum
     number[at.PER_IMPULSE] = SPARE / momentum
-    number[at.PER_VIRIAL] = SPARE / (momentum * contact)
+    number[at.PER_VIRIAL] = SPARE / momentum / contact
     number[at.PER_STRESS] = SPARE / energy
-    number[at.PER_STRESS_MOMENT] = SPARE / (energy * length)
-    number[at.PER_HEAT_TRANSFER] = SPARE / (energy * contact)
-    number[at.PER_HEAT_FLUX] = SPARE / (energy * speed)
-    number[at.PER_HEAT_MOMENT] = SPARE / (energy * speed * length)
+    number[at.PER_STRESS_MOMENT] = SPARE / energy / length
+    number[at.PER_HEAT_TRANSFER] = SPARE / energy / contact
+    number[at.PER_HEAT_FLUX] = SPARE / energy / speed
+    number[at.PER_HEAT_MOMENT] = SPARE / energy / speed / length
 
 
 def per_unit(at: Any, number: Any) -> Floats:
