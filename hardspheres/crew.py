@@ -4,6 +4,7 @@ import threading
 from typing import Any
 
 from hardspheres.kernel.arrays import OF_RUN, OF_SEARCH, allocated
+from hardspheres.sums import add_sums
 
 __all__ = ["Crew"]
 
@@ -71,7 +72,10 @@ class Crew:
             first.counter[k] = max(first.counter[k], record.counter[k])
         for k in (at.NOW, at.LAST_ADVANCE):
             first.number[k] = max(first.number[k], record.number[k])
-        first.total[:] += record.total
+        ends = 2 * at.SUMS
+        add_sums(first.total[:ends].reshape(2, -1), record.total[:ends].reshape(2, -1))
+        shape = (-1, 2, at.FLIGHT_SUM)
+        add_sums(first.total[ends:].reshape(shape), record.total[ends:].reshape(shape))
 
     def _collect(self) -> None:
         """Empty the logs of all threads."""

@@ -36,6 +36,7 @@ def state(sim):
     return (
         a.row.tobytes(),
         a.total.tobytes(),
+        a.integral.tobytes(),
         a.image_counts.tobytes(),
         sim.collisions,
         sim.wall_collisions,
@@ -53,7 +54,7 @@ WITH_HEAT = [("3d", "lists"), ("3d", "windows")]  # the same for tallies of the 
 def state_without_flights(sim):
     """Every bit that the tallies of flights must not change."""
     at, a = sim._at, sim._engine.arrays
-    sums = a.total[: at.LEDGER + 3].tobytes()
+    sums = a.total[: at.FLIGHT_SUMS].tobytes() + a.integral.tobytes()
     return a.row.tobytes(), sums, a.image_counts.tobytes(), sim.collisions, sim.wall_collisions, sim.time
 
 
@@ -72,7 +73,7 @@ def everything(sim):
     """All that a user can see of a simulation, to the last bit, but what the search for events alone decides, and the clock."""
     t, frame = sim.tallies, sim.frame()
     paths = None if frame.free_paths is None else flight_bits(frame.free_paths)
-    own = ("stale_events", "list_renewals", "bytes_per_particle", "collisions_per_second")
+    own = ("stale_events", "list_renewals", "bytes_per_particle", "collisions_per_second", "threads")
     return (
         state(sim),
         sim.time,

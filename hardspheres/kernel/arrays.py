@@ -68,8 +68,8 @@ def near_pairs(at: Any, c: Any) -> int:
 
 def tables_of_tiles(at: Any, c: Any, length: int) -> int:
     """Tables that each tile has, all in one array."""
-    tables = c[at.TILES] if at.THREADS else 1
-    return int(tables * length)
+    tables = int(c[at.TILES]) if at.THREADS else 1
+    return tables * int(length)
 
 
 def cell_columns(at: Any, c: Any) -> int:
@@ -90,7 +90,7 @@ def counters(at: Any, c: Any) -> int:
 
 def sums(at: Any, c: Any) -> int:
     """Return how many sums there are, with those of flights."""
-    return int(at.FLIGHT_SUMS + c[at.SPECIES_COUNT] * at.FLIGHT_SUM)
+    return int(at.FLIGHT_SUMS + 2 * c[at.SPECIES_COUNT] * at.FLIGHT_SUM)
 
 
 OF_RUN = (  # These last as long as the simulation.
@@ -109,7 +109,7 @@ OF_RUN = (  # These last as long as the simulation.
     # Two tables of partners, or one of segments, that vector instructions read; see `contact_times`,
     # `segments`.
     Array("scratch", F8, lambda at, c: at.LANES * 32, view=("scratch_int", I8), own=True),
-    Array("number", F8, lambda at, c: at.NUMBERS + 3 * c[at.SPECIES_COUNT], own=True),
+    Array("number", F8, lambda at, c: at.NUMBERS + at.FLIGHT_UNIT * c[at.SPECIES_COUNT], own=True),
     Array(
         "counter",
         I8,
@@ -122,6 +122,9 @@ OF_RUN = (  # These last as long as the simulation.
     # Counters and sums when the window began.
     Array("old_counter", I8, lambda at, c: counters(at, c) * at.THREADS, own=True),
     Array("old_total", F8, lambda at, c: sums(at, c) * at.THREADS, own=True),
+    Array("integral", F8, lambda at, c: 2 * at.INTEGRALS, kept="integral"),
+    # Sums that threads hand over.
+    Array("handed_sums", F8, lambda at, c: sums(at, c) * c[at.THREAD_COUNT] * at.THREADS),
 )
 
 OF_SEARCH = (  # These are found again from the rows whenever room runs out or epochs get another length.

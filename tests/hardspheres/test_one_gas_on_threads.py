@@ -130,7 +130,9 @@ def test_a_gas_that_threads_cannot_share_says_why():
 def test_no_more_threads_than_idle_cores(monkeypatch):
     """A busy machine has fewer."""
     monkeypatch.setattr(engine, "idle_cores", lambda: 1)
-    with pytest.warns(UserWarning, match="runs on 1 thread, as 1 of the .* cores that this process may use is"):
+    with pytest.warns(
+        UserWarning, match="runs on 1 thread, as 1 of the .* cores that this process may use is"
+    ):
         assert hs.Simulation(gas("3d", 6000, 0.3), threads=4).threads == 1
 
 

@@ -18,6 +18,7 @@ from .log import log_pair, log_wall
 from .obstacles import is_obstacle
 from .tallies import (
     energy,
+    tally_epoch,
     tally_fall,
     tally_heat_flux,
     tally_heat_of_wall,
@@ -26,6 +27,7 @@ from .tallies import (
     tally_pair,
     tally_stress,
     tally_wall,
+    tally_weight,
 )
 
 impulse = jit(collision.impulse)
@@ -78,12 +80,8 @@ def collide_pair(s, i, j, t):
     """Elastic collision of i and j at time t."""
     row = s.row
     low, high = min(i, j), max(i, j)
-    if GRAVITY:  # sums over flights are rounded in the same order in both searches
-        fly(s, low, t)
-        fly(s, high, t)
-    else:
-        fly(s, i, t)
-        fly(s, j, t)
+    fly(s, i, t)
+    fly(s, j, t)
     path_low, path_high = 0.0, 0.0
     if FLIGHTS:
         path_low, path_high = end_flight(s, low, t), end_flight(s, high, t)
@@ -193,7 +191,7 @@ def hit_wall(s, i, wall, t):
         s.row[ri + at.V + axis] = outward * rebound_from_wall(-outward * v, radius * s.number[at.GROWTH])
     for d in range(DIM):
         if d != axis:
-            tally_stress(s, d + axis + 2, -2.0 * mass * v * s.row[ri + at.V + d], t)
+            tally_stress(s, d + axis + at.SHEAR, -2.0 * mass * v * s.row[ri + at.V + d], t)
     if HEAT:
         tally_heat_of_wall(s, i, axis, t)
     s.version[i] += 1
@@ -252,9 +250,10 @@ def fly_to_end_of_epoch(s, first, last):
 def count_epoch(s):
     """Begin another epoch."""
     length = s.number[at.EPOCH_LENGTH]
-    if GRAVITY and not (THREADS and s.counter[at.THREAD] > 0):
-        for d in range(DIM):
-            s.total[at.LEDGER + d] -= s.number[at.WEIGHT + d] * length
+    if not THREADS or s.counter[at.THREAD] == 0:
+        if GRAVITY:
+            tally_weight(s, length)
+        tally_epoch(s)
     if GROWS:
         s.number[at.SCALE] += s.number[at.GROWTH] * length
     s.counter[at.EPOCH] += 1

@@ -25,6 +25,7 @@ from ..loop import (
 from ..simd.jit import called, entry_point, jit
 from ..simd.pointers import handed_over, pointers
 from .barrier import agree, barrier
+from .handing_over import hand_over_sums
 from .renewal import detect, predict_undone, rebuild_all
 from .rounds import ENOUGH_PAIRS, LOG_IS_FULL, RESTING, STANDING_STILL, go_through_window
 from .undo import keep_counts, restore_counts, restore_rows
@@ -214,6 +215,7 @@ def end_epoch(s):
     n, thread, threads = s.counter[at.N], s.counter[at.THREAD], s.counter[at.THREAD_COUNT]
     s.number[at.NOW] = s.number[at.LATEST]
     fly_to_end_of_epoch(s, n * thread // threads, n * (thread + 1) // threads)
+    hand_over_sums(s)
     count_epoch(s)
     s.number[at.LATEST] = s.number[at.NOW]
     barrier(s)

@@ -144,8 +144,8 @@ def flight_counts(s):
 
 @jit
 def flight_sums(s):
-    """Return how many sums flights have."""
-    return s.counter[at.SPECIES_COUNT] * at.FLIGHT_SUM
+    """Return how many numbers the sums of flights have."""
+    return 2 * s.counter[at.SPECIES_COUNT] * at.FLIGHT_SUM
 
 
 @jit
