@@ -74,7 +74,7 @@ def tables_of_tiles(at: Any, c: Any, length: int) -> int:
 
 def cell_columns(at: Any, c: Any) -> int:
     """Columns of cells, where threads need to know of them."""
-    return int(c[at.CELLS] * c[at.CELLS + 1]) * at.THREADS
+    return int(c[at.CELLS] * c[at.CELLS + 1]) if at.THREADS else 0
 
 
 def old_rows(at: Any, c: Any) -> int:

@@ -8,13 +8,12 @@ import warnings
 
 import numpy as np
 import pytest
-from scenes import KINDS, everything, gas
+from scenes import everything, gas
 
 import hardspheres as hs
 from hardspheres import engine, lists
 from hardspheres.domains import Domains
 
-OWN = ("threads", "late_events")
 LAYOUTS = [(2, None), (1, (2, 1)), (2, (2, 2)), (3, (1, 3))]
 
 
@@ -39,16 +38,6 @@ def shared(monkeypatch, scene, threads, across=None, **options):
 def redone(sim):
     """How many windows were undone."""
     return int(sim._engine.arrays.counter[sim._at.REDONE])
-
-
-def cut(scene):
-    """Layers of cells, along both axes that may be divided."""
-    return lists.Lists(scene).cells[:2]
-
-
-def seen(sim):
-    """All that a user can see, to the last bit."""
-    return everything(sim)
 
 
 def ties(n_axis=12, seed=4):
@@ -79,12 +68,10 @@ def test_any_layout_gives_the_bits_of_one_thread(monkeypatch, threads, across):
     many = shared(monkeypatch, scene, threads, across)
     for sim in (one, many):
         in_parts(sim, 9000)
-    assert seen(many) == seen(one)
-    many.check()
-    again = many.copy() if hasattr(many, "copy") else None
+    assert everything(many) == everything(one)
     for sim in (one, many):
         sim.run(collisions=6000)
-    assert seen(many) == seen(one)
+    assert everything(many) == everything(one)
 
 
 def test_ties_come_in_the_order_of_one_thread(monkeypatch):
@@ -93,7 +80,7 @@ def test_ties_come_in_the_order_of_one_thread(monkeypatch):
     one, many = hs.Simulation(scene, search="lists"), shared(monkeypatch, scene, 2, (2, 2))
     for sim in (one, many):
         sim.run(collisions=4000)
-    assert seen(many) == seen(one)
+    assert everything(many) == everything(one)
 
 
 def test_what_went_wrong_is_seen_and_undone(monkeypatch):
@@ -108,7 +95,7 @@ def test_what_went_wrong_is_seen_and_undone(monkeypatch):
         counter[at.BLIND] = blind
         counter[at.WINDOW_TICKS] = at.TICKS_OF_BUCKET
         many.run(collisions=20000)
-        results[blind] = seen(many) == seen(one), redone(many)
+        results[blind] = everything(many) == everything(one), redone(many)
     assert results[0][0]
     assert results[0][1] > 0
     assert not results[1][0]

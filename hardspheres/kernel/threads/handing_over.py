@@ -30,7 +30,7 @@ def hand_over_sums(s):
 
 @jit
 def add_sums(s, first, handed, gap):
-    """Add handed sums to those from `first` on; the fractions of both are `gap` behind their whole numbers."""
+    """Add handed sums to those from `first` on; fractions are `gap` behind their whole numbers."""
     for k in range(gap):
         s.total[first + k], s.total[first + gap + k] = merged(
             s.total[first + k],
