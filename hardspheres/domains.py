@@ -27,10 +27,12 @@ class Domains:
     threads : int
         How many threads are at work.
     across : (int, int)
-        Domains along the first two axes; 1: the axis is not divided.
+        Domains along the first two axes; 1: the axis is not divided. A domain has two tiles of at least
+        LAYERS layers along an axis that is.
     """
 
     def __init__(self, cells: list[int], threads: int, across: tuple[int, int]) -> None:
+        assert _fits(cells, across), "some pairs of neighbours would never be inside one domain"
         self.cells, self.threads, self.across = cells, threads, across
         self.tiles = [2 * domains if domains > 1 else 1 for domains in across]
         self.shifts = [
@@ -77,6 +79,14 @@ class Domains:
         arrays["inside_in"][:] = inside.ravel()
 
 
+def _fits(cells: list[int], across: tuple[int, int]) -> bool:
+    """Whether all tiles are wide enough."""
+    return all(
+        domains == 1 or layers // (2 * domains) >= LAYERS
+        for domains, layers in zip(across, cells, strict=False)
+    )
+
+
 def _domains(tiles: int, shift: int) -> NDArray[np.int64]:
     """Domain of each tile along an axis."""
     return (np.arange(tiles) - shift) % tiles // 2
@@ -97,10 +107,7 @@ def divided(cells: list[int], threads: int) -> Domains | None:
         best, most = None, -1.0
         for x in range(1, count + 1):
             across = (x, count // x)
-            if count % x or any(
-                domains > 1 and layers // (2 * domains) < LAYERS
-                for domains, layers in zip(across, cells, strict=False)
-            ):
+            if count % x or not _fits(cells, across):
                 continue
             within = math.prod(
                 1.0 - 2.0 * domains / layers

@@ -421,20 +421,27 @@ class _Search:
         for entry in arrays.heap_entry[: int(count[at.HEAP_LENGTH])].tolist():
             places.setdefault(entry, set()).add(-1)
         for slot in range(cycle + 1):
-            for entry in self.chain(slot):
-                places.setdefault(entry, set()).add(slot)
+            for tile in range(int(count[at.TILES]) if at.THREADS else 1):
+                for entry in self.chain(tile * (cycle + 1) + slot):
+                    if not at.THREADS or self._tile(entry >> 32) == tile:
+                        places.setdefault(entry, set()).add(slot)
         for entry, slot in zip(arrays.waiting_entry.tolist(), arrays.waiting_slot.tolist(), strict=True):
             if slot >= 0:
                 places.setdefault(entry, set()).add(slot)
+        present = bucket & (cycle - 1) if at.THREADS else -1  # what is due is opened by each window anew
         for i in np.flatnonzero(time < until).tolist():
             due = int(max(time[i], 0.0) * float(arrays.number[at.INVERSE_WIDTH]))
-            allowed = {-1} if due <= bucket else {due & (cycle - 1)}
+            allowed = {present} if due <= bucket else {due & (cycle - 1)}
             if due >= (bucket // cycle + 1) * cycle:
                 allowed.add(cycle)
             _require(
                 places.get(i << 32 | int(stamp[i]), set()) & allowed,
                 f"the next event of particle {i}, at {time[i]}, is not in the calendar where it should be",
             )
+
+    def _tile(self, i: int) -> int:
+        """Tile in which a particle is, where threads share the gas."""
+        return int(self.arrays.event[i * self.at.EVENT + self.at.TILE_WORD]) >> 8 & 0xFFFF
 
     def _windows(self) -> None:
         at, arrays = self.at, self.arrays

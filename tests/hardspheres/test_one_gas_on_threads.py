@@ -14,7 +14,7 @@ import hardspheres as hs
 from hardspheres import engine, lists
 from hardspheres.domains import Domains
 
-LAYOUTS = [(2, None), (1, (2, 1)), (2, (2, 2)), (3, (1, 3))]
+LAYOUTS = [(2, None), (1, (2, 1)), (2, (2, 2)), (3, (1, 2))]
 
 
 @pytest.fixture(autouse=True)
@@ -74,6 +74,29 @@ def test_any_layout_gives_the_bits_of_one_thread(monkeypatch, threads, across):
     assert everything(many) == everything(one)
 
 
+def column(seed=2):
+    """500 spheres in a box four times as long as wide: few enough to check all events, lists name images."""
+    rng = np.random.default_rng(seed)
+    counts = np.array([5, 20, 5])
+    places = (np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), -1).reshape(-1, 3) + 0.5) * 1.25
+    velocities = rng.normal(size=places.shape)
+    return hs.Scene(positions=places, velocities=velocities, radii=0.5, box=counts * 1.25)
+
+
+def test_every_event_is_what_the_rows_say_and_in_the_calendar_of_its_tile(monkeypatch):
+    """As `check` says; an event in another tile's calendar is not where the engine looks for it."""
+    one, many = hs.Simulation(column(), search="lists"), shared(monkeypatch, column(), 2, (1, 2))
+    for sim in (one, many):
+        sim.run(collisions=3000)
+        sim.check()
+    assert everything(many) == everything(one)
+    at, arrays = many._at, many._engine.arrays
+    soon = np.argmin(arrays.event_float[at.TIME :: at.EVENT])
+    arrays.event[soon * at.EVENT + at.TILE_WORD] ^= 1 << 8
+    with pytest.raises(hs.InvariantError, match="is not in the calendar"):
+        many.check()
+
+
 def test_ties_come_in_the_order_of_one_thread(monkeypatch):
     """Thousands of collisions at the same moments, many of them of three spheres at once."""
     scene = ties()
@@ -128,3 +151,79 @@ def test_an_impossible_number_of_threads_is_refused(threads):
     """One clear sentence."""
     with pytest.raises(hs.SimulationError, match="threads"):
         hs.Simulation(gas("3d", 20, 0.1), threads=threads)
+
+
+def discs(n_axis=60, seed=3):
+    """A lattice of discs, wide enough for 5 x 5 domains."""
+    rng = np.random.default_rng(seed)
+    places = (np.stack(np.meshgrid(*[np.arange(n_axis)] * 2, indexing="ij"), -1).reshape(-1, 2) + 0.5) * 1.3
+    return hs.Scene(positions=places, velocities=rng.normal(size=places.shape), radii=0.5, box=n_axis * 1.3)
+
+
+def falling():
+    """Spheres that fall on a floor."""
+    return hs.random_gas(
+        n=4000, packing_fraction=0.28, boundary=("periodic", "periodic", "wall"), seed=5
+    ).replace(gravity=(0.0, 0.0, -0.02))
+
+
+def among_obstacles():
+    """Discs of which one in ten is an obstacle."""
+    n = 3600
+    masses = np.where(np.arange(n) % 10 == 0, np.inf, 1.0)
+    scene = discs()
+    return hs.Scene(
+        positions=scene.positions,
+        velocities=np.where(np.isinf(masses)[:, None], 0.0, scene.velocities),
+        radii=scene.radii,
+        masses=masses,
+        box=scene.box,
+    )
+
+
+SCENES = {
+    "discs": (discs, {}),
+    "mixture between walls": (lambda: gas("2d_mixture_walls", 4000, 0.4), {"free_paths": True}),
+    "heat": (lambda: gas("3d", 6000, 0.3), {"heat": True, "free_paths": True}),
+    "gravity": (falling, {}),
+    "obstacles": (among_obstacles, {}),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SCENES)
+def test_any_scene_has_the_bits_of_one_thread(monkeypatch, tmp_path, name):
+    """Up to 9 threads and 25 domains; with a log where flights are tallied; saved and loaded on the way."""
+    make, options = SCENES[name]
+    scene = make()
+    most = min(lists.Lists(scene).cells[:2]) // 6
+    layouts = [(2, (1, 2)), (3, (2, 2)), (4, (most, 1)), (9, (most, most))]
+    logs = [[] for _ in range(len(layouts) + 1)]
+    sink = [{"log": chunks.append} if "free_paths" in options else {} for chunks in logs]
+    one = hs.Simulation(scene, search="lists", **options, **sink[0])
+    in_parts(one, 9000)
+    for (threads, across), logged, into in zip(layouts, logs[1:], sink[1:], strict=True):
+        many = shared(monkeypatch, scene, threads, across, **options, **into)
+        in_parts(many, 9000)
+        assert everything(many) == everything(one)
+        if into:
+            assert np.concatenate(logged).tobytes() == np.concatenate(logs[0]).tobytes()
+        many.save(tmp_path / "state.npz")
+        again = hs.Simulation.load(tmp_path / "state.npz", search="lists", threads=threads)
+        straight = hs.Simulation.load(tmp_path / "state.npz", search="lists")
+        for sim in (again, straight, many):
+            sim.run(collisions=2000)
+        assert everything(again) == everything(straight)
+        assert many.positions.tobytes() == straight.positions.tobytes()
+
+
+@pytest.mark.slow
+def test_a_lattice_that_has_not_melted_has_the_bits_of_one_thread(monkeypatch):
+    """At 0.49 its lists hardly ever expire, and all cells are alike."""
+    scene = hs.lattice_gas(n=13500, packing_fraction=0.49, seed=2)
+    one = hs.Simulation(scene, search="lists")
+    one.run(collisions=200_000)
+    for threads, across in ((2, (2, 1)), (4, (2, 2))):
+        many = shared(monkeypatch, scene, threads, across)
+        many.run(collisions=200_000)
+        assert everything(many) == everything(one)
