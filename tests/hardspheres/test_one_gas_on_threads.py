@@ -167,7 +167,7 @@ def discs(n_axis=60, seed=3):
 def falling():
     """Spheres that fall on a floor."""
     return hs.random_gas(
-        n=4000, packing_fraction=0.28, boundary=("periodic", "periodic", "wall"), seed=5
+        n=9000, packing_fraction=0.28, boundary=("periodic", "periodic", "wall"), seed=5
     ).replace(gravity=(0.0, 0.0, -0.02))
 
 
