@@ -11,7 +11,7 @@ from .barrier import agree
 from .calendars import clear_queue, next_tick, open_tile, put_back, put_back_all
 from .renewal import renew_list
 from .tiles import free_to_go, freeze, is_ours, put_off
-from .undo import look_back
+from .undo import can_remember, look_back
 
 # Why one thread, alone and in order, stopped within a window.
 ENOUGH_PAIRS, LOG_IS_FULL, RESTING, STANDING_STILL = 1, 2, 3, 4
@@ -116,12 +116,10 @@ def execute_all(s):
 @jit
 def goes_on(s):
     """Whether another event may be executed; if not, why."""
-    if (
-        s.counter[at.WRONG]
-        or s.counter[at.SHORT_QUEUE]
-        or s.counter[at.SHORT_LISTS]
-        or s.counter[at.SHORT_CELLS]
-    ):
+    if not can_remember(s):  # a shorter window will do
+        s.counter[at.WRONG] = 1
+    short = s.counter[at.SHORT_QUEUE] | s.counter[at.SHORT_LISTS] | s.counter[at.SHORT_CELLS]
+    if s.counter[at.WRONG] | short:
         return False
     outcome = 0
     if s.counter[at.IN_ORDER] and s.counter[at.PAIRS] >= s.counter[at.STOP_PAIRS]:

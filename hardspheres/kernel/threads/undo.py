@@ -26,9 +26,6 @@ def remember(s, i):
     if s.counter[at.IN_ORDER] or (OBSTACLES and is_obstacle(s, i)):
         return
     k = s.counter[at.UNDO_LENGTH]
-    if k == s.counter[at.UNDO_ROOM]:
-        s.counter[at.WRONG] = 1
-        return
     s.counter[at.UNDO_LENGTH] = k + 1
     number = s.counter[at.THREAD] * s.counter[at.UNDO_ROOM] + k
     old = number * at.OLD_ROW
@@ -43,6 +40,12 @@ def remember(s, i):
         for d in range(DIM):
             s.old_rows[old + at.OLD_FALL + d] = s.fall[i * at.FALL + d]
     s.old_row_of[i] = s.counter[at.WINDOW] << WINDOW | number
+
+
+@jit
+def can_remember(s):
+    """Whether there is room for the rows of another event."""
+    return s.counter[at.IN_ORDER] == 1 or s.counter[at.UNDO_LENGTH] + 2 <= s.counter[at.UNDO_ROOM]
 
 
 @jit
