@@ -402,7 +402,7 @@ def test_falling_among_obstacles_goes_on_with_the_same_bits(tmp_path):
     [
         {"boundary": ("periodic", "wall")},
         {"boundary": ("periodic", "wall"), "edge": 7.0, "n": 5, "obstacles": 4, "largest": 0.6},
-        {"dim": 3, "edge": 10.0},
+        pytest.param({"dim": 3, "edge": 10.0}, marks=pytest.mark.long),  # walls as in the next one
         {"dim": 3, "edge": 9.0, "boundary": ("wall", "periodic", "wall")},
     ],
 )
@@ -679,9 +679,16 @@ def test_obstacles_may_overlap_each_other_and_walls_and_nothing_else():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "options", [{"dim": 3}, {"dim": 3, "boundary": "periodic"}, {"boundary": "periodic"}]
+    "options",
+    [
+        {"dim": 3, "boundary": ("wall", "periodic", "wall")},
+        {"boundary": "periodic"},
+        pytest.param({"dim": 3}, marks=pytest.mark.long),
+        pytest.param({"dim": 3, "boundary": "periodic"}, marks=pytest.mark.long),
+    ],
 )
 def test_both_searches_and_the_oracle_in_other_boxes(options):
+    """Spheres, walls and periodic axes; spheres in a periodic box also in test_lorentz.test_in_3d."""
     scene = maze(9, **{"edge": 14.0 if "dim" in options else 24.0, **options})
     sims = [hs.Simulation(scene, search=search) for search in ("lists", "windows")]
     for sim in sims:
