@@ -298,14 +298,13 @@ def test_a_killed_worker_is_told_and_a_killed_parent_takes_its_workers_along(vic
 
 
 @pytest.mark.usefixtures("heard")
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "code", "word", "to_all"),
     [
-        (signal.SIGINT, 130, "interrupted", True),
-        (signal.SIGTERM, 143, "terminated", False),
-        (signal.SIGTERM, 143, "terminated", True),
-        (signal.SIGHUP, 129, HUNG_UP, True),
+        pytest.param(signal.SIGINT, 130, "interrupted", True, marks=pytest.mark.slow),
+        pytest.param(signal.SIGTERM, 143, "terminated", False, marks=pytest.mark.slow),
+        pytest.param(signal.SIGTERM, 143, "terminated", True, marks=pytest.mark.long),
+        pytest.param(signal.SIGHUP, 129, HUNG_UP, True, marks=pytest.mark.slow),
     ],
 )
 def test_workers_save_what_they_have_before_they_end(number, code, word, to_all, undisturbed, tmp_path):
