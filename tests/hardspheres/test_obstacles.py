@@ -395,15 +395,19 @@ def test_falling_among_obstacles_goes_on_with_the_same_bits(tmp_path):
     assert hs.Simulation(sim.to_scene()).scene.falls
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("gravity", [0.01, 30.0])
 @pytest.mark.parametrize(
     "options",
     [
-        {"boundary": ("periodic", "wall")},
-        {"boundary": ("periodic", "wall"), "edge": 7.0, "n": 5, "obstacles": 4, "largest": 0.6},
-        pytest.param({"dim": 3, "edge": 10.0}, marks=pytest.mark.long),  # walls as in the next one
-        {"dim": 3, "edge": 9.0, "boundary": ("wall", "periodic", "wall")},
+        pytest.param({"boundary": ("periodic", "wall")}, marks=pytest.mark.slow),
+        pytest.param(
+            {"boundary": ("periodic", "wall"), "edge": 7.0, "n": 5, "obstacles": 4, "largest": 0.6},
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            {"dim": 3, "edge": 9.0, "boundary": ("wall", "periodic", "wall")}, marks=pytest.mark.slow
+        ),
+        pytest.param({"dim": 3, "edge": 10.0}, marks=pytest.mark.long),
     ],
 )
 def test_falling_among_obstacles_in_other_boxes(options, gravity):
@@ -677,12 +681,11 @@ def test_obstacles_may_overlap_each_other_and_walls_and_nothing_else():
         assert depth == pytest.approx(worst, abs=1e-14) and not (fixed[i] and fixed[j])
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
     [
-        {"dim": 3, "boundary": ("wall", "periodic", "wall")},
-        {"boundary": "periodic"},
+        pytest.param({"dim": 3, "boundary": ("wall", "periodic", "wall")}, marks=pytest.mark.slow),
+        pytest.param({"boundary": "periodic"}, marks=pytest.mark.slow),
         pytest.param({"dim": 3}, marks=pytest.mark.long),
         pytest.param({"dim": 3, "boundary": "periodic"}, marks=pytest.mark.long),
     ],
