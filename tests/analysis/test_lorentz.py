@@ -29,7 +29,7 @@ def billiard(reach=0.4, small=0.1, seed=1):
 def followed(scene, blocks, unit):
     """The walk of a scene, and the simulation that it ends with."""
     walk, chunks = LorentzWalk(0.5 * unit, unit), []
-    simulation = hs.Simulation(scene, log=chunks.append)
+    simulation = hs.Simulation(scene, log=chunks.append, search="lists")
     for _ in range(blocks):
         start = simulation.frame()
         simulation.run(time=walk.block)
@@ -41,13 +41,13 @@ def followed(scene, blocks, unit):
 def test_places_follow_from_the_events():
     """As the engine has them, through the boundaries, to a rounding. Sibling: an event less is another path."""
     scene, chunks, walk = billiard(), [], LorentzWalk(0.3, 0.6)
-    simulation = hs.Simulation(scene, log=chunks.append)
+    simulation = hs.Simulation(scene, log=chunks.append, search="lists")
     simulation.run(time=3.7)
     chunks.clear()
     start = simulation.frame()
     simulation.run(time=walk.block)
     places = walk.places(start, chunks)
-    again = hs.Simulation(scene)
+    again = hs.Simulation(scene, log=[].append, search="lists")  # compiled already
     again.run(time=start.time)
     seen = [frame.unwrapped_positions[-1] for frame in again.frames(every=walk.spacing, count=PLACES + 1)]
     assert np.abs(places - seen).max() < 1e-10
@@ -59,7 +59,7 @@ def test_places_follow_from_the_events():
 def test_displacements_and_flights_are_those_of_the_path():
     """One block beside plain sums; flights longer than any of SURVIVAL_AT are the last ones."""
     scene, chunks, walk = billiard(), [], LorentzWalk(0.3, 0.6)
-    simulation = hs.Simulation(scene, log=chunks.append)
+    simulation = hs.Simulation(scene, log=chunks.append, search="lists")
     start = simulation.frame()
     simulation.run(time=walk.block)
     walk.add(start, chunks)

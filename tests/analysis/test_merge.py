@@ -264,7 +264,7 @@ def test_another_gas_is_refused_and_nothing_is_merged(change, sentence):
 def test_other_spacing_and_lack_of_free_paths_are_refused():
     scene = random_gas("3d_mixture", 32, 0.02)
     one, other, with_paths = Diffusion(4), Diffusion(4), Pressure(scene)
-    sim = hs.Simulation(scene, free_paths=True)
+    sim = hs.Simulation(scene, free_paths=True, search="lists")
     for frame in sim.frames(every=0.5, count=9):
         one.add(frame)
         with_paths.add(frame)

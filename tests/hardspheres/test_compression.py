@@ -438,11 +438,17 @@ def test_random_jamming_of_equal_spheres():
         hs.compressed_gas(1000, 0.7, seed=1)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("dim", "eta"), [(3, 0.5), (2, 0.75)])
-@pytest.mark.parametrize("boundary", ["periodic", "wall"])
+@pytest.mark.parametrize(
+    ("dim", "eta", "boundary"),
+    [
+        pytest.param(3, 0.5, ("periodic", "wall", "wall"), marks=pytest.mark.slow),
+        pytest.param(2, 0.75, "periodic", marks=pytest.mark.slow),
+        pytest.param(3, 0.5, "periodic", marks=pytest.mark.long),
+        pytest.param(2, 0.75, "wall", marks=pytest.mark.long),
+    ],
+)
 def test_wide_mixtures(dim, eta, boundary):
-    """One in twenty is five times as large."""
+    """One in twenty is five times as large. Discs between walls in small above, where they are compared with all pairs."""
     radii = np.where(np.arange(400) % 20, 0.1, 0.5)
     gas = hs.compressed_gas(400, eta, dim=dim, boundary=boundary, radii=radii, seed=2)
     gas.replace()

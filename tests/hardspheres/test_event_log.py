@@ -87,8 +87,13 @@ def test_the_log_reproduces_the_tallies(kind, search):
         check_against_tallies(sim, log)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ["2d_mixture_walls", "3d_walls"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        pytest.param("2d_mixture_walls", marks=pytest.mark.slow),
+        pytest.param("3d_walls", marks=pytest.mark.long),
+    ],
+)
 def test_the_log_reproduces_the_tallies_between_walls(kind):
     sim, chunks = logged(gas(kind, 500, 0.1, seed=5), 20_000)
     assert sim.wall_collisions > 1000

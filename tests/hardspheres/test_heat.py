@@ -37,9 +37,20 @@ def test_what_flows_moves_the_centre_of_energy():
     assert np.abs(sim.tallies.heat_flux - change).min() > 1.0
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ["2d_mixture_walls", "3d_mixture", "2d"])
-@pytest.mark.parametrize("search", SEARCHES)
+SLOW = [
+    ("2d_mixture_walls", "lists"),
+    ("3d_mixture", "windows"),
+]  # discs and spheres, walls and none, both searches
+OTHERS = [(kind, search) for kind in ("2d_mixture_walls", "3d_mixture", "2d") for search in SEARCHES]
+
+
+@pytest.mark.parametrize(
+    ("kind", "search"),
+    [
+        *(pytest.param(*case, marks=pytest.mark.slow) for case in SLOW),
+        *(pytest.param(*case, marks=pytest.mark.long) for case in OTHERS if case not in SLOW),
+    ],
+)
 def test_so_it_does_with_several_masses_and_with_walls(kind, search):
     scene = gas(kind, 60, 0.05, seed=2) if "walls" in kind else cluster(kind)
     sim = hs.Simulation(scene, heat=True, search=search)

@@ -47,9 +47,14 @@ def memory(scene, small, collisions, folder):
     return json.loads(done.stdout)
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
-@pytest.mark.parametrize("packing_fraction", [0.01, 0.1, 0.3, 0.5])
+@pytest.mark.parametrize(
+    "packing_fraction",  # with windows of time, and with the longest lists
+    [
+        pytest.param(eta, marks=pytest.mark.slow if eta in (0.01, 0.5) else pytest.mark.long)
+        for eta in (0.01, 0.1, 0.3, 0.5)
+    ],
+)
 def test_bytes_per_particle(packing_fraction, tmp_path):
     small, scene = (hs.lattice_gas(n=n, packing_fraction=packing_fraction, seed=1) for n in (4000, 1_000_000))
     found = memory(scene, small, 1_000_000, tmp_path)

@@ -27,10 +27,10 @@ def test_same_events_as_the_oracle(kind, eta):
 def test_large_among_small(kind, eta, monkeypatch):
     splits = windows.splits
     monkeypatch.setattr(windows, "splits", lambda scene: splits(scene)[:1])
-    scene = one_to_ten(kind, n=60, large=2, packing_fraction=eta)
+    scene = one_to_ten(kind, n=40, large=2, packing_fraction=eta)
     sim = hs.Simulation(scene)
     assert sim._engine.arrays.counter[sim._at.LARGE] == 2
-    assert follow(scene, 40) == 40
+    assert follow(scene, 26) == 26
 
 
 @pytest.mark.parametrize("kind", ["3d", "2d_mixture_walls"])
@@ -52,7 +52,7 @@ def test_a_thin_slab():
     grid = np.stack(np.meshgrid(np.arange(6), np.arange(6), indexing="ij"), -1).reshape(-1, 2) * 1.7 + 0.85
     positions = np.column_stack([grid, rng.uniform(0, 2.1, len(grid))])
     scene = hs.Scene(positions, rng.normal(size=positions.shape), box=(10.2, 10.2, 2.1))
-    assert follow(scene, 60) == 60
+    assert follow(scene, 40) == 40
 
 
 def test_against_fifty_digits():

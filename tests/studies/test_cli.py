@@ -13,7 +13,7 @@ from ase.build import bulk
 from ase.io import write
 from typer.testing import CliRunner
 
-from studies.cli import app
+from studies.cli import app, main
 
 COMMAND = [sys.executable, "-m", "studies.cli"]
 
@@ -92,16 +92,28 @@ def test_help_and_version_load_nothing_heavy():
         (["--out", "text.txt"], "text.txt exists and is not a folder"),
     ],
 )
-def test_bad_input_is_one_sentence_and_exit_code_2(options, sentence, tmp_path):
+def test_bad_input_is_one_sentence_and_exit_code_2(options, sentence, tmp_path, monkeypatch, capsys):
+    """In this process; in one of its own below."""
     (tmp_path / "text.txt").write_text("not a structure")
     write(tmp_path / "argon.xyz", bulk("Ar", "fcc", a=5.3, cubic=True).repeat(3))
     write(tmp_path / "oblique.cif", bulk("Ar", "fcc", a=5.3).repeat(3))
     before = set(tmp_path.iterdir())
-    done = hardspheres("thermalise", "--replicas", 2, *options, cwd=tmp_path)
-    assert done.returncode == 2
-    assert done.stderr.startswith("error: ") and sentence in done.stderr
-    assert done.stderr.count("\n") == 1 and done.stdout == ""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["hardspheres", "thermalise", "--replicas", "2", *options])
+    with pytest.raises(SystemExit) as end:
+        main()
+    told = capsys.readouterr()
+    assert end.value.code == 2
+    assert told.err.startswith("error: ") and sentence in told.err
+    assert told.err.count("\n") == 1 and told.out == ""
     assert set(tmp_path.iterdir()) == before
+
+
+def test_bad_input_of_a_process(tmp_path):
+    """A process writes the same, and nothing else on its way out."""
+    done = hardspheres("thermalise", "--from", "absent.xyz", "--radius", "1", cwd=tmp_path)
+    assert done.returncode == 2 and done.stdout == "" and not list(tmp_path.iterdir())
+    assert done.stderr.startswith("error: there is no file absent.xyz") and done.stderr.count("\n") == 1
 
 
 @pytest.mark.parametrize("options", [["--temperature", "warm"], ["--nonsense"]])

@@ -2,6 +2,8 @@
 
 SQLite's habit (https://sqlite.org/testing.html, I/O error tests). The operations are counted in this process, below the
 output folder only: files are opened with a raw layer of ours, so that buffers fail where they really do.
+
+Default tests: some of the operations. Slow: one of each kind. Long: `pytest -m long tests/studies/test_every_fault.py`, all.
 """
 
 import builtins
@@ -11,6 +13,7 @@ import io
 import itertools
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -18,7 +21,9 @@ import warnings
 
 import pytest
 from matplotlib.figure import Figure
+from scenes import gas
 
+import hardspheres as hs
 from studies import cli
 from studies.pressure import EquationOfState
 from studies.recording import Trajectory
@@ -37,6 +42,34 @@ THERMALISE += ["--collisions-per-particle", "2", "--frames", "4"]
 STUDIES = {"pressure": PRESSURE, "thermalise": THERMALISE}
 KEPT = "the same command with --resume continues"
 ON_PATHS = ("replace", "rename", "link", "unlink", "mkdir", "rmdir")
+HOW = pytest.mark.parametrize("forever", [False, True], ids=["once", "from then on"])
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled():
+    """So that no command says that it has compiled the engine."""
+    for packing_fraction in (0.005, 0.1):
+        hs.Simulation(gas("3d", 60, packing_fraction)).run(collisions=1)
+
+
+def kind(done, k):
+    """What operation k is, on which file, whatever its number; for one that names no file what came before it, too."""
+    what = re.sub(r"[0-9a-f]{8,}|\d+", "#", done[k])
+    return what if " " in what or not k else f"{kind(done, k - 1)}, {what}"
+
+
+def one_of_each(done, forever):
+    """Numbers of the first operation of each kind, or of the last where all from it on fail."""
+    kinds = {}
+    for k in range(len(done)):
+        if forever or kind(done, k) not in kinds:
+            kinds[kind(done, k)] = k + 1
+    return sorted(kinds.values())
+
+
+def every(step):
+    """All of them, or one in so many."""
+    return lambda done, _: range(1, len(done) + 1, step)
 
 
 class Faults:
@@ -178,7 +211,7 @@ def contents_without_leftovers(out):
     return contents(out)
 
 
-def sweep(study, options, tmp_path, every, forever):
+def sweep(study, options, tmp_path, chosen, forever):
     done, right = operations(study, options, tmp_path / "whole")
     assert len(done) > 40 and {line.split()[0] for line in done} >= {
         "open",
@@ -187,24 +220,39 @@ def sweep(study, options, tmp_path, every, forever):
         "unlink",
         "fsync",
     }
-    for number in range(1, len(done) + 1, every):
+    for number in chosen(done, forever):
         try_fault(study, options, tmp_path / f"out-{number}-{forever}", number, forever, right)
-    return len(done)
 
 
-@pytest.mark.parametrize("forever", [False, True], ids=["once", "from then on"])
+@HOW
 def test_some_operations_fail(study, forever, tmp_path):
-    sweep(study, PRESSURE, tmp_path, 17, forever)
+    sweep(study, PRESSURE, tmp_path, every(17), forever)
+
+
+def test_one_study_does_all_that_the_other_does(study, tmp_path):
+    """So that one of each kind of operation of one will do. Sibling: the other writes no trajectory."""
+    kinds = {}
+    for name, options in STUDIES.items():
+        done, _ = operations(study, options, tmp_path / name)
+        kinds[name] = {kind(done, k) for k in range(len(done))}
+        assert {kind(done, k - 1) for k in one_of_each(done, False)} == kinds[name]
+    assert kinds["pressure"] < kinds["thermalise"]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("forever", [False, True], ids=["once", "from then on"])
+@HOW
+def test_one_of_each_kind_of_operation_fails(study, forever, tmp_path):
+    sweep(study, THERMALISE, tmp_path, one_of_each, forever)
+
+
+@pytest.mark.long
+@HOW
 @pytest.mark.parametrize("name", STUDIES)
 def test_every_operation_fails(study, name, forever, tmp_path):
-    sweep(study, STUDIES[name], tmp_path, 1, forever)
+    sweep(study, STUDIES[name], tmp_path, every(1), forever)
 
 
-def extended(study, tmp_path, every, forever):
+def extended(study, tmp_path, chosen, forever):
     """A finished run of two replicas is asked for three; whatever fails, the old results are there, or it goes on."""
     more = [*PRESSURE, "--replicas", "3"]
     assert study(*more, "--out", tmp_path / "direct") == (0, "")
@@ -217,7 +265,7 @@ def extended(study, tmp_path, every, forever):
         code, told = study(*more, "--out", tmp_path / "whole")
     assert (code, told, contents(tmp_path / "whole")) == (0, "2 of 3 replicas were there\n", right)
     left = set()
-    for number in range(1, len(faults.done) + 1, every):
+    for number in chosen(faults.done, forever):
         out = tmp_path / f"out-{number}-{forever}"
         shutil.copytree(tmp_path / "two", out)
         failing = Faults(out)
@@ -239,9 +287,9 @@ def extended(study, tmp_path, every, forever):
     assert (2, True) in left
 
 
-@pytest.mark.parametrize("forever", [False, True], ids=["once", "from then on"])
+@HOW
 def test_some_operations_fail_while_a_run_is_extended(study, forever, tmp_path):
-    extended(study, tmp_path, 13, forever)
+    extended(study, tmp_path, every(13), forever)
 
 
 SHARDS = (["--shard", "1/2"], ["--shard", "2/2"])
@@ -257,7 +305,7 @@ def try_shards(study, out, fails):
         return faults.done, [study(*PRESSURE, "--out", out, *shard) for shard in SHARDS]
 
 
-def sweep_shards(study, tmp_path, every, forever):
+def sweep_shards(study, tmp_path, chosen, forever):
     """A shard of which something failed says so, goes on when it is started again, and is gathered to the same bytes."""
     done, ends = try_shards(study, tmp_path / "whole", lambda _: False)
     assert [code for code, _ in ends] == [0, 0] and len(done) > 30
@@ -265,7 +313,7 @@ def sweep_shards(study, tmp_path, every, forever):
     assert study(*PRESSURE, "--out", tmp_path / "whole", "--resume")[0] == 0
     right = contents(tmp_path / "whole")
     assert right == operations(study, PRESSURE, tmp_path / "alone")[1]
-    for number in range(1, len(done) + 1, every):
+    for number in chosen(done, forever):
         out = tmp_path / f"out-{number}"
         _, ends = try_shards(study, out, lambda n, number=number: n == number or (forever and n > number))
         which = f"{number}: {done[number - 1]}: {ends}"
@@ -280,20 +328,31 @@ def sweep_shards(study, tmp_path, every, forever):
 
 
 def test_some_operations_of_shards_fail(study, tmp_path):
-    sweep_shards(study, tmp_path, 19, forever=True)
+    sweep_shards(study, tmp_path, every(19), forever=True)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("forever", [False, True], ids=["once", "from then on"])
+@HOW
+def test_one_of_each_kind_of_operation_fails_while_a_run_is_extended(study, forever, tmp_path):
+    extended(study, tmp_path, one_of_each, forever)
+
+
+@pytest.mark.long
+@HOW
 def test_every_operation_fails_while_a_run_is_extended(study, forever, tmp_path):
-    extended(study, tmp_path, 1, forever)
+    extended(study, tmp_path, every(1), forever)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("forever", [False, True], ids=["once", "from then on"])
+@HOW
+def test_one_of_each_kind_of_operation_of_shards_fails(study, forever, tmp_path):
+    sweep_shards(study, tmp_path, one_of_each, forever)
+
+
+@pytest.mark.long
+@HOW
 def test_every_operation_of_shards_fails(study, forever, tmp_path):
-    """Once each; for all from one of them on, of every third, as most of these end at once."""
-    sweep_shards(study, tmp_path, 3 if forever else 1, forever)
+    sweep_shards(study, tmp_path, every(1), forever)
 
 
 class Killed(BaseException):

@@ -1,6 +1,7 @@
 """What holds for every study: files agree, workers and interruptions change nothing, bad input is one sentence."""
 
 import csv
+import itertools
 import json
 import sys
 from dataclasses import fields, replace
@@ -47,7 +48,7 @@ SMALL = {
         "replicas": 4,
         "cells": 4,
     },
-    "lorentz": {"packing_fractions": (0.7,), "collisions_per_particle": 25_600.0, "replicas": 4},
+    "lorentz": {"packing_fractions": (0.7,), "collisions_per_particle": 12_800.0, "replicas": 4},
     "free-path": {"n": 100, "packing_fractions": (0.05,), "collisions_per_particle": 20.0},
     "mixture": {"n": 100, "packing_fraction": 0.02, "relaxation_times": 18.0, "replicas": 4},
     "soak": {"n": 100, "dim": 2, "collisions": 5000},
@@ -60,8 +61,9 @@ STUDIES = [name for name in QUESTIONS if issubclass(study_named(name), Study)]
 
 @pytest.fixture(scope="module", autouse=True)
 def _same_memory():
-    """The memory of the process is no result: here it is unknown."""
+    """The memory of the process is no result: here it is unknown. Each frame of a film costs time."""
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("studies.thermalisation.FILM_FRAMES", 6)
         patch.setattr("studies.validation.soak.resident", lambda: np.nan)
         yield
 
@@ -279,9 +281,22 @@ def bits(replica):
     return {name: content.tobytes() for name, content in encode(bare).items()}
 
 
+def counted(study, monkeypatch):
+    """Count how often the replicas of a study pause; the list grows while they run."""
+    whole, pauses = type(study).advance, []
+
+    def advance(self, gas, replica):
+        for _ in whole(self, gas, replica):
+            pauses.append(gas)
+            yield
+
+    monkeypatch.setattr(type(study), "advance", advance)
+    return pauses
+
+
 def in_pieces(study, folder, every, monkeypatch):
-    """Replicas of a study that is thrown away after every few pauses, with all that it did not save."""
-    whole = type(study).advance
+    """Replicas of a study that is thrown away after every so many pauses, of which it was saved at three."""
+    whole, save, calls = type(study).advance, Shelf.save, itertools.count(1)
 
     def advance(self, gas, replica):
         for pauses, _ in enumerate(whole(self, gas, replica)):
@@ -289,7 +304,12 @@ def in_pieces(study, folder, every, monkeypatch):
                 raise Interrupted
             yield
 
+    def now_and_then(shelf, *state):
+        if next(calls) % max(1, every // 3) == 0:
+            save(shelf, *state)
+
     monkeypatch.setattr(type(study), "advance", advance)
+    monkeypatch.setattr(Shelf, "save", now_and_then)
     (folder / "checkpoint").mkdir(parents=True)
     times = 0
     while True:
@@ -315,8 +335,10 @@ def test_interrupted_often_it_gives_the_same_bytes(name, tmp_path, monkeypatch):
     study = small(name)
     study = replace(study, replicas=max(1, min(study.replicas, 4)))
     (tmp_path / "whole").mkdir()
-    whole = run_study(study, Screen(True), None, tmp_path / "whole", record=True)
-    pieces, times = in_pieces(study, tmp_path / "pieces", 30, monkeypatch)
+    with monkeypatch.context() as patch:
+        pauses = counted(study, patch)
+        whole = run_study(study, Screen(True), None, tmp_path / "whole", record=True)
+    pieces, times = in_pieces(study, tmp_path / "pieces", max(1, len(pauses) // 12), monkeypatch)
     assert times > 5
     assert same(pieces, whole)
     recorded = {path.name: path.read_bytes() for path in (tmp_path / "whole").iterdir()}

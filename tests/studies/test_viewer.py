@@ -40,7 +40,13 @@ QUICK = (
     "3d",
     "2d_mixture_walls",
 )  # both dimensions, walls and a mixture: kernels with a log compile for each kind
-KINDS = [kind if kind in QUICK else pytest.param(kind, marks=pytest.mark.slow) for kind in GASES]
+LONG = ("3d_walls",)  # its walls and its dimension are those of others
+KINDS = [
+    kind
+    if kind in QUICK
+    else pytest.param(kind, marks=pytest.mark.long if kind in LONG else pytest.mark.slow)
+    for kind in GASES
+]
 CLOSE = 1e-9  # diameters
 MOMENTS = 20
 
@@ -246,8 +252,13 @@ def test_parabolas_without_a_log(tmp_path):
     checked(replay_by_steps(still, 4), tmp_path)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ["2d_mixture_walls", "3d_walls"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        pytest.param("2d_mixture_walls", marks=pytest.mark.slow),
+        pytest.param("3d_walls", marks=pytest.mark.long),
+    ],
+)
 def test_parabolas_of_the_log_are_those_of_the_steps(kind, tmp_path):
     scene = falling(kind, gravity=(0.0, -2.0) if kind.startswith("2d") else (0.0, -2.0, 0.0))
     log, steps = view(scene, 10), replay_by_steps(scene, 10)

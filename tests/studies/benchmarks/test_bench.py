@@ -159,7 +159,7 @@ def test_a_large_fluid_is_a_small_one_repeated(monkeypatch):
     monkeypatch.setattr("studies.benchmarks.gas.PIECE", 64)
     for gas in (
         Gas(n=510, packing_fraction=0.25),
-        Gas(n=510, packing_fraction=0.25, diameter_ratio=1.5, fraction=0.3),
+        Gas(n=510, packing_fraction=0.25, diameter_ratio=1.5, mass_ratio=2.0, fraction=0.3),
     ):
         assert gas.repeated
         scene = gas.scene(seed=3)  # 8 boxes of 64, less 2
