@@ -44,6 +44,8 @@ CURVED = (
     "free paths are tallied along straight flights, and under gravity none is straight; leave free_paths out "
     "(log=... has the time of each event)"
 )
+# Of status, with several threads: windows that stand, those undone before, events put off to a later round.
+OF_THREADS = {"windows": "WINDOWS", "windows_undone": "REDONE", "events_put_off": "LEFT_OVER"}
 Log = Callable[[NDArray[np.void]], object] | str | PathLike[str]
 
 
@@ -560,6 +562,22 @@ class Simulation(Exclusive):
         sink = sink_of(log, self.scene.dim)
         return type(self)._restored(self.scene, self._alone(self._copied_arrays), sink, self._engine.how)
 
+    def on_threads(self, threads: int) -> "Simulation":
+        """Return a copy that so many threads run, without a log; it goes on with the same bits.
+
+        Parameters
+        ----------
+        threads : int
+            As of `Simulation`.
+
+        Raises
+        ------
+        SimulationError
+            If that is no number of threads.
+        """
+        how = self._engine.how._replace(threads=_required_threads(threads))
+        return type(self)._restored(self.scene, self._alone(self._copied_arrays), None, how)
+
     def __copy__(self) -> "Simulation":
         return self._duplicate(lambda part: part)
 
@@ -801,6 +819,11 @@ class Simulation(Exclusive):
             "stale_events": int(count[at.STALE]),
             "method": self._engine.search.method,
             "threads": self.threads,
+            "fewer_threads": self._engine.shortfall,
+            **{
+                f"thread_{name}": int(count[getattr(at, slot)]) if at.THREADS else 0
+                for name, slot in OF_THREADS.items()
+            },
             "cell_size": (1.0 / number[at.CELL_DENSITY : at.CELL_DENSITY + dim]).tolist(),
             "shell": float(number[at.DISPLACEMENT_THRESHOLD]),
             "window": 2.0 * float(number[at.HALF_WINDOW]),

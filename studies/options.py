@@ -33,6 +33,7 @@ __all__ = [
     "packing_fractions",
     "positive",
     "rewrapped",
+    "whole_numbers",
     "word",
 ]
 
@@ -307,6 +308,20 @@ one_number: dict[str, Any] = {
     "help": "Volume fraction of the spheres.",
 }
 """What `typer.Option` needs for `--packing-fraction` of a study of one gas."""
+
+
+def whole_numbers(name: str, text: str) -> tuple[int, ...]:
+    """Return the whole numbers, at least 1, with commas between them, that an option has.
+
+    Raises
+    ------
+    OptionError
+        If the text is anything else.
+    """
+    parts = text.split(",")
+    if not all(part.strip().isdecimal() and int(part) >= 1 for part in parts) or len(parts) > MOST:
+        raise OptionError(f"{name} {text} is not understood; give whole numbers from 1 on, with commas")
+    return tuple(int(part) for part in parts)
 
 
 def packing_fractions(text: str) -> tuple[float, ...]:

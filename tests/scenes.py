@@ -73,7 +73,8 @@ def everything(sim):
     """All that a user can see of a simulation, to the last bit, but what the search for events alone decides, and the clock."""
     t, frame = sim.tallies, sim.frame()
     paths = None if frame.free_paths is None else flight_bits(frame.free_paths)
-    own = ("stale_events", "list_renewals", "bytes_per_particle", "collisions_per_second", "threads")
+    own = ("stale_events", "list_renewals", "bytes_per_particle", "collisions_per_second")
+    own += ("threads", "fewer_threads", "thread_windows", "thread_windows_undone", "thread_events_put_off")
     return (
         state(sim),
         sim.time,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import os
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from studies.benchmarks.bench import Bench, bench
 from studies.benchmarks.gas import STARTS, Gas
 from studies.benchmarks.prices import Prices, run_prices
 from studies.benchmarks.rivals import PEERS
+from studies.benchmarks.scaling import Scaling, run_scaling
 from studies.benchmarks.suite import QUESTION, SUITES, Suite, run_suite, suite_named
 from studies.options import (
     OptionError,
@@ -24,6 +26,7 @@ from studies.options import (
     option,
     packing_fractions,
     seed,
+    whole_numbers,
     word,
 )
 from studies.program import Program
@@ -44,11 +47,16 @@ class Benchmark(Program):
     with --suite a table and a figure. Keeps no checkpoints, since an interruption would invalidate the
     timing.
     """
-    files = (*Bench.files, *Suite.files, *Prices.files)
+    files = (*Bench.files, *Suite.files, *Prices.files, *Scaling.files)
     resumable = False
 
-    n: tuple[int, ...] = option(
-        (), "Particles; with --suite may be given several times.", several=True, shown="4000"
+    n: tuple[tuple[int, ...], ...] = option(
+        (),
+        "Particles; with --suite or --threads several, with commas.",
+        several=True,
+        shown="4000",
+        metavar="NUMBER|LIST",
+        parser=partial(whole_numbers, "--n"),
     )
     dim: int = dimension()
     packing_fraction: tuple[tuple[float, ...], ...] = option(
@@ -87,13 +95,24 @@ class Benchmark(Program):
         "min): what walls, gravity, tallies and the like cost.",
         **word("--suite", *SUITES, "prices"),
     )
+    threads: tuple[tuple[int, ...], ...] = option(
+        (),
+        "Numbers with commas, as in 1,2,4: the same gas on so many threads, and the speed-up.",
+        several=True,
+        shown="one thread",
+        metavar="LIST",
+        parser=partial(whole_numbers, "--threads"),
+    )
     seed: int = seed()
 
     def conduct(self, out: OutputFolder, screen: Screen) -> tuple[dict[str, Any], bool]:
         """Time one gas, or those of a suite."""
         densities = [eta for several in self.packing_fraction for eta in several]
+        sizes = tuple(n for several in self.n for n in several)
+        if threads := tuple(count for several in self.threads for count in several):
+            return run_scaling(self._scaling(sizes, threads, densities), out, screen, self.made())
         gas = Gas(
-            (self.n or (4000,))[0],
+            (sizes or (4000,))[0],
             self.dim,
             (densities or [0.3])[0],
             self.boundary,
@@ -104,35 +123,51 @@ class Benchmark(Program):
         )
         study = Bench(gas, self.collisions, self.discard, self.against, self.seed)
         if self.suite == "prices":
-            return run_prices(self._prices(densities), out, screen, self.made())
+            return run_prices(self._prices(sizes, densities), out, screen, self.made())
         if self.suite is not None:
-            return run_suite(suite_named(self.suite, self.n, densities), study, out, screen, self.made())
+            return run_suite(suite_named(self.suite, sizes, densities), study, out, screen, self.made())
         if out.figure_format != "png":
             raise OptionError(f"--format {out.figure_format} goes with --suite: a single state has no figure")
-        for name, given in (("--n", self.n), ("--packing-fraction", densities)):
+        for name, given in (("--n", sizes), ("--packing-fraction", densities)):
             if len(given) > 1:
                 raise hs.SceneError(f"{name} is given {len(given)} times, but one state has one; add --suite")
         return bench(study, out, screen, self.made())
 
-    def _prices(self, densities: list[float]) -> Prices:
-        """Return where to measure the price list; it has gases of its own."""
+    def _require_plain(self, whose: str) -> None:
+        """Refuse options of a gas where there are gases of their own."""
         own = Benchmark()
         for name in (
             "dim", "boundary", "diameter_ratio", "mass_ratio", "fraction", "start", "collisions", "discard",
             "against",
         ):  # fmt: skip
             if getattr(self, name) != getattr(own, name):
-                raise OptionError(
-                    f"--suite prices has gases of its own; leave out --{name.replace('_', '-')}"
-                )
-        if len(self.n) > 1:
-            raise OptionError(f"--n is given {len(self.n)} times, but the price list has one; give it once")
-        if self.n and self.n[0] < 50:
-            raise OptionError(f"--n {self.n[0]}: a price list needs at least 50 particles")
+                raise OptionError(f"{whose} has gases of its own; leave out --{name.replace('_', '-')}")
+
+    def _scaling(self, sizes: tuple[int, ...], threads: tuple[int, ...], densities: list[float]) -> Scaling:
+        """Return what to measure on several threads: equal spheres in 3D."""
+        self._require_plain("--threads")
+        if self.suite is not None:
+            raise OptionError("--threads and --suite are two measurements; give one of them")
+        if len(densities) > 1:
+            raise OptionError(f"--packing-fraction is given {len(densities)} times; --threads takes one")
+        if densities and densities[0] > 0.35:
+            raise OptionError(f"--packing-fraction {densities[0]:g}: --threads goes up to 0.35")
+        sizes = sizes or (100_000,)
+        require_room_for(max(sizes))
+        scaling = Scaling(sizes, threads, seed=self.seed)
+        return replace(scaling, packing_fraction=densities[0]) if densities else scaling
+
+    def _prices(self, sizes: tuple[int, ...], densities: list[float]) -> Prices:
+        """Return where to measure the price list; it has gases of its own."""
+        self._require_plain("--suite prices")
+        if len(sizes) > 1:
+            raise OptionError(f"--n is given {len(sizes)} times, but the price list has one; give it once")
+        if sizes and sizes[0] < 50:
+            raise OptionError(f"--n {sizes[0]}: a price list needs at least 50 particles")
         if densities and max(densities) > 0.35:
             raise OptionError(f"--packing-fraction {max(densities):g}: a price list goes up to 0.35")
         prices = Prices(seed=self.seed)
-        n, etas = (self.n or (prices.n,))[0], tuple(sorted(densities)) or prices.packing_fractions
+        n, etas = (sizes or (prices.n,))[0], tuple(sorted(densities)) or prices.packing_fractions
         require_room_for(n)
         return replace(prices, n=n, packing_fractions=etas)
 
