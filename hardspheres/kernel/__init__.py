@@ -8,8 +8,8 @@ is the whole method, in reading order, room by room.
 **The top.** `loop` is the algorithm: take the next event, execute it, predict the next events of its one or
 two particles. `arrays` is the table of all arrays; `layout` names their slots, and is imported as `at`. What
 a scene lacks is not compiled in: `specialise` loads the files of this package once for each kind of scene
-(dimension, walls, many radii, many masses, search, growth, tallies of flights, gravity), each with its own
-constants in place of `flags`.
+(dimension, walls, many radii, many masses, search, growth, tallies of flights, gravity, threads), each with
+its own constants in place of `flags`.
 
 **`common`: what both searches use.** `particles`: a particle's row is its position, its velocity, and the
 time when the two were written. Between events the row stays as it is: the position at a later time is x + v
@@ -76,6 +76,15 @@ the floor after its last collision, which is kept beside its row.
 **Obstacles.** A particle of infinite mass keeps its row, its version and its segment for ever (`obstacles`).
 It has no events: those that move find it in their lists, or near their segments, and a collision with it
 changes one row. Two of them are never compared, and may overlap.
+
+**`threads`: one gas on several threads**, with lists. `loop` goes from window to window, in each of which
+some 1 % of the particles collide, and all threads take the same decisions there. `tiles` are blocks of
+columns of cells, and make the domains of a round; `rounds` executes the events of each domain in their order
+and puts off those that are not well inside. `calendars` are those of the tiles. `undo` keeps the rows that a
+window replaces: they tell, exactly, whether a particle was predicted too late to meet one of them; then the
+window is undone and gone through again in shorter ones, in the end by one thread in the order of time.
+`renewal` rebuilds lists, singly in rounds or all together; `barrier` and `handing_over` are where threads
+meet.
 
 **`simd`: how it is compiled.** `jit`, `parts`, `pointers`, `vectors`. Kernels find the arrays by a table of
 their `addresses`. Arithmetic is strict wherever it enters the
