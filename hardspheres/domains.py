@@ -13,6 +13,8 @@ __all__ = ["Domains", "divided", "too_small"]
 
 LAYERS = 3  # of cells in a tile along an axis that is divided, at least: then each is inside in some round
 COLLISIONS_IN_BUCKET = 0.02  # per particle, at least; windows are no longer than a bucket
+EVENTS_IN_TICK = 32  # of a domain: then what they need comes into the cache in time
+LEAST_TICKS, MOST_TICKS = 8, 256  # in a bucket
 CYCLE = 512  # buckets in a cycle of the calendars
 AXES = 2  # that may be divided: columns of cells are left whole
 
@@ -43,17 +45,21 @@ class Domains:
         """Write what the kernels need to know to the numbers and counters; the epoch is there already."""
         n, length = scene.n, float(number[at.EPOCH_LENGTH])
         tiles = math.prod(self.tiles)
-        buckets = length * collision_frequency(scene) / COLLISIONS_IN_BUCKET
+        frequency = collision_frequency(scene)
+        buckets = length * frequency / COLLISIONS_IN_BUCKET
         count[at.EPOCH_BUCKETS] = int(power_of_two_below(min(max(buckets, 1.0), 2.0**40)))
         number[at.INVERSE_WIDTH] = count[at.EPOCH_BUCKETS] / length
-        number[at.TICKS] = number[at.INVERSE_WIDTH] * at.TICKS_OF_BUCKET
+        in_bucket = n * frequency * length / float(count[at.EPOCH_BUCKETS])  # entries, stale ones with them
+        ticks = int(power_of_two_below(max(in_bucket / math.prod(self.across) / EVENTS_IN_TICK, 1.0)))
+        count[at.BUCKET_TICKS] = min(max(ticks, LEAST_TICKS), MOST_TICKS)
+        number[at.TICKS] = number[at.INVERSE_WIDTH] * count[at.BUCKET_TICKS]
         count[at.BUCKETS] = CYCLE
         count[at.BLOCKS] = CYCLE + n // tiles + 64
         count[at.HEAP_ROOM] = 1024 + n // 8
         count[at.UNDO_ROOM] = 1024 + n // (6 * self.threads)
         count[at.THREAD_COUNT], count[at.TILES] = self.threads, tiles
         count[at.DOMAINS], count[at.SHIFTS] = math.prod(self.across), len(self.shifts)
-        count[at.WINDOW_TICKS] = at.TICKS_OF_BUCKET // 2
+        count[at.WINDOW_TICKS] = count[at.BUCKET_TICKS] // 2
 
     def fill(self, at: Any, arrays: dict[str, Any]) -> None:
         """Fill the tables of tiles."""

@@ -168,7 +168,7 @@ OF_SEARCH = (  # These are found again from the rows whenever room runs out or e
     Array("old_rows", F8, old_rows, view=("old_rows_int", I8)),
     Array("undone", I8, lambda at, c: c[at.THREAD_COUNT] * at.LINE * at.THREADS),
     # Entries queued for later ticks of a window: the latest of each tick, the one before each.
-    Array("queued_last", I4, lambda at, c: at.TICKS_OF_BUCKET * at.THREADS, own=True),
+    Array("queued_last", I4, lambda at, c: c[at.BUCKET_TICKS] * at.THREADS, own=True),
     Array("queued_before", I4, lambda at, c: c[at.HEAP_ROOM] * at.THREADS, own=True),
     Array("queued", I8, lambda at, c: c[at.HEAP_ROOM] * at.THREADS, own=True),
     # Those whose events are put off; what threads tell each other; how many have come to the barrier.

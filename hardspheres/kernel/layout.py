@@ -92,7 +92,7 @@ LARGEST = slot()  # largest radius
 LARGE_DENSITY = slot(3)  # coarse cells per length
 PULL = slot(3 if GRAVITY else 0)  # acceleration of all particles
 WEIGHT = slot(3 if GRAVITY else 0)  # that times the mass of all
-TICKS = slot(1 if THREADS else 0)  # threads: ticks per time; a bucket has TICKS_OF_BUCKET of them
+TICKS = slot(1 if THREADS else 0)  # threads: ticks per time; a bucket has BUCKET_TICKS of them
 LATEST = slot(1 if THREADS else 0)  # time of the last event in windows that stand
 LATEST_IN_WINDOW = slot(1 if THREADS else 0)
 WINDOW_BEGIN = slot(1 if THREADS else 0)  # no event to come is earlier
@@ -196,6 +196,7 @@ TICK = slot(1 if THREADS else 0)  # the first of this window
 LIMIT = slot(1 if THREADS else 0)  # the first after it
 PRESENT_TICK = slot(1 if THREADS else 0)  # whose events are in the heap
 QUEUED = slot(1 if THREADS else 0)  # events that were queued for later ticks of this window
+BUCKET_TICKS = slot(1 if THREADS else 0)  # ticks in a bucket, a power of two
 WINDOW_TICKS = slot(1 if THREADS else 0)  # how long windows are, a power of two
 UNDISTURBED = slot(1 if THREADS else 0)  # windows since that was changed
 IN_ORDER = slot(1 if THREADS else 0)  # 1: one thread alone goes through a window in the order of time
@@ -203,6 +204,7 @@ STOP_PAIRS = slot(1 if THREADS else 0)  # it stops when its PAIRS are so many
 UNDO_ROOM = slot(1 if THREADS else 0)  # old rows that a thread can keep
 UNDO_LENGTH = slot(1 if THREADS else 0)
 PUT_OFF = slot(1 if THREADS else 0)  # events put off in this round
+STAYED = slot(1 if THREADS else 0)  # those of them that were never in the heap
 WRONG = slot(1 if THREADS else 0)  # 1: this window has to be undone
 CHANGED_SINCE = slot(1 if THREADS else 0)  # neighbours that have changed since the time of a prediction
 OUTCOME = slot(1 if THREADS else 0)  # why one thread alone stopped within a window
@@ -245,7 +247,6 @@ OLD_BEFORE = 9  # int64, as `old_rows` of a particle
 OLD_FLIGHT = 10  # BEGAN and BEGAN_EPOCH
 OLD_FALL = 12  # DIM numbers
 
-TICKS_OF_BUCKET = 256  # a window ends at one of them
 ALL_TILES = 4  # in place of a shift: the whole box is one domain
 
 # Flights, where FLIGHTS. Of a particle, float64:

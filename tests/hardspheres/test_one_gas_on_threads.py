@@ -118,7 +118,7 @@ def test_what_went_wrong_is_seen_and_undone(monkeypatch):
         many = shared(monkeypatch, scene, 2, (2, 2))
         at, counter = many._at, many._engine.arrays.counter
         counter[at.BLIND] = blind
-        counter[at.WINDOW_TICKS] = at.TICKS_OF_BUCKET
+        counter[at.WINDOW_TICKS] = counter[at.BUCKET_TICKS]
         many.run(collisions=20000)
         results[blind] = everything(many) == everything(one), redone(many)
     assert results[0][0]

@@ -10,7 +10,7 @@ from ..common.prefetch import prefetch_event
 from ..dense.calendar import tie_key
 from ..simd.jit import called, jit
 from ..simd.pointers import prefetch
-from .tiles import owner, tile_of
+from .tiles import is_inside_now, owner, tile_of
 
 
 @jit
@@ -43,7 +43,7 @@ def put_back(s, i):
     """Insert i's event into its bucket, even if it is of this window."""
     time = s.event_float[i * at.EVENT + at.TIME]
     now, cycle = s.counter[at.BUCKET], s.counter[at.BUCKETS]
-    bucket = max(tick_of(s, time) // at.TICKS_OF_BUCKET, now)
+    bucket = max(tick_of(s, time) // s.counter[at.BUCKET_TICKS], now)
     slot = bucket & (cycle - 1) if bucket < now + cycle else cycle
     push_bucket(s, tile_of(s, i), slot, i << 32 | s.event[i * at.EVENT + at.STAMP])
 
@@ -56,7 +56,7 @@ def insert_event(s, i):
     if time >= s.number[at.EPOCH_LENGTH]:
         return
     tick = tick_of(s, time)
-    if tick >= s.counter[at.LIMIT] or time > s.number[at.STOP_TIME]:
+    if not is_due(s, i):
         put_back(s, i)
     elif tick > s.counter[at.PRESENT_TICK]:
         queue(s, tick - s.counter[at.TICK], i << 32 | s.event[event + at.STAMP])
@@ -107,7 +107,7 @@ def clear_queue(s):
     s.counter[at.HEAP_LENGTH] = 0
     s.counter[at.QUEUED] = 0
     s.counter[at.PRESENT_TICK] = s.counter[at.TICK] - 1
-    for tick in range(at.TICKS_OF_BUCKET):
+    for tick in range(s.counter[at.BUCKET_TICKS]):
         s.queued_last[tick] = -1
 
 
@@ -116,7 +116,7 @@ def put_back_all(s):
     """Put back to the calendar what is left in the heap and in the queue."""
     for k in range(s.counter[at.HEAP_LENGTH]):
         put_back_live(s, s.heap_entry[k])
-    for tick in range(at.TICKS_OF_BUCKET):
+    for tick in range(s.counter[at.BUCKET_TICKS]):
         k = s.queued_last[tick]
         while k >= 0:
             put_back_live(s, s.queued[k])
@@ -141,6 +141,22 @@ def schedule(s, i, time, partner):
     insert_event(s, i)
 
 
+@jit
+def is_due(s, i):
+    """Whether i's event is of this window."""
+    time = s.event_float[i * at.EVENT + at.TIME]
+    return tick_of(s, time) < s.counter[at.LIMIT] and time <= s.number[at.STOP_TIME]
+
+
+@jit
+def stays(s, i):
+    """Whether i's event has to wait for another round, and nobody inside the domain has to wait for it."""
+    if is_inside_now(s, i):
+        return False
+    partner = s.event[i * at.EVENT + at.PARTNER]
+    return partner < 0 or partner >= s.counter[at.N] or not is_inside_now(s, partner)
+
+
 @called
 def open_bucket(s, tile, slot):
     """Insert the live events of a bucket again: those of this window go to the heap."""
@@ -153,7 +169,11 @@ def open_bucket(s, tile, slot):
             entry = s.blocks[block * at.BLOCK + k]
             i = entry >> 32
             if s.event[i * at.EVENT + at.STAMP] == entry & at.STAMP_BITS:
-                insert_event(s, i)
+                if is_due(s, i) and stays(s, i):
+                    s.counter[at.STAYED] += 1
+                    put_back(s, i)
+                else:
+                    insert_event(s, i)
         s.blocks[block * at.BLOCK] = s.free_block[tile * at.LINE] << 3
         s.free_block[tile * at.LINE] = block
         block = header >> 3

@@ -81,7 +81,7 @@ def run(arrays, afresh, stop_epoch, stop_time, stop_pairs, budget):
         last = s.counter[at.EPOCH] == stop_epoch
         if last and begin > stop_time:
             return stopped(s, DONE)
-        if s.counter[at.TICK] == s.counter[at.EPOCH_BUCKETS] * at.TICKS_OF_BUCKET:
+        if s.counter[at.TICK] == s.counter[at.EPOCH_BUCKETS] * s.counter[at.BUCKET_TICKS]:
             if last:
                 return stopped(s, DONE)
             end_epoch(s)
@@ -97,7 +97,7 @@ def run(arrays, afresh, stop_epoch, stop_time, stop_pairs, budget):
         if last and s.counter[at.LIMIT] / s.number[at.TICKS] > stop_time:
             return stopped(s, DONE)  # in the rest of the window there are events that wait
         s.counter[at.TICK] = s.counter[at.LIMIT]
-        s.counter[at.BUCKET] = s.counter[at.TICK] // at.TICKS_OF_BUCKET
+        s.counter[at.BUCKET] = s.counter[at.TICK] // s.counter[at.BUCKET_TICKS]
         if s.counter[at.AGREED + at.TOLD_LOGGED] > s.counter[at.LOG_ROOM] // 2 and s.counter[at.LOG_ROOM] > 0:
             return stopped(s, LOG_FULL)
         if s.counter[at.AGREED + at.TOLD_REBUILDS] >= s.counter[at.REBUILD_ALL_DUE]:
@@ -155,7 +155,7 @@ def begin_window(s, halvings):
     if halvings == 1:
         s.counter[at.WINDOW_TICKS] = max(s.counter[at.WINDOW_TICKS] // 2, 1)
     ticks = max(s.counter[at.WINDOW_TICKS] >> max(halvings - 1, 0), 1)
-    bucket_ends = (s.counter[at.TICK] // at.TICKS_OF_BUCKET + 1) * at.TICKS_OF_BUCKET
+    bucket_ends = (s.counter[at.TICK] // s.counter[at.BUCKET_TICKS] + 1) * s.counter[at.BUCKET_TICKS]
     s.counter[at.LIMIT] = min(s.counter[at.TICK] + ticks, bucket_ends)
     s.counter[at.WINDOW] += 1
     s.counter[at.UNDO_LENGTH] = 0
@@ -178,7 +178,7 @@ def lengthen(s):
     s.counter[at.UNDISTURBED] += 1
     if s.counter[at.UNDISTURBED] == LONG_ENOUGH:
         s.counter[at.UNDISTURBED] = 0
-        s.counter[at.WINDOW_TICKS] = min(2 * s.counter[at.WINDOW_TICKS], at.TICKS_OF_BUCKET)
+        s.counter[at.WINDOW_TICKS] = min(2 * s.counter[at.WINDOW_TICKS], s.counter[at.BUCKET_TICKS])
 
 
 @called

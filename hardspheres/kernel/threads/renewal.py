@@ -123,7 +123,7 @@ def detect(s):
     now = max(s.number[at.NOW], 0.0)
     s.counter[at.LIMIT] = -1  # no event is due yet
     s.counter[at.TICK] = tick_of(s, now)
-    s.counter[at.BUCKET] = s.counter[at.TICK] // at.TICKS_OF_BUCKET
+    s.counter[at.BUCKET] = s.counter[at.TICK] // s.counter[at.BUCKET_TICKS]
     s.number[at.WINDOW_BEGIN] = now
     s.counter[at.SHORT_QUEUE] = 0
     s.counter[at.WINDOW] += 1  # no old row counts

@@ -31,10 +31,10 @@ def go_through_window(s):
         if shift < at.ALL_TILES:
             for domain in range(s.counter[at.THREAD], s.counter[at.DOMAINS], threads):
                 go_through_domain(s, domain, shift)
-                waiting += s.counter[at.PUT_OFF]
+                waiting += s.counter[at.PUT_OFF] + s.counter[at.STAYED]
         elif s.counter[at.THREAD] == 0:
             go_through_domain(s, 0, shift)
-            waiting = s.counter[at.PUT_OFF]
+            waiting = s.counter[at.PUT_OFF] + s.counter[at.STAYED]
         s.counter[at.PUT_OFF] = waiting
         agree(s)
         left = s.counter[at.AGREED + at.TOLD_PUT_OFF]
@@ -51,6 +51,7 @@ def go_through_domain(s, domain, shift):
     """Execute the events of one domain; what is put off goes back to the calendar."""
     s.counter[at.SHIFT], s.counter[at.DOMAIN] = shift, domain
     s.counter[at.PUT_OFF] = 0
+    s.counter[at.STAYED] = 0
     clear_queue(s)
     s.counter[at.INSTANT_EVENTS] = 0
     s.number[at.NOW] = -s.number[at.EPOCH_LENGTH]

@@ -58,6 +58,12 @@ def is_inside(s, column):
 
 
 @jit
+def is_inside_now(s, i):
+    """Whether i is inside its domain, in this shift."""
+    return (word_of(s, i) >> s.counter[at.SHIFT]) & 1 == 1
+
+
+@jit
 def free_to_go(s, i):
     """Whether i is inside its domain and not frozen in this round."""
     word = word_of(s, i)
