@@ -274,6 +274,8 @@ def cheapest_windows(scene: Scene, epoch: float) -> Windows | str:
     for small_radius in splits(scene):
         share = share_of_large(scene, small_radius)
         for length in (epoch / parts for parts in WINDOWS_IN_AN_EPOCH):
+            if PARTICLE / length + COLLISION * frequency >= least:  # what the rest costs at least
+                break
             windows = Windows(scene, length, half_length * length, small_radius)
             possible = windows.possible and windows.fall <= MOST_FALLEN * windows.half_length
             cost = windows.cost(frequency, in_segments, share) if possible else math.inf
