@@ -24,12 +24,13 @@ from hardspheres.engine import Engine
 from hardspheres.errors import CheckpointError, SceneError
 from hardspheres.invariants import deepest_overlap
 from hardspheres.scene import Scene, kinetic_energy, potential_energy, returned_to_box, squares_at_floor
+from hardspheres.sums import are_sums
 from hardspheres.tuning import epoch_length, pace
 
 __all__ = ["from_arrays", "restored", "to_arrays"]
 
 FORMAT = "hardspheres checkpoint"
-VERSION = 3
+VERSION = 4
 SCENE = ("positions", "velocities", "radii", "masses", "box")
 
 
@@ -174,7 +175,7 @@ def _require_state(engine: Engine, arrays: Arrays, about: dict[str, Any]) -> Non
     at, length = engine.layout, engine.length
     counters = dict(zip(at.STATE_COUNTERS, arrays["counters"].tolist(), strict=True))
     numbers = dict(zip(at.STATE_NUMBERS, arrays["numbers"].tolist(), strict=True))
-    counts = [arrays[name] for name in ("counters", "counts", "earlier_counts") if name in arrays]
+    counts = [arrays[name] for name in ("counters", "counts", "counts_then") if name in arrays]
     turns, (epoch, moment), since = arrays["turns"], about["clock"], about["tallied_since"]
     counted = all(np.all((part >= 0) & (part < FOREVER)) for part in counts)
     turned = np.all((turns > -FOREVER) & (turns < FOREVER))
@@ -185,6 +186,9 @@ def _require_state(engine: Engine, arrays: Arrays, about: dict[str, Any]) -> Non
     pairs, hits = counters[at.PAIRS], counters[at.WALL_HITS]
     begun = since[:2] <= [epoch, moment] and since[2] <= pairs and since[3] <= hits
     _require(begun, "its tallies begin after its time")
+    for name in ("total", "total_then"):
+        right = all(map(are_sums, engine.blocks(arrays[name])))
+        _require(right, f"a sum in {name} is not a whole number and a fraction")
     _require_rows(engine, arrays["row"], arrays.get("fall"), now, moment)
     if engine.flights:
         _require_flights(arrays["flight"], engine.arrays.flight, at, epoch, length)

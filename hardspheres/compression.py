@@ -286,14 +286,14 @@ class Compression:
 
     def _read(self, engine: Engine, passed: float, moment: float) -> None:
         """Make the scene from the rows, moved to one time; measure the pressure and restore the energy."""
-        at, scene = engine.layout, self.scene
+        at, scene, number = engine.layout, self.scene, engine.arrays.number
         rows = engine.rows
         velocities = rows[:, at.V : at.V + scene.dim].copy()
         flown = rows[:, at.X : at.X + scene.dim] + velocities * (moment - rows[:, at.T])[:, None]
         positions = returned_to_box(flown, scene.box, scene.periodic)
         energy = kinetic_energy(velocities, scene.masses)
         if passed > 0.0 and energy > 0.0:
-            virial = float(np.sum(engine.arrays.total[at.VIRIAL : at.VIRIAL + scene.dim]))
+            virial = float(np.sum(number[at.GROWTH_VIRIAL : at.GROWTH_VIRIAL + scene.dim]))
             self.pressure = 1.0 + virial / (passed * (energy + self._energy))
             velocities *= math.sqrt(self._energy / energy)
         self.scene = scene.with_state(positions, velocities, self._radii * self.scale)

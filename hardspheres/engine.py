@@ -15,13 +15,15 @@ from hardspheres.kernel.arrays import OF_RUN, OF_SEARCH, allocated, bytes_of, re
 from hardspheres.lists import Lists
 from hardspheres.memory import require_memory
 from hardspheres.scene import Scene, energy_flux, momentum_flux, squares_at_floor
+from hardspheres.sums import accumulated, add_to
+from hardspheres.tally_units import per_unit, tally_units, write_tally_units
 from hardspheres.tuning import epoch_length, epoch_length_at, pace
 from hardspheres.windows import Windows, windows_for
 
 CACHED = 16000  # particles that fit the caches of a core
 CACHED_AT_ALL = 48000  # particles that fit the caches that cores share
 # Where the sums keep the components of a symmetric tensor.
-COMPONENTS = {2: np.array([[0, 3], [3, 1]]), 3: np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])}
+COMPONENTS = {2: np.array([[0, 2], [2, 1]]), 3: np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])}
 
 
 class Engine:
@@ -60,10 +62,14 @@ class Engine:
     now : (int, float)
         The time: whole epochs, and the time within this one. It is the end of the last run, or that of its
         last event.
+    units : TallyUnits
+        Scales of what is tallied.
+    per_unit : array
+        1 / the unit of each of the kernels' sums that is none of flights.
     since : (int, float, int, int)
         Where the tallies began: epoch, time within it, pair collisions, wall collisions.
-    earlier : array
-        What was tallied from the start up to there, as `tallied` gives it.
+    total_then, integral_then : arrays
+        What the kernels' sums and integrals were then; those go on from the start.
     """
 
     def __init__(
@@ -121,8 +127,9 @@ class Engine:
         count[at.HEAP_ROOM] = 1024 + n // 16
         count[at.BEYOND_CACHE] = int(n > CACHED)
         count[at.BEYOND_ALL] = int(n > CACHED_AT_ALL)
-        count[at.SPECIES_COUNT] = len(units) // 3
+        count[at.SPECIES_COUNT] = len(units) // at.FLIGHT_UNIT
         count[at.LOG_ROOM] = ROOM if logs else 0
+        self.units = tally_units(scene)
         self._plan(length, number, count)
         searching = self._searching_arrays(count)
         self.arrays: Any = record(searching | allocated(OF_RUN, at, count))
@@ -141,7 +148,7 @@ class Engine:
             self.arrays.fall[:] = squares_at_floor(scene, scene.positions, scene.velocities).ravel()
         self.now = (0, 0.0)
         self.since = (0, 0.0, 0, 0)
-        self.earlier = np.zeros(2 * dim * dim + (6 if heat else 4) * dim)
+        self.total_then, self.integral_then = self.arrays.total.copy(), self.arrays.integral.copy()
         self._afresh = True
         self._handed_over: tuple[Any, Any] = (None, None)  # the arrays, and what kernels take in their place
         self.paused = False  # whether the last run ended because its budget of work ran out
@@ -149,10 +156,12 @@ class Engine:
     def _plan(self, length: float, number: Any, count: Any) -> None:
         """Write everything that depends on the length of an epoch to numbers and counters."""
         at, scene = self.layout, self.scene
-        number[at.EPOCH_LENGTH] = length
+        number[at.EPOCH_LENGTH], number[at.PER_EPOCH] = length, 1.0 / length
         number[at.ORDER_TOLERANCE] = 4.0 * math.ulp(length)
         number[at.LOWER_MEAN_SQUARE], number[at.UPPER_MEAN_SQUARE] = pace(scene, length)
         number[at.MEAN_SQUARE] = math.nan
+        write_tally_units(at, self.units, length, number)
+        self.per_unit = per_unit(at, number)
         self.search.plan(at, number, count)
 
     def _searching_arrays(self, count: Any) -> dict[str, Any]:
@@ -225,60 +234,74 @@ class Engine:
         behind = epoch - int(self.arrays.counter[at.EPOCH])
         return (behind * self.length + moment) - self.rows[:, at.T]
 
-    def _fallen(self) -> tuple[Any, Any, Any]:
+    def _fallen(self) -> Any:
         """Return what flights since their rows add to the sums of `kernel.common.tallies`."""
         at, scene, dt = self.layout, self.scene, self._since_rows[:, None, None]
         v = self.rows[:, at.V : at.V + scene.dim]
-        t, epoch = self.rows[:, at.T, None, None], int(self.arrays.counter[at.EPOCH])
+        t = self.rows[:, at.T, None, None]
         mass = inertia(scene.masses)[:, None, None]
         c = v[:, :, None] * scene.gravity
         c = mass * (c + np.swapaxes(c, 1, 2))
         p = mass * np.multiply.outer(scene.gravity, scene.gravity)
         change = (c + p * dt) * dt
         moment = np.sum(change * t + (0.5 * c + 2.0 / 3.0 * p * dt) * dt * dt, axis=0)
-        change = np.sum(change, axis=0)
-        return change, moment, change * epoch
+        places, sums = COMPONENTS[scene.dim], np.zeros(at.SUMS)
+        sums[at.STRESS + places], sums[at.STRESS_MOMENT + places] = np.sum(change, axis=0), moment
+        return sums
 
-    def tallied_by_events(self) -> Any:
+    def blocks(self, total: Any) -> list[Any]:
+        """Return the parts of an array of sums, views of shape (..., 2, n): whole numbers and fractions."""
+        at = self.layout
+        of_flights = total[at.FLIGHT_SUMS :].reshape(-1, 2, at.FLIGHT_SUM)
+        return [total[: at.FLIGHT_SUMS].reshape(2, at.SUMS), of_flights]
+
+    def sums(self, from_start: bool = False) -> Any:
+        """Return what the kernels' sums that are none of flights have become since `since`, or the start.
+
+        Rounded once: the differences of whole numbers and of fractions are exact.
+        """
+        at = self.layout
+        then = 0.0 if from_start else self.total_then[: at.FLIGHT_SUMS]
+        whole, fraction = (self.arrays.total[: at.FLIGHT_SUMS] - then).reshape(2, at.SUMS)
+        return (whole + fraction) / self.per_unit
+
+    def tallied_by_events(self, from_start: bool = False) -> Any:
         """Return what `tallied` does, less what of kinetic tensor and heat flux needs all velocities.
 
-        The integral of K from t0 to t1 is K(t1) (t1 - t0) - sum over events of dK (t - t0): the first term is
-        missing.
+        The integral of K from t0 to t1 is K(t1) (t1 - t0) plus that of K - K(t1): the first term is missing.
+        The second has no use for what K was at the start.
         """
-        at, total, dim = self.layout, self.arrays.total, self.scene.dim
-        epoch, moment, *_ = self.since
-        places = COMPONENTS[dim]
-        stress, by_moment, by_epoch = (
-            total[first + places] for first in (at.STRESS, at.STRESS_MOMENT, at.STRESS_EPOCHS)
-        )
+        at, dim, arrays = self.layout, self.scene.dim, self.arrays
+        epoch, moment = (0, 0.0) if from_start else self.since[:2]
+        # Between the beginnings of the two epochs.
+        passed = (int(arrays.counter[at.EPOCH]) - epoch) * self.length
+        changed = self.sums(from_start)
+        all_changed = changed if from_start else self.sums(from_start=True)
         if self.scene.falls:
-            change, by_time, in_epoch = self._fallen()
-            stress, by_moment, by_epoch = stress + change, by_moment + by_time, by_epoch + in_epoch
-        moments = (by_epoch - epoch * stress) * self.length + (by_moment - moment * stress)
-        walls = [total[first : first + 2 * dim] for first in (at.WALL_IMPULSE, at.WALL_RADIUS_IMPULSE)]
+            fallen = self._fallen()
+            changed, all_changed = changed + fallen, all_changed + fallen
+        value, rest = (arrays.integral - (0.0 if from_start else self.integral_then)).reshape(2, at.INTEGRALS)
+        integral = value + rest
+
+        def part(first: int, changes: int, moments: int, places: Any) -> Any:
+            until = integral[first + places] - passed * all_changed[changes + places]
+            return until + (moment * changed[changes + places] - changed[moments + places])
+
+        axes, places = np.arange(dim), COMPONENTS[dim]
+        kinetic = part(at.STRESS_INTEGRAL, at.STRESS, at.STRESS_MOMENT, places)
+        walls = [changed[first : first + 2 * dim] for first in (at.WALL_IMPULSE, at.WALL_RADIUS_IMPULSE)]
         heat = []
         if self.heat:
-            transfer, flux, by_moment, by_epoch = (
-                total[first : first + dim]
-                for first in (at.HEAT_TRANSFER, at.HEAT_FLUX, at.HEAT_MOMENT, at.HEAT_EPOCHS)
-            )
-            heat = [transfer, -((by_epoch - epoch * flux) * self.length + (by_moment - moment * flux))]
-        return np.concatenate([total[at.VIRIAL + places].ravel(), -moments.ravel(), *walls, *heat])
+            flux = part(at.HEAT_INTEGRAL, at.HEAT_FLUX, at.HEAT_MOMENT, axes)
+            heat = [changed[at.HEAT_TRANSFER + axes], flux]
+        return np.concatenate([changed[at.VIRIAL + places].ravel(), kinetic.ravel(), *walls, *heat])
 
     def reset_tallies(self) -> None:
-        """Begin the tallies anew; what there was is added to `earlier`.
-
-        The kernels' sums begin at 0 again, so that short stretches late in a long run keep all their digits.
-        """
+        """Begin the tallies anew. The kernels' sums go on: differences of them are exact."""
         at, arrays = self.layout, self.arrays
-        self.earlier = self.earlier + self.tallied()
-        arrays.total[: at.SUMS] = 0.0
+        self.total_then, self.integral_then = arrays.total.copy(), arrays.integral.copy()
         if self.scene.falls:  # of the flights under way, what there was until now does not count
-            places = COMPONENTS[self.scene.dim]
-            for first, part in zip(
-                (at.STRESS, at.STRESS_MOMENT, at.STRESS_EPOCHS), self._fallen(), strict=True
-            ):
-                arrays.total[first + places] = -part
+            add_to(self.total_then, 0, at.SUMS, self._fallen() * self.per_unit)
         self.since = (*self.now, int(arrays.counter[at.PAIRS]), int(arrays.counter[at.WALL_HITS]))
         if self.flights:
             self.flights.reset(arrays, *self.now)
@@ -314,28 +337,43 @@ class Engine:
         Rows and times are unchanged; counts of epochs are converted to the new length.
         """
         at, old, before = self.layout, self.arrays, self.length
-        number, count, total, flight = (a.copy() for a in (old.number, old.counter, old.total, old.flight))
+        number, count, flight = (a.copy() for a in (old.number, old.counter, old.flight))
         other = copy.copy(self)
         other.search = self.search.for_epochs(length)
         other._plan(length, number, count)
         for epoch in (at.EPOCH, at.LAST_PAIR_EPOCH):
             count[epoch], _ = recounted(int(count[epoch]), 0.0, before, length)
         count[at.BUCKET] = 0
-        total[at.STRESS_EPOCHS : at.WALL_IMPULSE] *= before / length
-        total[at.HEAT_EPOCHS : at.SUMS] *= before / length
         if self.flights:
             self.flights.recount(flight, before, length)
         other.arrays = old._replace(
             number=number,
             counter=count,
-            total=total,
             flight=flight,
             **other._searching_arrays(count),
         )
         other.now = recounted(*self.now, before, length)
         other.since = (*recounted(*self.since[:2], before, length), *self.since[2:])
+        other.total_then, other.integral_then = self._then(other.since[1])
         other._afresh = True
         return other
+
+    def _then(self, moment: float) -> tuple[Any, Any]:
+        """Return `total_then` and `integral_then` for a `since` at another moment of an epoch.
+
+        The integral up to `since` is the same: up to the beginning of its epoch, plus the sum times the
+        moment in it, less the sum's moment.
+        """
+        at, total, integral = self.layout, self.total_then.copy(), self.integral_then.copy()
+        sums = (total[: at.SUMS] + total[at.SUMS : at.FLIGHT_SUMS]) / self.per_unit
+        parts = [(at.STRESS_INTEGRAL, at.STRESS, at.STRESS_MOMENT, at.TENSOR)]
+        parts += [(at.HEAT_INTEGRAL, at.HEAT_FLUX, at.HEAT_MOMENT, 3)] if self.heat else []
+        for first, changes, moments, n in parts:
+            more = sums[changes : changes + n] * (self.since[1] - moment) - sums[moments : moments + n]
+            value, rest = integral.reshape(2, at.INTEGRALS)[:, first : first + n]  # views
+            value[:], rest[:] = accumulated(value, rest, more, 0.0)
+            total[: at.FLIGHT_SUMS].reshape(2, at.SUMS)[:, moments : moments + n] = 0.0
+        return total, integral
 
     def run(self, stop_epoch: int, stop_time: float, stop_pairs: int, budget: int) -> bool:
         """Execute events up to a time or a number of pair collisions; False if the budget ran out first."""
@@ -396,7 +434,8 @@ class Engine:
             arrays |= self.flights.state()
         return arrays | {
             "row": self.rows,
-            "earlier": self.earlier,
+            "total_then": self.total_then,
+            "integral_then": self.integral_then,
             "numbers": self.arrays.number[numbers],
             "counters": self.arrays.counter[counters],
             "counts": self.arrays.counter[at.COUNTERS :],  # of flights

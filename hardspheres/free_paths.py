@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hardspheres.scene import Scene, read_only, squared_lengths
+from hardspheres.tally_units import flight_units
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -149,24 +150,26 @@ class FlightTallies:
         How many there are of each.
     units : (k, 3) float64 array
         `expected_flights`.
+    sum_units : (k, 2) float64 array
+        `flight_units`.
     paths_before : (k,) float64 array
         Paths of the flights that were under way when the tallies were reset, up to then.
-    earlier_sums, earlier_counts : arrays
-        What the flights that ended before that have added up, as the kernels keep it.
+    counts_then : array
+        How many flights had ended then, as the kernels keep it.
     """
 
     def __init__(self, scene: Scene, at: Any) -> None:
         self.at = at
         self.kinds = kinds_of(scene)
         self.particles = np.bincount(self.kinds).astype(np.int64)
-        self.units = expected_flights(scene)
+        self.units, self.sum_units = expected_flights(scene), flight_units(scene, self.kinds)
         self.paths_before = np.zeros(len(self.particles))
-        sums, counts = self.room
-        self.earlier_sums, self.earlier_counts = np.zeros(sums), np.zeros(counts, dtype=np.int64)
+        kinds = len(self.particles)
+        self.counts_then = np.zeros(kinds * at.FLIGHT_COUNT + kinds * kinds, dtype=np.int64)
 
     def state(self) -> dict[str, Any]:
         """Return what a checkpoint keeps besides the kernels' arrays."""
-        return {name: getattr(self, name) for name in ("paths_before", "earlier_sums", "earlier_counts")}
+        return {name: getattr(self, name) for name in ("paths_before", "counts_then")}
 
     def prepared(self, length: float) -> tuple[Floats, Floats]:
         """Return what the kernels need for epochs of this length: all flights, and the units of the bins."""
@@ -174,7 +177,8 @@ class FlightTallies:
         flight = np.zeros((len(self.kinds), at.FLIGHT))
         flight[:, at.BEGAN], flight[:, at.BEGAN_EPOCH] = length, -1.0
         flight[:, at.SPECIES] = self.kinds
-        return flight.ravel(), (1.0 / (self.units * [1.0, 1.0, SPEED_BIN])).ravel()
+        of_bins = 1.0 / (self.units * [1.0, 1.0, SPEED_BIN])
+        return flight.ravel(), np.hstack([of_bins, 1.0 / self.sum_units]).ravel()
 
     def recount(self, flight: Floats, before: float, length: float) -> None:
         """Convert the beginnings of flights to epochs of another length, a power of two times that before."""
@@ -190,12 +194,6 @@ class FlightTallies:
         table[:, self.at.BEGAN_EPOCH] = np.where(known, epoch, -1.0)
         table[:, self.at.BEGAN] = np.where(known, began, length)
 
-    @property
-    def room(self) -> tuple[int, int]:
-        """How many sums and counts the kernels need."""
-        kinds, at = len(self.particles), self.at
-        return kinds * at.FLIGHT_SUM, kinds * at.FLIGHT_COUNT + kinds * kinds
-
     def _under_way(self, arrays: Any, epoch: int, moment: float) -> Floats:
         """Paths of the flights that are under way at a time, summed for each species."""
         at, dim = self.at, int(self.at.DIM)
@@ -209,22 +207,29 @@ class FlightTallies:
 
     def reset(self, arrays: Any, epoch: int, moment: float) -> None:
         """Begin anew at this time."""
-        self.earlier_sums = self.earlier_sums + arrays.total[self.at.FLIGHT_SUMS :]
-        self.earlier_counts = self.earlier_counts + arrays.counter[self.at.FLIGHT_COUNTS :]
-        arrays.total[self.at.FLIGHT_SUMS :] = 0.0
-        arrays.counter[self.at.FLIGHT_COUNTS :] = 0
+        self.counts_then = arrays.counter[self.at.FLIGHT_COUNTS :].copy()
         self.paths_before = self._under_way(arrays, epoch, moment)
 
-    def read(self, arrays: Any, now: tuple[int, float], passed: float, from_start: bool = False) -> FreePaths:
-        """Return what was tallied until now in a window of this duration: since the reset, or the start."""
+    def read(self, arrays: Any, now: tuple[int, float], passed: float, then: Floats | None) -> FreePaths:
+        """Return what was tallied until now, for this time: since the sums were `then`, or from the start."""
         at, kinds = self.at, len(self.particles)
-        sums, every = arrays.total[at.FLIGHT_SUMS :].copy(), arrays.counter[at.FLIGHT_COUNTS :].copy()
-        before = self.paths_before
-        if from_start:  # when no flight was under way
-            sums, every, before = sums + self.earlier_sums, every + self.earlier_counts, np.zeros(kinds)
-        sums = sums.reshape(kinds, -1)
+        sums, every = arrays.total[at.FLIGHT_SUMS :], arrays.counter[at.FLIGHT_COUNTS :].copy()
+        before = np.zeros(kinds)
+        if then is not None:  # at the start no flight was under way
+            sums, every = sums - then[at.FLIGHT_SUMS :], every - self.counts_then
+            before = self.paths_before
+        sums = sums.reshape(kinds, 2, at.FLIGHT_SUM)
+        first, square, cube = at.PER_MOMENT
+        powers = self.sum_units[:, :, None] * np.ones(3)
+        path_units, time_units = np.cumprod(powers, axis=2).transpose(1, 0, 2)
+        by_speed = sums[:, :, at.SPEED_FLIGHTS :].reshape(kinds, 2, at.SPEED_BINS, 2)
+        # All sums are rounded once: what is added up before that is exact.
+        by_speed, all_flights = by_speed.sum(axis=1) / first, by_speed.sum(axis=2).sum(axis=1) / first
+        higher = sums[:, :, at.HIGHER_MOMENTS : at.SPEED_FLIGHTS].sum(axis=1) / [square, cube, square, cube]
+        moments = np.hstack([all_flights[:, :1], higher[:, :2], all_flights[:, 1:], higher[:, 2:]])
+        path_sums, time_sums = moments[:, :3] * path_units, moments[:, 3:] * time_units
+        first_paths = sums[:, :, at.FIRST_PATH].sum(axis=1) / first * self.sum_units[:, 0]
         counts, pairs = every[: -kinds * kinds].reshape(kinds, -1), every[-kinds * kinds :].reshape(kinds, -1)
-        ended = sums[:, at.FIRST_PATH] + sums[:, at.PATHS]
         speeds = SPEED_BIN * np.append(np.arange(at.SPEED_BINS, dtype=np.float64), math.inf)
         path, time, speed = self.units.T[:, :, None]
         return FreePaths(
@@ -232,16 +237,16 @@ class FlightTallies:
             self.particles.copy(),
             counts[:, at.FLIGHTS_ENDED],
             counts[:, at.FIRST_FLIGHTS],
-            ended + self._under_way(arrays, *now) - before,
-            sums[:, at.PATHS : at.PATHS + 3],
-            sums[:, at.TIMES : at.TIMES + 3],
+            (first_paths + path_sums[:, 0]) + self._under_way(arrays, *now) - before,
+            path_sums,
+            time_sums,
             path * octave_edges(at),
             counts[:, at.PATH_BINS : at.PATH_BINS + at.FLIGHT_BINS],
             time * octave_edges(at),
             counts[:, at.TIME_BINS : at.TIME_BINS + at.FLIGHT_BINS],
             speed * speeds,
             counts[:, at.SPEED_COUNTS : at.SPEED_COUNTS + at.SPEED_BINS],
-            sums[:, at.SPEED_PATHS : at.SPEED_PATHS + at.SPEED_BINS],
-            sums[:, at.SPEED_TIMES : at.SPEED_TIMES + at.SPEED_BINS],
+            by_speed[:, :, 0] * path_units[:, :1],
+            by_speed[:, :, 1] * time_units[:, :1],
             pairs + pairs.T - np.diag(np.diag(pairs)),
         )

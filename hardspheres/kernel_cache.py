@@ -39,7 +39,7 @@ except ImportError:  # no POSIX
 
 __all__ = ["cache_folder", "cached_in"]
 
-FORMULAS = ("collision", "falling", "gravity", "growth")  # compiled into kernels, and not among them
+FORMULAS = ("collision", "falling", "gravity", "growth", "sums")  # compiled into kernels, and not among them
 BESIDE = ("insertion",)  # compiled by themselves, as kernels are
 UNUSED = 30 * 86400.0  # seconds without use after which kernels are removed
 NAMES = (

@@ -331,7 +331,7 @@ class Simulation(Exclusive):
         """Return the gas as it is now."""
         scene, engine = self.scene, self._engine
         flown, velocities = map(read_only, engine.flown())
-        by_events = self._tallies(engine.tallied_by_events() + engine.earlier, self._time, 0, 0)
+        by_events = self._tallies(engine.tallied_by_events(from_start=True), self._time, 0, 0)
         return Frame(
             self._time,
             self.collisions,
@@ -340,7 +340,7 @@ class Simulation(Exclusive):
             velocities,
             scene,
             (flown, read_only(self._images.copy()), scene.box),
-            (by_events, engine.passed, velocities, scene.masses),
+            (by_events, self._time, velocities, scene.masses),
             self._flights(from_start=True) if self._tells_flights else None,
         )
 
@@ -624,7 +624,8 @@ class Simulation(Exclusive):
     def _flights(self, from_start: bool = False) -> FreePaths:
         engine = self._engine
         passed = self._time if from_start else engine.passed
-        return engine.flights.read(engine.arrays, engine.now, passed, from_start)  # type: ignore[union-attr]
+        then = None if from_start else engine.total_then
+        return engine.flights.read(engine.arrays, engine.now, passed, then)  # type: ignore[union-attr]
 
     @property
     @at_rest
@@ -717,7 +718,7 @@ class Simulation(Exclusive):
         Read-only.
         """
         engine, at, dim = self._engine, self._at, self.scene.dim
-        given = engine.arrays.total[at.LEDGER : at.LEDGER + dim]
+        given = engine.sums(from_start=True)[at.LEDGER : at.LEDGER + dim]
         if self.scene.falls:  # earlier epochs are in the ledger
             behind = engine.now[0] - int(engine.arrays.counter[at.EPOCH])
             weight = engine.arrays.number[at.WEIGHT : at.WEIGHT + dim]

@@ -36,6 +36,7 @@ def state(sim):
     return (
         a.row.tobytes(),
         a.total.tobytes(),
+        a.integral.tobytes(),
         a.image_counts.tobytes(),
         sim.collisions,
         sim.wall_collisions,
@@ -53,7 +54,7 @@ WITH_HEAT = [("3d", "lists"), ("3d", "windows")]  # the same for tallies of the 
 def state_without_flights(sim):
     """Every bit that the tallies of flights must not change."""
     at, a = sim._at, sim._engine.arrays
-    sums = a.total[: at.LEDGER + 3].tobytes()
+    sums = a.total[: at.FLIGHT_SUMS].tobytes() + a.integral.tobytes()
     return a.row.tobytes(), sums, a.image_counts.tobytes(), sim.collisions, sim.wall_collisions, sim.time
 
 

@@ -194,8 +194,8 @@ def text(content):
 
 
 FORGED = {
-    "another version": (told(version=4, package="9.0"), "format is version 4, written by hardspheres '9.0'"),
-    "an older version": (told(version=2), "format is version 2, .*; this one reads version 3"),
+    "another version": (told(version=5, package="9.0"), "format is version 5, written by hardspheres '9.0'"),
+    "an older version": (told(version=3), "format is version 3, .*; this one reads version 4"),
     "another program": (told(format="gas"), "does not say that it is a checkpoint"),
     "no words": (text(b"\xff\xfe"), "does not say that"),
     "deep words": (text(b"[" * 100_000), "does not say that"),
@@ -225,7 +225,10 @@ FORGED = {
     "row of tomorrow": (altered("row", 8 + 6, 1e9), "outside of the present epoch"),
     "row of another size": (altered("row", 8 + 7, 7.0), "other radii"),
     "sum inf": (altered("total", 3, np.inf), "total holds a value that is not finite"),
-    "earlier sum inf": (altered("earlier", 3, np.inf), "earlier holds a value that is not finite"),
+    "earlier sum inf": (altered("total_then", 3, np.inf), "total_then holds a value that is not finite"),
+    "sum of parts": (altered("total", 3, 0.5), "a sum in total is not a whole number and a fraction"),
+    "earlier sum of parts": (altered("total_then", -1, 0.75), "a sum in total_then is not"),
+    "finer than fractions": (altered("total", -1, 2.0**-48), "a sum in total is not"),
     "counter below zero": (altered("counters", 1, -5), "counter is out of range"),
     "counter absurd": (altered("counters", 2, 2**62), "counter is out of range"),
     "turns absurd": (altered("turns", 2, -(2**63)), "counter is out of range"),

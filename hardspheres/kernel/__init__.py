@@ -30,7 +30,7 @@ by the lower, then the higher id; a wall counts as the id n + 2 axis + side. `pr
 than the processor's caches, what the coming events need is prefetched; the method reads without it.
 `tallies`, `flights`, `log`: what events add to the sums of the pressure; on request every free flight is
 tallied when a collision of two particles ends it, and events are logged. That reads the rows and writes none
-of them.
+of them. All sums are exact sums of rounded terms (`hardspheres.sums`): the order of events decides no bit.
 
 Two searches find which particles can collide. The density decides which one serves (`hardspheres.windows`),
 and nothing that enters the trajectory does: both find the same events, to the last bit.

@@ -81,7 +81,7 @@ OF_RUN = (  # These last as long as the simulation.
     # Two tables of partners, or one of segments, that vector instructions read; see `contact_times`,
     # `segments`.
     Array("scratch", F8, lambda at, c: at.LANES * 32, view=("scratch_int", I8)),
-    Array("number", F8, lambda at, c: at.NUMBERS + 3 * c[at.SPECIES_COUNT]),
+    Array("number", F8, lambda at, c: at.NUMBERS + at.FLIGHT_UNIT * c[at.SPECIES_COUNT]),
     Array(
         "counter",
         I8,
@@ -89,7 +89,8 @@ OF_RUN = (  # These last as long as the simulation.
     ),
     # Gravity: squared speed of each particle at the wall it is pulled to, along each axis.
     Array("fall", F8, lambda at, c: c[at.N] * at.FALL, kept="fall"),
-    Array("total", F8, lambda at, c: at.FLIGHT_SUMS + c[at.SPECIES_COUNT] * at.FLIGHT_SUM, kept="total"),
+    Array("total", F8, lambda at, c: at.FLIGHT_SUMS + 2 * c[at.SPECIES_COUNT] * at.FLIGHT_SUM, kept="total"),
+    Array("integral", F8, lambda at, c: 2 * at.INTEGRALS, kept="integral"),
 )
 
 OF_SEARCH = (  # These are found again from the rows whenever room runs out or epochs get another length.

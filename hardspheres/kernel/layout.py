@@ -7,6 +7,7 @@ from .flags import (  # noqa: F401  `arrays` reads MASSES
     DIM,
     FLIGHTS,
     GRAVITY,
+    GROWS,
     HEAT,
     MASSES,
     OBSTACLES,
@@ -56,12 +57,15 @@ slot = Slots()
 BOX = slot(3)  # edge lengths
 INVERSE = slot(3)  # 1/edge on periodic axes, 0 on wall axes
 EPOCH_LENGTH = slot()  # length of an epoch in time
+PER_EPOCH = slot()  # 1 / it, a power of two as it is
 SIGMA2 = slot()  # squared contact distance, where all radii are equal
 COMMON_RADIUS = slot()  # radius, where all radii are equal
 REDUCED = slot()  # reduced mass of a pair, where all masses are equal
 MASS = slot()  # mass, where all are equal
 SCALE = slot()  # growth: at the epoch's start all radii are this many times those given
 GROWTH = slot()  # how much that grows in a unit of time
+# Diagonal of the virial, a sum in the order of events: growth goes by it, so it decides what starts are made.
+GROWTH_VIRIAL = slot(3 if GROWS else 0)
 NOW = slot()  # time of the last event, relative to the epoch
 LAST_ADVANCE = slot()  # NOW when time last advanced
 ORDER_TOLERANCE = slot()  # an event is out of order if predicted more than this before NOW
@@ -86,24 +90,44 @@ LARGEST = slot()  # largest radius
 LARGE_DENSITY = slot(3)  # coarse cells per length
 PULL = slot(3 if GRAVITY else 0)  # acceleration of all particles
 WEIGHT = slot(3 if GRAVITY else 0)  # that times the mass of all
+# 1 / the unit of a kind of sum, powers of two (`hardspheres.tally_units`); momentum is m v, and so on.
+PER_IMPULSE = slot()  # m v
+PER_VIRIAL = slot()  # m v x
+PER_STRESS = slot()  # m v v
+PER_STRESS_MOMENT = slot()  # m v v t
+PER_HEAT_TRANSFER = slot()  # m v v x
+PER_HEAT_FLUX = slot()  # m v v v
+PER_HEAT_MOMENT = slot()  # m v v v t
 NUMBERS = slot.end
-FLIGHT_UNITS = NUMBERS  # where FLIGHTS, of each species: 1 / the units of its paths, times, and bins of speed
+# Where FLIGHTS, of each species: 1 / the units of the bins of paths, times and speeds, and 1 / powers of two,
+# for the sums of paths and times.
+FLIGHT_UNITS = NUMBERS
+PER_PATH, PER_TIME = 3, 4
+FLIGHT_UNIT = 5
 
-# Sums since the tallies were reset, float64; symmetric tensors as xx, yy, zz, xy, xz, yz.
+# Sums since the start (`hardspheres.sums`), float64: all whole numbers, then as many fractions. Symmetric
+# tensors as xx, yy, zz, xy, xz, yz; in 2D as xx, yy, xy.
+TENSOR = 6 if DIM == 3 else 3
+SHEAR = DIM - 1  # component ab is that of a + b + SHEAR, where a and b differ
 slot = Slots()
-VIRIAL = slot(6)  # sum of r_a dp_b over pair collisions
-STRESS = slot(6)  # sum of d(m v_a v_b) over events; with its moment: the integral of the kinetic part
-STRESS_MOMENT = slot(6)  # sum of (time within the epoch) d(m v_a v_b)
-STRESS_EPOCHS = slot(6)  # sum of (epoch) d(m v_a v_b) of earlier epochs
+VIRIAL = slot(TENSOR)  # sum of r_a dp_b over pair collisions
+STRESS = slot(TENSOR)  # sum of d(m v_a v_b) over events
+STRESS_MOMENT = slot(TENSOR)  # sum of (time within the epoch) d(m v_a v_b) over events of this epoch
+PADDING = slot(2 if DIM == 3 else 3)  # always 0: these three are added to in vectors of four
 WALL_IMPULSE = slot(6)  # momentum given to the wall, per axis: lower, upper
 WALL_RADIUS_IMPULSE = slot(6)  # the same times the particle's radius
 HEAT_TRANSFER = slot(3 if HEAT else 0)  # sum of r_a dE over pair collisions
 HEAT_FLUX = slot(3 if HEAT else 0)  # sum of d(v_a E) over events, E the energy of a particle
 HEAT_MOMENT = slot(3 if HEAT else 0)  # as of the stress
-HEAT_EPOCHS = slot(3 if HEAT else 0)
-SUMS = slot.end  # how many begin anew with the tallies
-LEDGER = slot(3)  # net momentum given to walls and obstacles since the start, less that of gravity
-FLIGHT_SUMS = slot.end
+LEDGER = slot(3)  # net momentum given to walls and obstacles, less that of gravity
+SUMS = slot.end
+FLIGHT_SUMS = 2 * SUMS
+
+# Integrals over time, up to the present epoch, of STRESS and HEAT_FLUX: float64, then what these lack.
+slot = Slots()
+STRESS_INTEGRAL = slot(TENSOR)
+HEAT_INTEGRAL = slot(3 if HEAT else 0)
+INTEGRALS = slot.end
 
 # Counters, int64.
 slot = Slots()
@@ -181,14 +205,14 @@ LEAST_OCTAVE, OCTAVES = -8, 16
 FLIGHT_BINS = (OCTAVES << OCTAVE_BITS) + 2
 SPEED_BINS = 129
 
-# What the flights of a species have added up, float64 after the sums.
+# What the flights of a species have added up, float64 after the sums: whole numbers, then fractions.
 slot = Slots()
 FIRST_PATH = slot()  # paths from the start of the simulation to first collisions
-PATHS = slot(3)  # sums of path, its square, its cube
-TIMES = slot(3)  # the same of free times
-SPEED_PATHS = slot(SPEED_BINS)  # sums of path, by speed
-SPEED_TIMES = slot(SPEED_BINS)  # sums of free time, by speed
+HIGHER_MOMENTS = slot(4)  # sums of path^2, path^3, time^2, time^3
+SPEED_FLIGHTS = slot(2 * SPEED_BINS)  # sums of path and of free time, by speed
 FLIGHT_SUM = slot.end
+# Units of these sums in one of PER_PATH or PER_TIME, its square, its cube.
+PER_MOMENT = (2.0**11, 2.0**12, 2.0**11)
 
 # How many, int64 after the counters.
 slot = Slots()

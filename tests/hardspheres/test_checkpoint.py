@@ -95,7 +95,9 @@ def path(half_way, tmp_path):
     return tmp_path / "checkpoint"
 
 
-@pytest.mark.parametrize("lost", ["row", "turns", "total", "earlier", "numbers", "counters"])
+@pytest.mark.parametrize(
+    "lost", ["row", "turns", "total", "integral", "total_then", "integral_then", "numbers", "counters"]
+)
 def test_whatever_is_lost_is_missed(path, lost, monkeypatch):
     """Sibling: each part of the state matters; without it something that a user sees is another."""
     expected = everything(hs.Simulation.load(path))

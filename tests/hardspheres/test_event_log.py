@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -13,11 +14,13 @@ from scenes import WITH_FLIGHTS, flight_bits, gas, state_without_flights
 import hardspheres as hs
 from hardspheres import event_log
 from hardspheres.event_log import event_dtype
+from hardspheres.sums import FRACTION_BITS
 
 
-def in_order(values):
-    """Sum one after the other, as the engine adds."""
-    return np.cumsum(values)[-1] if len(values) else 0.0
+def exactly(terms, per_unit):
+    """Sum of terms rounded to multiples of 2^-47 units, as the engine adds, in integers of any size."""
+    grain = per_unit * 2.0**FRACTION_BITS
+    return float(Fraction(sum(map(int, np.rint(terms * grain).tolist()))) / Fraction(grain))
 
 
 def check_against_tallies(sim, log):
@@ -40,10 +43,11 @@ def check_against_tallies(sim, log):
     np.add.at(momenta, log["i"], kicks)
     np.add.at(momenta, pairs["j"], -kicks[log["j"] < scene.n])
     np.testing.assert_allclose(momenta, scene.masses[:, None] * sim.velocities, rtol=1e-10, atol=1e-11)
-    # walls and paths are added up in the log's own order: equal to the last bit
+    # what walls and paths add up to is exact: equal to the last bit
+    at, number = sim._at, sim._engine.arrays.number
     for axis, side in np.ndindex(scene.dim, 2):
         hits = walls["j"] == scene.n + 2 * axis + side
-        assert in_order(walls["impulse"][hits]) == tallies.wall_impulses[axis, side]
+        assert exactly(walls["impulse"][hits], number[at.PER_IMPULSE]) == tallies.wall_impulses[axis, side]
         assert np.all(walls["normal"][hits][:, axis] == (-1.0 if side else 1.0))
     who = np.stack([pairs["i"], pairs["j"]], axis=1).ravel()
     kinds, paths = scene.species[who], pairs["free_path"].ravel()
@@ -52,11 +56,9 @@ def check_against_tallies(sim, log):
         known = mine[np.isfinite(mine)]
         assert len(known) == tallied.flights[kind]
         assert len(mine) - len(known) == tallied.first_flights[kind]
-        for power, total in enumerate(tallied.path_sums[kind], 1):
-            product = known.copy()
-            for _ in range(power - 1):
-                product = product * known
-            assert in_order(product) == total
+        unit, powers = sim._engine.flights.sum_units[kind, 0], (known, known * known, known * known * known)
+        for k, total in enumerate(tallied.path_sums[kind]):
+            assert exactly(powers[k], at.PER_MOMENT[k] / unit ** (k + 1)) == total
         assert np.array_equal(np.histogram(known, tallied.path_edges[kind])[0], tallied.path_counts[kind])
     species = scene.species[np.stack([pairs["i"], pairs["j"]])]
     met = np.zeros_like(tallied.pair_collisions)

@@ -263,7 +263,7 @@ def test_no_gravity_is_no_gravity():
     scene = gas("2d_mixture_walls", 16, 0.1)
     one, other = hs.Simulation(scene), hs.Simulation(scene.replace(gravity=(0.0, 0.0)))
     assert other._engine.kernels is one._engine.kernels
-    assert one._at.PULL == one._at.WEIGHT == one._at.NUMBERS
+    assert one._at.PULL == one._at.WEIGHT == one._at.PER_IMPULSE
     one.run(time=3.0)
     other.run(time=3.0)
     assert state(one) == state(other)

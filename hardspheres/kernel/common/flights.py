@@ -11,6 +11,7 @@ from .. import layout as at
 from ..flags import DIM, GRAVITY, MASSES, OBSTACLES, SIZES
 from ..simd.jit import jit
 from ..simd.pointers import bits
+from ..simd.vectors import add_terms
 from .obstacles import is_obstacle
 
 BELOW = (
@@ -65,26 +66,23 @@ def end_flight(s, i, t):
     if GRAVITY:  # the path is no straight line, and not told
         return math.nan
     species = species_of(s, i)
-    sums = at.FLIGHT_SUMS + species * at.FLIGHT_SUM
+    sums = at.FLIGHT_SUMS + species * 2 * at.FLIGHT_SUM
     counts = at.FLIGHT_COUNTS + species * at.FLIGHT_COUNT
+    units = at.FLIGHT_UNITS + at.FLIGHT_UNIT * species
+    p, q = path * s.number[units + at.PER_PATH], time * s.number[units + at.PER_TIME]
+    first, square, cube = at.PER_MOMENT
     if not known:
-        s.total[sums + at.FIRST_PATH] += path
+        add_terms(s.total, sums + at.FIRST_PATH, at.FLIGHT_SUM, (first * p,))
         s.counter[counts + at.FIRST_FLIGHTS] += 1
         return math.nan
     s.counter[counts + at.FLIGHTS_ENDED] += 1
-    s.total[sums + at.PATHS] += path
-    s.total[sums + at.PATHS + 1] += path * path
-    s.total[sums + at.PATHS + 2] += path * path * path
-    s.total[sums + at.TIMES] += time
-    s.total[sums + at.TIMES + 1] += time * time
-    s.total[sums + at.TIMES + 2] += time * time * time
-    units = at.FLIGHT_UNITS + 3 * species
+    terms = (square * (p * p), cube * (p * p * p), square * (q * q), cube * (q * q * q))
+    add_terms(s.total, sums + at.HIGHER_MOMENTS, at.FLIGHT_SUM, terms)
     s.counter[counts + at.PATH_BINS + octave_bin(path * s.number[units])] += 1
     s.counter[counts + at.TIME_BINS + octave_bin(time * s.number[units + 1])] += 1
     k = int(min(speed * s.number[units + 2], at.SPEED_BINS - 1.0))
     s.counter[counts + at.SPEED_COUNTS + k] += 1
-    s.total[sums + at.SPEED_PATHS + k] += path
-    s.total[sums + at.SPEED_TIMES + k] += time
+    add_terms(s.total, sums + at.SPEED_FLIGHTS + 2 * k, at.FLIGHT_SUM, (first * p, first * q))
     return path
 
 

@@ -18,6 +18,7 @@ from .log import log_pair, log_wall
 from .obstacles import is_obstacle
 from .tallies import (
     energy,
+    tally_epoch,
     tally_fall,
     tally_heat_flux,
     tally_heat_of_wall,
@@ -26,6 +27,7 @@ from .tallies import (
     tally_pair,
     tally_stress,
     tally_wall,
+    tally_weight,
 )
 
 impulse = jit(collision.impulse)
@@ -78,12 +80,8 @@ def collide_pair(s, i, j, t):
     """Elastic collision of i and j at time t."""
     row = s.row
     low, high = min(i, j), max(i, j)
-    if GRAVITY:  # sums over flights are rounded in the same order in both searches
-        fly(s, low, t)
-        fly(s, high, t)
-    else:
-        fly(s, i, t)
-        fly(s, j, t)
+    fly(s, i, t)
+    fly(s, j, t)
     path_low, path_high = 0.0, 0.0
     if FLIGHTS:
         path_low, path_high = end_flight(s, low, t), end_flight(s, high, t)
@@ -193,7 +191,7 @@ def hit_wall(s, i, wall, t):
         s.row[ri + at.V + axis] = outward * rebound_from_wall(-outward * v, radius * s.number[at.GROWTH])
     for d in range(DIM):
         if d != axis:
-            tally_stress(s, d + axis + 2, -2.0 * mass * v * s.row[ri + at.V + d], t)
+            tally_stress(s, d + axis + at.SHEAR, -2.0 * mass * v * s.row[ri + at.V + d], t)
     if HEAT:
         tally_heat_of_wall(s, i, axis, t)
     s.version[i] += 1
@@ -238,8 +236,8 @@ def begin_epoch(s):
                 s.row[ri + at.X + d] -= shift
                 s.image_counts[i * DIM + d] += int(wraps)
     if GRAVITY:
-        for d in range(DIM):
-            s.total[at.LEDGER + d] -= s.number[at.WEIGHT + d] * length
+        tally_weight(s, length)
+    tally_epoch(s)
     if GROWS:
         s.number[at.SCALE] += s.number[at.GROWTH] * length
     s.counter[at.EPOCH] += 1

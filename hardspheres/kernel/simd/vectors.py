@@ -1,8 +1,8 @@
 """Vector instructions that LLVM does not find by itself, each with its equivalent in plain Python.
 
-They move and compare bits and decide what is looked at more closely; none of them computes a number that
-enters the trajectory. Each intrinsic writes LLVM's own vector operations, which every processor has in some
-form; where one has no such instruction LLVM makes it of several.
+They move and compare bits, decide what is looked at more closely, and add to tallies; none of them computes a
+number that enters the trajectory. Each intrinsic writes LLVM's own vector operations, which every processor
+has in some form; where one has no such instruction LLVM makes it of several.
 """
 
 import numba
@@ -11,12 +11,23 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from hardspheres import sums
+
 from .jit import CHECKED, PURE_PYTHON
 
 AT_ONCE = 16  # what `keep_overlapping` and `alike` compare
 
 
 if PURE_PYTHON or CHECKED:
+    split, merged = numba.njit(sums.split), numba.njit(sums.merged)
+
+    @numba.njit
+    def add_terms(array, first, gap, terms):
+        """Add terms to sums from `first` on, one by one; see `hardspheres.sums`."""
+        for n in range(len(terms)):
+            k = first + n
+            whole, fraction = split(terms[n])
+            array[k], array[k + gap] = merged(array[k], array[k + gap], whole, fraction)
 
     @numba.njit
     def gather_transposed(target, k, stride, source, ids, entry):
@@ -82,6 +93,45 @@ else:
                     pair = lines[a], lines[a + step]
                     lines[a], lines[a + step] = (builder.shuffle_vector(*pair, mask) for mask in masks)
         return lines
+
+    class _Lanes:
+        """A vector of float64, for functions that add and subtract."""
+
+        def __init__(self, builder, value):
+            self.builder, self.value = builder, value
+
+        def _with(self, other):
+            if isinstance(other, _Lanes):
+                return other.value
+            return _constant(self.value.type.element, [other] * self.value.type.count)
+
+        def __add__(self, other):
+            return _Lanes(self.builder, self.builder.fadd(self.value, self._with(other)))
+
+        def __sub__(self, other):
+            return _Lanes(self.builder, self.builder.fsub(self.value, self._with(other)))
+
+    @intrinsic
+    def add_terms(typingctx, array, first, gap, terms):
+        """Add a tuple of terms to as many sums from `first` on, as one vector; see `hardspheres.sums`."""
+
+        def codegen(context, builder, signature, args):
+            array, first, gap, terms = args
+            vector = ir.VectorType(ir.DoubleType(), signature.args[3].count)
+            term = ir.Constant(vector, ir.Undefined)
+            for k in range(vector.count):
+                term = builder.insert_element(term, builder.extract_value(terms, k), ir.IntType(32)(k))
+            places = [
+                builder.bitcast(builder.gep(array, [k]), vector.as_pointer())
+                for k in (first, builder.add(first, gap))
+            ]
+            there = (_Lanes(builder, builder.load(place, align=8)) for place in places)
+            added = sums.merged(*there, *sums.split(_Lanes(builder, term)))
+            for place, lanes in zip(places, added, strict=True):
+                builder.store(lanes.value, place, align=8)
+            return context.get_dummy_value()
+
+        return types.none(array, types.int64, types.int64, terms), codegen
 
     @intrinsic
     def store_transposed(typingctx, target, k, source, m):
