@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from hardspheres import tuning
 from hardspheres.errors import SimulationError
 from hardspheres.kernel.layout import CELLS_OF_OVERFLOW
+from hardspheres.lists import Lists
 from hardspheres.scene import Scene, squared_lengths
 from hardspheres.tuning import (
     EVENTS_PER_BUCKET,
@@ -105,10 +106,25 @@ class Windows:
         return 0.125 * float(np.max(np.abs(self.scene.gravity))) * self.length * self.length
 
     @property
+    def width(self) -> float:
+        """How far apart the middles of two segments that touch are, at most."""
+        return 2.0 * (float(self.scene.radii.max()) + self.half_length)
+
+    @property
     def possible(self) -> bool:
-        """Whether the box is large enough: no segment may see two images of another."""
-        width = 2.0 * (float(self.scene.radii.max()) + self.half_length) * (1.0 + 1e-3)
-        return bool(np.all(self.scene.box >= np.where(self.scene.periodic, 3.0, 1.0) * width))
+        """Whether the box is large enough: what is near a segment is in the box or at most one box away.
+
+        Two images of another may be near, but only one at a time is in contact, as half a box is wider.
+        """
+        scene = self.scene
+        contact = 2.0 * float(scene.radii.max())
+        room = np.maximum(1.4 * self.width, 2.25 * contact)
+        return bool(np.all(scene.box >= np.where(scene.periodic, room, 1.001 * self.width)))
+
+    @property
+    def small_box(self) -> bool:
+        """Whether two that have collided may meet again in the same window, round the box."""
+        return bool(np.any(self.scene.box[self.scene.periodic] < 2.1 * self.width))
 
     def near(self, half: float) -> float:
         """Segments of small particles in the cells that a box of this half-width reaches, on average."""
@@ -170,6 +186,7 @@ class Windows:
         unit = 2.0 * self.reach
         number[at.SEGMENT_UNIT] = 1.0 / unit
         number[at.SEGMENT_MARGIN] = SEGMENT_MARGIN * (1.0 + float(scene.box.max()) / unit / 256.0)
+        count[at.SMALL_BOX] = int(self.small_box)
         count[at.WIDTH : at.WIDTH + dim] = self.widths
         count[at.OVERHANG : at.OVERHANG + dim] = self.overhang
         number[at.UNIT_DENSITY : at.UNIT_DENSITY + dim] = self.unit_density
@@ -246,7 +263,8 @@ def windows_for(scene: Scene, epoch: float, search: str = "auto") -> Windows | N
     # Cells for lists are sized for the largest particles: with unequal sizes, windows stay faster up to a
     # higher density.
     crowding = tuning.filled_fraction(scene) * float(scene.radii.mean() / scene.radii.max())
-    crowded = crowding > tuning.SPARSE_BELOW[scene.dim]
+    limit = tuning.SPARSE_IN_SMALL_BOX if Lists(scene).images else tuning.SPARSE_BELOW
+    crowded = crowding > limit[scene.dim]
     lonely = scene.n_moving < FEWEST_MOVING * scene.n
     if search == "lists" or (search == "auto" and (crowded or lonely)):
         return None
@@ -282,7 +300,7 @@ def cheapest_windows(scene: Scene, epoch: float) -> Windows | str:
     if best:
         return best
     return (
-        "the box is too small: well over three of the largest diameter must fit along each periodic axis, "
+        "the box is too small: well over two of the largest diameter must fit along each periodic axis, "
         "and well over one between walls"
     )
 
