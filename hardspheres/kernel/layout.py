@@ -149,7 +149,6 @@ CONTACTS = slot()  # contacts predicted in this window
 NEAR_ROOM = slot()  # pairs with overlapping bounding boxes that the table can hold
 WIDTH = slot(3)  # of a cell in the units of bounding boxes
 OVERHANG = slot(3)  # how far a segment may reach beyond its cell in these units
-SMALL_BOX = slot()  # windows, 1: two that have collided may meet again in the same window, round the box
 LARGE = slot()  # how many particles are in the coarse grid
 LARGE_CELLS = slot(3)  # coarse cells per axis
 RESTING = slot(1 if GRAVITY else 0)  # 1 + a particle that has come to rest on a wall

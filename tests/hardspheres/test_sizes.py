@@ -71,7 +71,7 @@ def test_without_the_second_grid_spheres_overlap(scene, expected):
 
 @pytest.mark.parametrize("speeds", [0.7, 5.0])
 def test_pieces_of_flights_change_nothing(scene, expected, speeds, monkeypatch):
-    monkeypatch.setattr(windows, "THERMAL_SPEED", speeds)
+    monkeypatch.setattr(windows, "SPEEDS", (speeds,))
     sim = run(scene)
     assert large_ones(sim) == 15
     assert state(sim) == expected

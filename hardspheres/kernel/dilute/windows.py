@@ -91,8 +91,8 @@ def predict_again(s, i, j, now):
     """Predict what i and j (or -1), whose rows have changed, do in the rest of the window; register both.
 
     Both are searched at once: each step waits for the one before, but not for those of the other. Then they
-    do not see each other, but they fly apart. Where flights may lead round the box, and so together again,
-    and where one has several segments, they are searched one after the other.
+    do not see each other, but they fly apart. Flights of several segments, which may lead round the box, are
+    searched one after the other.
     """
     duration = s.number[at.MIDDLE] + s.number[at.HALF_WINDOW] - now
     changed = 2 if j >= 0 else 1
@@ -107,7 +107,7 @@ def predict_again(s, i, j, now):
         parts = segments_of(s, who, duration) if duration > 0.0 else 0
         s.changed[a * CHANGED + PARTS] = parts
         most = max(most, parts)
-    apart = most > 1 or s.counter[at.SMALL_BOX] == 1
+    apart = most > 1
     for step in range(s.changed[PARTS] + s.changed[CHANGED + PARTS] if apart else most):
         second = step >= s.changed[PARTS]
         begin = 1 if apart and second else 0
