@@ -278,21 +278,26 @@ def cheapest_windows(scene: Scene, epoch: float) -> Windows | str:
         return "no particle moves"
     if math.sqrt(np.max(now)) > 50.0 * rms:
         return f"particle {int(np.argmax(now))} is more than 50 times as fast as a typical one"
-    frequency, best, least = collision_frequency(scene), None, math.inf
-    for small_radius in splits(scene):
-        share = share_of_large(scene, small_radius)
-        for speed, parts in itertools.product(SPEEDS, WINDOWS_IN_AN_EPOCH):
-            windows = Windows(scene, epoch / parts, rms, speed, small_radius)
-            possible = windows.possible and windows.fall <= MOST_FALLEN * windows.half_length
-            cost = windows.cost(frequency, share) if possible else math.inf
-            if cost < least:
-                best, least = windows, cost
-    if best:
-        return best
-    return (
-        "the box is too small: well over two of the largest diameter must fit along each periodic axis, "
-        "and well over one between walls"
+    frequency = collision_frequency(scene)
+    shares = {radius: share_of_large(scene, radius) for radius in splits(scene)}
+
+    def cost(windows: Windows) -> float:
+        possible = windows.possible and windows.fall <= MOST_FALLEN * windows.half_length
+        return windows.cost(frequency, shares[windows.small_radius]) if possible else math.inf
+
+    lengths = [epoch / parts for parts in WINDOWS_IN_AN_EPOCH]
+    slow, *faster = SPEEDS
+    best = min(
+        (Windows(scene, length, rms, slow, radius) for radius in shares for length in lengths), key=cost
     )
+    if cost(best) == math.inf:
+        return (
+            "the box is too small: well over two of the largest diameter must fit along each periodic axis, "
+            "and well over one between walls"
+        )
+    # Longer segments are near more others, but fewer flights have several.
+    longer = (Windows(scene, best.length, rms, speed, best.small_radius) for speed in faster)
+    return min((best, *longer), key=cost)
 
 
 def splits(scene: Scene) -> list[float]:
