@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from hardspheres.scene import drift, kinetic_energy
+from hardspheres.scene import drift, kinetic_energy, times_each
 
 if TYPE_CHECKING:
     from hardspheres import Frame, Scene
@@ -47,7 +47,7 @@ def reduced_velocities(frame: Frame) -> tuple[FloatArray, float]:
         raise ValueError(
             "nothing moves in this frame; a gas without thermal motion has no velocity distribution"
         )
-    return peculiar * np.sqrt(masses / temperature)[:, None], temperature
+    return times_each(np.sqrt(masses / temperature), peculiar), temperature
 
 
 @dataclass(frozen=True, eq=False)

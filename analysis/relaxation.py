@@ -9,8 +9,10 @@ dominated by its own noise.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, Self
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,6 +84,24 @@ class Comparison:
     chi_square: ChiSquare | None
 
     __repr__ = brief
+
+
+Pair = tuple[FloatArray, FloatArray]
+_FOUND: WeakKeyDictionary[RelaxationCurve, dict[str, tuple[int, Pair]]] = WeakKeyDictionary()
+
+
+def _kept(find: Callable[[RelaxationCurve], Pair]) -> Callable[[RelaxationCurve], Pair]:
+    """Keep what is found of all replicas together: value, error, comparison and figure ask for it in turn."""
+
+    def found(curve: RelaxationCurve) -> Pair:
+        known, name = _FOUND.setdefault(curve, {}), find.__name__
+        samples = sum(len(each.s) for each in curve._replicas)
+        if name not in known or known[name][0] != samples:
+            known[name] = samples, find(curve)
+        value, error = known[name][1]
+        return value.copy(), error.copy()
+
+    return found
 
 
 class RelaxationCurve(ReplicaEstimator):
@@ -349,7 +369,8 @@ class RelaxationCurve(ReplicaEstimator):
         """Speed histograms of all species together, (R, S, B)."""
         return np.array([np.sum(replica.counts, axis=1, dtype=np.uint32) for replica in self._ready()])
 
-    def _ks(self) -> tuple[FloatArray, FloatArray]:
+    @_kept
+    def _ks(self) -> Pair:
         law = self._law()[1:]
 
         def distance(counts: FloatArray) -> FloatArray:
@@ -366,7 +387,8 @@ class RelaxationCurve(ReplicaEstimator):
             bins //= 2
         return bins
 
-    def _h(self) -> tuple[FloatArray, FloatArray]:
+    @_kept
+    def _h(self) -> Pair:
         joined = theory.KS_BINS // self.h_bins
         probabilities = np.diff(self._law()[::joined])
         counts = self._counts()

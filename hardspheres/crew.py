@@ -38,9 +38,26 @@ class Crew:
         self.log: list[Any] = []
 
     def run(self, *arguments: Any) -> int:
-        """Call the kernel from all threads; what each has counted is then added to the engine's arrays."""
-        first, *others = self.records
+        """Call the kernel from all threads; what each has counted is then added to the engine's arrays.
+
+        None of them is the caller's, so that an interrupt comes before or after, and not in between.
+        """
         self.kernels.run(self.tables[0], False, 0, 0.0, 0, 0)  # compiled before anybody waits for others
+        status: list[int] = []
+        leader = threading.Thread(target=lambda: status.append(self._run(arguments)), daemon=True)
+        leader.start()
+        interrupt: BaseException | None = None
+        while leader.is_alive():
+            try:
+                leader.join()
+            except BaseException as error:  # noqa: BLE001  what a signal raises
+                interrupt = error
+        if interrupt:
+            raise interrupt
+        return status[0]
+
+    def _run(self, arguments: tuple[Any, ...]) -> int:
+        first, *others = self.records
         for thread, record in enumerate(others, 1):
             record.number[:], record.counter[:] = first.number, first.counter
             record.counter[self.at.THREAD] = thread
@@ -51,16 +68,14 @@ class Crew:
             threading.Thread(target=self.kernels.run, args=(table, *arguments), daemon=True)
             for table in self.tables[1:]
         ]
-        for thread_at_work in waiting:
-            thread_at_work.start()
-        try:
-            status = int(self.kernels.run(self.tables[0], *arguments))
-        finally:
-            for thread_at_work in waiting:
-                thread_at_work.join()
-            self._collect()
-            for record in others:
-                self._add(first, record)
+        for other in waiting:
+            other.start()
+        status = int(self.kernels.run(self.tables[0], *arguments))
+        for other in waiting:
+            other.join()
+        self._collect()
+        for record in others:
+            self._add(first, record)
         return status
 
     def _add(self, first: Any, record: Any) -> None:

@@ -477,7 +477,14 @@ def to_nearest_image(separations: Floats, scene: Scene) -> Floats:
 
 def total_momentum(velocities: Floats, masses: Floats) -> Floats:
     """Total momentum sum of m v, shape (d,), read-only; obstacles have none."""
-    return read_only(column_sums(inertia(masses)[:, None] * velocities))
+    return read_only(column_sums(times_each(inertia(masses), velocities)))
+
+
+def times_each(factors: Floats, vectors: Floats) -> Floats:
+    """Return (N, d) vectors times a factor each; the same bits, soon, where all factors are equal."""
+    alike = len(factors) and bool((factors == factors[0]).all())
+    product: Floats = vectors * (factors[0] if alike else factors[:, None])
+    return product
 
 
 def column_sums(rows: Floats) -> Floats:

@@ -16,7 +16,8 @@ Floats = NDArray[np.float64]
 
 OUT_OF_PACE = 16.0  # factor by which an epoch may be too long or too short before it is changed
 SEARCHES = ("auto", "lists", "windows")  # the faster one, or by name
-SPARSE_BELOW = {2: 0.35, 3: 0.23}  # packing fraction below which windows are faster than lists
+SPARSE_BELOW = {2: 0.31, 3: 0.24}  # packing fraction below which windows are faster than lists
+SPARSE_IN_SMALL_BOX = {2: 0.4, 3: 0.36}  # the same where lists store image indices
 EVENTS_PER_BUCKET = {False: 8, True: 32}  # more of them where their data are prefetched
 MOST_ENTRIES = 2**31 - 1  # of a table: its places are kept in 32 bits
 SLACK = 1e-6  # relative margin of cells against rounding

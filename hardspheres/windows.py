@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from hardspheres import tuning
 from hardspheres.errors import SimulationError
 from hardspheres.kernel.layout import CELLS_OF_OVERFLOW
+from hardspheres.lists import Lists
 from hardspheres.scene import Scene, squared_lengths
 from hardspheres.tuning import (
     EVENTS_PER_BUCKET,
@@ -36,22 +37,24 @@ from hardspheres.tuning import (
 
 Floats = NDArray[np.float64]
 
-THERMAL_SPEED = 3.5  # flights at up to this many sqrt(kT/m) are one segment
+SPEEDS = (3.5, 4.1)  # flights at up to one of these, in sqrt(kT/m), are one segment
 # One of these numbers of windows in an epoch is chosen.
 WINDOWS_IN_AN_EPOCH = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
 
 MOST_FALLEN = 0.25  # of the length of a segment, from its middle: how far its frame may fall in the meantime
 
 COLUMN, ALONG, OVERHANG = 3.3, 1.0, 1.0  # see above
+ROOM = 2.1  # least edge of a periodic box, in widths of two segments side by side
 OVERHANG_UNITS = 20
 WIDEST = 85  # units in a cell, at most: a third of what a byte can tell apart
 # Rounding of single precision, in segments' units of two reaches, in boxes that are not many of these long.
 SEGMENT_MARGIN = 1e-4
 
 # Costs in ns, measured: of a particle in a window, of each further segment of its flight, of each segment
-# near it, of a cell; of a collision, and for it of each segment near it and of each new one.
+# near it, of a cell; of a collision, and for it of each further segment, of each segment near it and of each
+# new one. Fast particles collide more often than others.
 PARTICLE, SEGMENT, PAIR, CELL = 60.0, 300.0, 0.18, 27.0
-COLLISION, NEW_PAIR, NEW_NEAR = 200.0, 0.62, 2.5
+COLLISION, NEW_SEGMENT, NEW_PAIR, NEW_NEAR = 200.0, 3500.0, 0.62, 2.5
 LIST = 8.0  # of an overflow list that a particle is compared with
 FEWEST_MOVING = 1.0 / 64.0  # particles over all: a window costs time for each obstacle, wherever it is
 MOST_SEGMENTS = 2**26 - 2  # their slots have as many bits, see `kernel.dilute.pair_table`
@@ -66,13 +69,15 @@ class Windows:
         The gas.
     length : float
         Length of a window in time, a whole fraction of an epoch.
-    half_length : float
-        How far a segment reaches from its middle, without the radius, at most.
+    rms, speed : float
+        Root mean square speed, and how many sqrt(kT/m) the fastest flights of one segment have.
     small_radius : float
         Particles with a larger radius are in a coarse grid of their own.
 
     Attributes
     ----------
+    half_length : float
+        How far a segment reaches from its middle, without the radius, at most.
     reach : float
         The unit of length of the grid.
     cells, widths, overhang : (d,) int64 arrays
@@ -83,10 +88,10 @@ class Windows:
         Coarse cells along each axis.
     """
 
-    def __init__(self, scene: Scene, length: float, half_length: float, small_radius: float) -> None:
-        self.scene, self.length, self.half_length = scene, length, half_length
-        self.small_radius = small_radius
-        self.reach = half_length + small_radius
+    def __init__(self, scene: Scene, length: float, rms: float, speed: float, small_radius: float) -> None:
+        self.scene, self.length, self.speed, self.small_radius = scene, length, speed, small_radius
+        self.half_length = 0.5 * length * speed * rms / math.sqrt(scene.dim)
+        self.reach = self.half_length + small_radius
         widths = np.where(np.arange(scene.dim) == 1, ALONG, COLUMN) * self.reach
         self.cells = np.maximum(scene.box / widths, 1.0).astype(np.int64)
         self.edges = scene.box / self.cells
@@ -96,7 +101,7 @@ class Windows:
         self.overhang = (np.ceil(OVERHANG * self.reach * self.unit_density) + 1.0).astype(np.int64)
         large = np.flatnonzero(scene.radii > small_radius)
         self.large = large[np.argsort(~scene.obstacles[large], kind="stable")]  # obstacles first
-        both = float(scene.radii.max()) + self.reach + half_length
+        both = float(scene.radii.max()) + self.reach + self.half_length
         self.large_cells = cells_per_axis(scene, both, len(self.large))
 
     domains = None  # one thread
@@ -108,9 +113,12 @@ class Windows:
 
     @property
     def possible(self) -> bool:
-        """Whether the box is large enough: no segment may see two images of another."""
-        width = 2.0 * (float(self.scene.radii.max()) + self.half_length) * (1.0 + 1e-3)
-        return bool(np.all(self.scene.box >= np.where(self.scene.periodic, 3.0, 1.0) * width))
+        """Whether the box is large enough: no segment may touch two images of another.
+
+        So two that have collided do not meet again in the same window, round the box.
+        """
+        width = 2.0 * (float(self.scene.radii.max()) + self.half_length)
+        return bool(np.all(self.scene.box >= np.where(self.scene.periodic, ROOM, 1.001) * width))
 
     def near(self, half: float) -> float:
         """Segments of small particles in the cells that a box of this half-width reaches, on average."""
@@ -121,7 +129,7 @@ class Windows:
     @property
     def typical_half_width(self) -> float:
         """Half of a bounding box along an axis, on average."""
-        return self.small_radius + math.sqrt(2.0 / math.pi) / THERMAL_SPEED * self.half_length
+        return self.small_radius + math.sqrt(2.0 / math.pi) / self.speed * self.half_length
 
     @property
     def pairs_compared(self) -> float:
@@ -136,16 +144,17 @@ class Windows:
         mean = float(radii.mean()) if len(radii) else 0.0
         return mean + self.small_radius + 2.0 * self.half_length - OVERHANG * self.reach
 
-    def cost(self, frequency: float, in_segments: float, share: float) -> float:
+    def cost(self, frequency: float, share: float) -> float:
         """Approximate cost per particle and time.
 
-        From a collision frequency, segments per flight, and the share of large particles in collisions.
+        From a collision frequency, and the share of large particles in collisions.
         """
+        in_segments = share_faster(self.speed, self.scene.dim)
         scene, small, large = self.scene, self.scene.n - len(self.large), len(self.large)
         collisions = frequency * self.length  # of a particle, in a window
         near, with_new = self.near(self.typical_half_width), NEW_PAIR + NEW_NEAR * collisions
         window = PARTICLE + SEGMENT * in_segments + PAIR * near + CELL * float(np.prod(self.cells)) / small
-        collision = COLLISION + near * with_new
+        collision = COLLISION + NEW_SEGMENT * in_segments + near * with_new
         if large:
             half = self.half_width_of_large
             wide = 1.0 + 2.0 * (half + OVERHANG * self.reach) / self.edges
@@ -248,7 +257,8 @@ def windows_for(scene: Scene, epoch: float, search: str = "auto") -> Windows | N
     # Cells for lists are sized for the largest particles: with unequal sizes, windows stay faster up to a
     # higher density.
     crowding = tuning.filled_fraction(scene) * float(scene.radii.mean() / scene.radii.max())
-    crowded = crowding > tuning.SPARSE_BELOW[scene.dim]
+    limit = tuning.SPARSE_IN_SMALL_BOX if Lists(scene).images else tuning.SPARSE_BELOW
+    crowded = crowding > limit[scene.dim]
     lonely = scene.n_moving < FEWEST_MOVING * scene.n
     if search == "lists" or (search == "auto" and (crowded or lonely)):
         return None
@@ -270,23 +280,31 @@ def cheapest_windows(scene: Scene, epoch: float) -> Windows | str:
         return "no particle moves"
     if math.sqrt(np.max(now)) > 50.0 * rms:
         return f"particle {int(np.argmax(now))} is more than 50 times as fast as a typical one"
-    frequency, in_segments = collision_frequency(scene), share_faster(THERMAL_SPEED, scene.dim)
-    half_length = 0.5 * THERMAL_SPEED * rms / math.sqrt(scene.dim)  # times a window
+    frequency = collision_frequency(scene)
+    slow, *faster = SPEEDS
     best, least = None, math.inf
     for small_radius in splits(scene):
         share = share_of_large(scene, small_radius)
         for length in (epoch / parts for parts in WINDOWS_IN_AN_EPOCH):
-            windows = Windows(scene, length, half_length * length, small_radius)
+            if PARTICLE / length + COLLISION * frequency >= least:  # what the rest costs at least
+                break
+            windows = Windows(scene, length, rms, slow, small_radius)
             possible = windows.possible and windows.fall <= MOST_FALLEN * windows.half_length
-            cost = windows.cost(frequency, in_segments, share) if possible else math.inf
+            cost = windows.cost(frequency, share) if possible else math.inf
             if cost < least:
                 best, least = windows, cost
-    if best:
-        return best
-    return (
-        "the box is too small: well over three of the largest diameter must fit along each periodic axis, "
-        "and well over one between walls"
-    )
+    if best is None:
+        return (
+            "the box is too small: well over two of the largest diameter must fit along each periodic axis, "
+            "and well over one between walls"
+        )
+    # Longer segments are near more others, but fewer flights have several.
+    share = share_of_large(scene, best.small_radius)
+    for speed in faster:
+        windows = Windows(scene, best.length, rms, speed, best.small_radius)
+        if windows.possible and windows.cost(frequency, share) < least:
+            best, least = windows, windows.cost(frequency, share)
+    return best
 
 
 def splits(scene: Scene) -> list[float]:

@@ -3,6 +3,7 @@
 import os
 import signal
 
+from studies.running import ours as this_process
 from studies.running.garbage import collect_rarely
 
 
@@ -19,6 +20,7 @@ def main() -> None:
     )  # and not ignored, as in the background
     if ours:
         signal.signal(signal.SIGINT, _leave)
+    this_process.claim()
     collect_rarely()
     from studies.cli import main as run
 

@@ -13,7 +13,7 @@ import time
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib import import_module
@@ -41,7 +41,7 @@ from studies.report import (
     say_checks,
     seconds_taken,
 )
-from studies.running.ensemble import available_cores, prepare_workers, run_replicas
+from studies.running.ensemble import available_cores, preparing_workers, run_replicas
 from studies.running.executors import executor_of, number_of_workers
 from studies.running.ownership import REPORT, SUMMARY
 from studies.running.resuming import Resumable
@@ -404,9 +404,12 @@ def _begin_to_draw() -> None:
 def _compile(study: Study, gases: Sequence[Gas], screen: Screen) -> None:
     """Compile all that the gases of a study need, while what its workers are made from is loaded."""
     few = representatives(gases)
-    if study.executor in (None, "processes"):
-        prepare_workers(study.workers, partial(_load, study, [gas for gas in few if gas.n <= SOON_MADE]))
-    with screen.compiling("; ".join(dict.fromkeys(gas.kind for gas in gases))):
+    own = study.executor in (None, "processes")
+    soon = partial(_load, study, [gas for gas in few if gas.n <= SOON_MADE])
+    with (
+        preparing_workers(study.workers, soon) if own else nullcontext(),
+        screen.compiling("; ".join(dict.fromkeys(gas.kind for gas in gases))),
+    ):
         _load(study, few)
 
 

@@ -9,10 +9,10 @@ outside the range in which it was established gives NaN and a `TheoryRangeWarnin
 
 One idea per file: `maxwell` velocities at equilibrium, `equilibrium` cumulants and H of N particles, `state`
 equations of state, `mixtures`, `collisions` rates and free flights, `flights` the same in mixtures,
-`relaxation`, `equal_speeds` and `beams` the way to equilibrium, `transport` Enskog's coefficients, `sound`
-its speed and damping, `arrangement` the structure factor, `expansion` how particles spread from half of a
-box, `barometer` fluids under gravity, `lyapunov` how fast a gas forgets, `lorentz` a particle among fixed
-obstacles, `two_spheres` exact rates of the smallest gas.
+`relaxation`, `equal_speeds` and `beams` the way to equilibrium, `spline` what is between the numbers of
+tables, `transport` Enskog's coefficients, `sound` its speed and damping, `arrangement` the structure factor,
+`expansion` how particles spread from half of a box, `barometer` fluids under gravity, `lyapunov` how fast a
+gas forgets, `lorentz` a particle among fixed obstacles, `two_spheres` exact rates of the smallest gas.
 """
 
 from analysis.theory.arrangement import percus_yevick_structure, structure_limit

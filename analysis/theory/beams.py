@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from analysis.brief import brief
 from analysis.theory.prediction import check_dim, inside_range
+from analysis.theory.spline import cubic_spline
 
 __all__ = ["BeamsRelaxation", "boltzmann_beams"]
 
@@ -137,15 +138,12 @@ def boltzmann_beams(s: ArrayLike, dim: int) -> BeamsRelaxation:
         Between the tabulated s by cubic splines of the logarithms; u = 5e-4 of the anisotropy and 3.5e-4 of
         a2, and 1e-3 of the value for the interpolation; exact at s = 0.
     """
-    from scipy import interpolate
-
     check_dim(dim)
     points = np.atleast_1d(np.asarray(s, dtype=np.float64))
     inside = inside_range("the Boltzmann relaxation from beams", points, 0.0, _S[-1])
 
     def curve(values: list[float], error: float) -> tuple[FloatArray, FloatArray]:
-        spline = interpolate.CubicSpline(_S, np.log(np.abs(values)))
-        value = np.where(inside, np.exp(spline(points)), np.nan)
+        value = np.where(inside, np.exp(cubic_spline(_S, np.log(np.abs(values)), points)), np.nan)
         lost = np.where(
             points > 0.0, 1.0 - value / abs(values[0]), 0.0
         )  # the table's noise grows as the anisotropy decays

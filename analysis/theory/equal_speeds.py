@@ -12,6 +12,7 @@ from analysis.brief import brief
 from analysis.theory.equilibrium import equilibrium_a2
 from analysis.theory.maxwell import speed_cdf
 from analysis.theory.prediction import Prediction, check_dim, inside_range
+from analysis.theory.spline import cubic_spline
 
 __all__ = [
     "H_BINS",
@@ -132,8 +133,6 @@ def boltzmann_equal_speeds(s: ArrayLike, dim: int) -> EqualSpeedsRelaxation:
         from 3e-5 at s = 0.5 to 1.4e-4 (3D), 1.7e-4 (2D); KS 5e-5, H 1e-5 to 2e-4, both with 1e-3 of the value
         for the interpolation.
     """
-    from scipy import interpolate
-
     check_dim(dim)
     points = np.atleast_1d(np.asarray(s, dtype=np.float64))
     inside = inside_range("the Boltzmann relaxation from equal speeds", points, 0.0, 10.0)
@@ -148,9 +147,7 @@ def boltzmann_equal_speeds(s: ArrayLike, dim: int) -> EqualSpeedsRelaxation:
     h_start = -math.log(coarse[home + 1] - coarse[home])
 
     def curve(knots: list[float], values: list[float], slope: float | None = None) -> FloatArray:
-        ends = ((1, slope), "not-a-knot") if slope is not None else "not-a-knot"
-        spline = interpolate.CubicSpline(knots, np.log(np.abs(values)), bc_type=ends)
-        return np.where(inside, np.exp(spline(points)), np.nan)
+        return np.where(inside, np.exp(cubic_spline(knots, np.log(np.abs(values)), points, slope)), np.nan)
 
     a2 = -curve([0.0, *_S], [a2_start, *_A2[dim]], _INITIAL_SLOPE[dim] / a2_start)
     a3 = -curve([0.0, *_S], [a3_start, *_A3[dim]])

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from analysis.theory.mixtures import mixture_collision_rates
 from analysis.theory.prediction import Prediction, check_dim, inside_range
+from analysis.theory.spline import cubic_spline
 
 __all__ = [
     "anisotropy_decay",
@@ -78,14 +79,11 @@ def anisotropy_decay(s: ArrayLike, dim: int) -> Prediction:
         Between the tabulated s by a cubic spline of the logarithm; u = 0.003 times (1 - value), which covers
         the difference from direct simulation of a 20 % anisotropy.
     """
-    from scipy import interpolate
-
     check_dim(dim)
     points = np.asarray(s, dtype=np.float64)
     inside = inside_range("the decay of an anisotropy", points, 0.0, 4.0)
-    ends = ((1, -anisotropy_rate(dim)), "not-a-knot")
-    spline = interpolate.CubicSpline(_ANISOTROPY_S, np.log(_ANISOTROPY[dim]), bc_type=ends)
-    value = np.where(inside, np.exp(spline(points)), np.nan)
+    logarithm = cubic_spline(_ANISOTROPY_S, np.log(_ANISOTROPY[dim]), points, -anisotropy_rate(dim))
+    value = np.where(inside, np.exp(logarithm), np.nan)
     return Prediction(value, 0.003 * (1.0 - value))
 
 

@@ -120,6 +120,7 @@ slot = Slots()
 VIRIAL = slot(TENSOR)  # sum of r_a dp_b over pair collisions
 STRESS = slot(TENSOR)  # sum of d(m v_a v_b) over events
 STRESS_MOMENT = slot(TENSOR)  # sum of (time within the epoch) d(m v_a v_b) over events of this epoch
+PADDING = slot(2 if DIM == 3 else 3)  # always 0: these three are added to in vectors of four
 WALL_IMPULSE = slot(6)  # momentum given to the wall, per axis: lower, upper
 WALL_RADIUS_IMPULSE = slot(6)  # the same times the particle's radius
 HEAT_TRANSFER = slot(3 if HEAT else 0)  # sum of r_a dE over pair collisions

@@ -51,6 +51,8 @@ LIMIT = "upper limit (2 std. errors)"
 
 _STYLE: Any = {
     "figure.dpi": 100,
+    "figure.autolayout": False,
+    "figure.constrained_layout.use": False,  # where a figure does not ask for it
     "savefig.dpi": 160,
     "font.family": "DejaVu Sans",
     "font.size": 10,
@@ -106,7 +108,7 @@ def save(figure: Figure, where: Path | IO[bytes], form: str) -> None:
     """
     with figure_style():
         figure.savefig(where, format=form, metadata=FORMATS[form])
-        figure.set_layout_engine("none")
+        figure.set_layout_engine(None)  # "none" leaves a place holder, for which all is drawn twice
 
 
 def deviations(axes: Axes, *series: tuple[ArrayLike, ArrayLike, dict[str, Any]]) -> None:

@@ -15,5 +15,5 @@ In reading order:
 - `locking`: at most one run writes into a folder, or several shards of one;
 - `shards`: processes that each run a part of a study into one folder; `presence`: whether they still run;
 - `ownership`: which files a run may replace;
-- `garbage`: when our processes collect it.
+- `ours`: whether this process is the command line's own; `garbage`: when our processes collect it.
 """

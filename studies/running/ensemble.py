@@ -17,12 +17,20 @@ from typing import Any, TypeVar
 import numpy as np
 
 from hardspheres.errors import SimulationError
+from studies.running import ours
 from studies.running.elsewhere import gather
 from studies.running.journal import Shelf
 from studies.running.processes import needs_main, pool_of_processes, starting, without_main
 from studies.running.resuming import perform
 
-__all__ = ["available_cores", "prepare_workers", "replica_seeds", "run_replicas", "worker_processes"]
+__all__ = [
+    "available_cores",
+    "prepare_workers",
+    "preparing_workers",
+    "replica_seeds",
+    "run_replicas",
+    "worker_processes",
+]
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -82,6 +90,25 @@ def prepare_workers(workers: int | None, load: Callable[[], object]) -> None:
 
     with starting(count):
         prepare(load)
+
+
+@contextlib.contextmanager
+def preparing_workers(workers: int | None, load: Callable[[], object]) -> Iterator[None]:
+    """Have workers ready soon after the context, in which this process loads what they need.
+
+    They are forks of this process where it is ours alone; elsewhere something else calls `load` meanwhile, as
+    in `prepare_workers`, with the same arguments and errors.
+    """
+    count = available_cores() if workers is None else workers
+    forks = count > 1 and ours.alone() and _can_be_forked()
+    if not forks:
+        prepare_workers(workers, load)
+    yield
+    if forks:
+        from studies.running.forking import fork
+
+        with starting(count):
+            fork()
 
 
 def _can_be_forked() -> bool:

@@ -1,8 +1,11 @@
 """A process that loads what workers need once, and forks them: they are ready at once.
 
-This process starts a server afresh, the server forks the workers: `multiprocessing` as documented. Jobs and
-results pass through the server as bytes that it does not read. But for a connection, server and workers need
-nothing that belongs to this process, so that they end quietly whenever it ends.
+This process starts a server, the server forks the workers: `multiprocessing` as documented. Jobs and results
+pass through the server as bytes that it does not read. But for a connection, server and workers need nothing
+that belongs to this process, so that they end quietly whenever it ends.
+
+The server starts afresh, and loads what workers need once more; but of the command line, while it has no
+other threads, it is a fork itself, which saves a second.
 
 A new server replaces an old one where workers would differ from fresh processes: when the environment, the
 folder or the allowed processors have changed, or a file of a loaded module was edited.
@@ -30,6 +33,7 @@ from multiprocessing.resource_tracker import ensure_running
 from typing import Any
 
 from hardspheres.errors import SimulationError
+from studies.running import ours
 from studies.running.garbage import collect_rarely
 from studies.running.processes import (
     PATIENCE,
@@ -53,16 +57,18 @@ class _Server:
     Parameters
     ----------
     main : bool
-        Whether it imports the program's main module.
+        Whether it imports the program's main module; a fork has it.
     """
 
     def __init__(self, main: bool) -> None:
-        self.main, self._surroundings, self._files = main, _surroundings(), _files()
-        fresh = multiprocessing.get_context("spawn")
-        self.connection, its = fresh.Pipe()
-        self.process = fresh.Process(target=_serve, args=(its,))
-        ensure_running()  # the process that cleans up after processes: when it starts, it unblocks signals
-        with contextlib.nullcontext() if main else without_main(), masked(STOPPING):
+        fork = ours.alone()
+        self.main, self._surroundings, self._files = main or fork, _surroundings(), _files()
+        context: Any = multiprocessing.get_context("fork" if fork else "spawn")
+        self.connection, its = context.Pipe()
+        self.process = context.Process(target=_serve, args=(its, self.connection if fork else None))
+        if not fork:
+            ensure_running()  # the process that cleans up after them: when it starts, it unblocks signals
+        with contextlib.nullcontext() if self.main else without_main(), masked(STOPPING), _quiet_forks():
             self.process.start()
         its.close()
 
@@ -114,6 +120,14 @@ def _forget() -> None:
 
 
 os.register_at_fork(after_in_child=_forget)
+
+
+def fork() -> None:
+    """Let workers be forks of this process as it is now, if it is ours alone."""
+    if ours.alone():
+        for server in _all_free():
+            server.end()
+        _free.append(_Server(main=True))
 
 
 def prepare(load: Callable[[], object]) -> None:
@@ -255,12 +269,13 @@ def _lose(future: Future[Any], error: BaseException) -> None:
 # In the server and its workers.
 
 
-def _serve(connection: Connection) -> None:
-    """Load what is to be loaded and hold pools, until the program ends."""
+def _serve(connection: Connection, of_the_program: Connection | None) -> None:
+    """Load what is to be loaded and hold pools, until the program ends; a fork has both ends of the line."""
+    if of_the_program is not None:
+        of_the_program.close()
     for number in STOPPING:
         signal.signal(number, signal.SIG_IGN)
-    # threads of libraries take no harm from a fork
-    warnings.filterwarnings("ignore", ".*fork", DeprecationWarning)
+    _ignore_forks()
     collect_rarely()  # the workers too, which are its forks
     while True:
         message = _next(connection)
@@ -269,6 +284,18 @@ def _serve(connection: Connection) -> None:
                 _load(message)
         else:
             _hold(connection, message)
+
+
+def _ignore_forks() -> None:
+    """Let Python not warn of forks of a process with threads: those of libraries take no harm."""
+    warnings.filterwarnings("ignore", ".*fork", DeprecationWarning)
+
+
+@contextlib.contextmanager
+def _quiet_forks() -> Iterator[None]:
+    with warnings.catch_warnings():
+        _ignore_forks()
+        yield
 
 
 def _next(connection: Connection) -> Any:

@@ -73,6 +73,25 @@ def test_merging_and_pickling_change_nothing(curve, boltzmann, gas):
     assert len(pickle.dumps(part)) < 40_000  # 6 kB for each frame of 4000 particles, which has 192 kB
 
 
+def test_what_was_found_of_all_replicas_is_that_of_what_was_added_so_far(gas):
+    """After more was added or merged, and whatever became of the arrays. Control: it changes each time."""
+    rng = np.random.default_rng(4)
+    drawn = [gas.maxwell(rng, 200, 3) for _ in range(3)]
+    peculiar = [v - v.mean(axis=0) for v in drawn]
+    frames = [gas.frame(v / np.sqrt((v**2).mean()), np.ones(200), s=0.0) for v in peculiar]  # one temperature
+    curve, found = RelaxationCurve(), []
+    for k, more in enumerate((curve.add, curve.add, lambda frame: curve.merge(RelaxationCurve().add(frame)))):
+        more(frames[k])
+        afresh = RelaxationCurve()
+        for frame in frames[: k + 1]:
+            afresh.add(frame)
+        curve.ks.fill(7.0)
+        found.append((curve.ks[0], curve.h[0]))
+        assert found[-1] == (afresh.ks[0], afresh.h[0])
+        np.testing.assert_array_equal([curve.ks_error, curve.h_error], [afresh.ks_error, afresh.h_error])
+    assert len(set(found)) == 3
+
+
 def test_equal_speeds_relax_as_the_boltzmann_equation_says(curve):
     assert curve.starts_from_equal_speeds
     comparison = curve.compare()

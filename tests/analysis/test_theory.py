@@ -7,11 +7,12 @@ import warnings
 import numpy as np
 import pytest
 from numpy.polynomial import polynomial
-from scipy import integrate, stats
+from scipy import integrate, interpolate, stats
 
 from analysis import theory
 from analysis.relaxation import RelaxationCurve
 from analysis.theory import state
+from analysis.theory.spline import cubic_spline
 
 # eta, Z, chi of the hard-sphere fluid: Kolafa et al. 2004, agreeing with the independent fit of Schultz and
 # Kofke (etomica, HardSphereFluid) to 1e-5 relative
@@ -449,6 +450,18 @@ def test_cumulant_noise_is_the_scatter_of_maxwellian_samples():
         a3 = -(dim**2 * m[2] / ((dim + 2) * (dim + 4) * m[0] ** 3) - 1 - 3 * a2)
         assert a2.std() == pytest.approx(theory.cumulant_noise(500, dim), rel=0.1)
         assert a3.std() == pytest.approx(theory.cumulant_noise(500, dim, 3), rel=0.2)
+
+
+@pytest.mark.parametrize("slope", [None, 0.7])
+def test_splines_are_those_of_scipy(slope):
+    """Also outside of the knots. Control: with another end they differ."""
+    rng = np.random.default_rng(5)
+    x, y, at = np.sort(rng.random(9)), rng.random(9), np.linspace(-0.2, 1.2, 57)
+    ends = "not-a-knot" if slope is None else ((1, slope), "not-a-knot")
+    expected = interpolate.CubicSpline(x, y, bc_type=ends)(at)
+    np.testing.assert_allclose(cubic_spline(x, y, at, slope), expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(cubic_spline(x, y, x, slope), y, rtol=1e-13)
+    assert np.abs(cubic_spline(x, y, at, 0.0) - expected).max() > 0.01
 
 
 def test_stated_relaxation_rates():

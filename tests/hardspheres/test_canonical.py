@@ -103,7 +103,7 @@ def test_the_length_of_the_pieces_changes_nothing(scene, expected, speeds, monke
     """Flights registered in many pieces, or in ones so long that others lie many cells away."""
     length = tuning.epoch_length(scene)
     usual = windows.windows_for(scene, length, "windows").half_length
-    monkeypatch.setattr(windows, "THERMAL_SPEED", speeds)
+    monkeypatch.setattr(windows, "SPEEDS", (speeds,))
     assert windows.windows_for(scene, length, "windows").half_length != usual
     assert state(run(scene, search="windows")) == expected
 

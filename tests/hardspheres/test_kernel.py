@@ -20,8 +20,8 @@ sim = hs.Simulation(hs.lattice_gas(n=108, packing_fraction=0.3, seed=1))
 sim.run(collisions=10)
 run = sim._engine.kernels.run
 asm = "".join(run.inspect_asm().values()) if not run.stats.cache_hits else ""
-tallies = sys.modules[sim._engine.kernels.__name__.replace("loop", "common.tallies")]
-parts = list(tallies.tally_stress.overloads.values())
+particles = sys.modules[sim._engine.kernels.__name__.replace("loop", "common.particles")]
+parts = list(particles.nearest.overloads.values())
 print(json.dumps({
     "hits": sum(run.stats.cache_hits.values()),
     "misses": sum(run.stats.cache_misses.values()),
@@ -133,14 +133,15 @@ def test_an_edit_anywhere_in_the_kernels_makes_a_new_cache(tmp_path):
     shutil.copytree(Path(hs.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__"))
     program = "import json, hardspheres.kernel_cache as c; print(json.dumps([c.__file__, str(c.cache_folder('3d'))]))"
     folders = set()
-    for edited in (None, "kernel/common/particles.py", "kernel/flags.py", "collision.py", "growth.py"):
+    edits = ("kernel/common/particles.py", "kernel/flags.py", "collision.py", "growth.py", "sums.py")
+    for edited in (None, *edits):
         if edited:
             with open(copy / edited, "a", encoding="utf-8") as file:
                 file.write("# an edit\n")
         where, folder = child(program, tmp_path / "cache", tmp_path)
         assert where.startswith(str(tmp_path))
         folders.add(folder)
-    assert len(folders) == 5
+    assert len(folders) == 6
 
 
 def test_another_packages_cache_is_left_alone():
@@ -154,7 +155,7 @@ def test_another_packages_cache_is_left_alone():
 
 
 def test_parts_are_compiled_once_and_only_into_the_kernel(compiled):
-    """One part is called with six constants: no code for each, and none outside of the kernel."""
+    """One part is called with three constants: no code for each, and none outside of the kernel."""
     assert compiled["parts"] == 1
     assert compiled["executable_parts"] == 0
 

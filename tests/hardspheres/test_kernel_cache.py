@@ -6,6 +6,8 @@ import importlib.util
 import os
 import pickle
 import stat
+import subprocess
+import sys
 import tempfile
 import threading
 import time
@@ -16,6 +18,7 @@ import numba
 import pytest
 from numba.core.caching import IndexDataCacheFile
 
+import hardspheres as hs
 from hardspheres import kernel_cache
 from hardspheres.kernel_cache import cache_folder, cached_in
 
@@ -314,6 +317,28 @@ def test_a_folder_that_is_just_being_removed_is_made_again(root, monkeypatch):
     monkeypatch.setattr(kernel_cache.fcntl, "flock", removed_meanwhile)
     assert cache_folder("3d").parent == folder
     assert len(calls) == 2 and (folder / "lock").exists()
+
+
+LOADS = """
+import sys
+import numba
+import hardspheres as hs
+sim = hs.Simulation(hs.lattice_gas(n=108, packing_fraction=0.3, seed=1))
+sim.run(collisions=100)
+print(sim.time)
+print("numba.np.arraymath" in sys.modules)
+numba.njit(lambda x: x + 1)(1)
+print("numba.np.arraymath" in sys.modules)
+"""
+
+
+@pytest.mark.skipif(bool(numba.config.DISABLE_JIT or numba.config.BOUNDSCHECK), reason="nothing is cached")
+def test_a_cached_kernel_is_loaded_without_what_compiles_one():
+    """It is the same kernel. Control: one that is compiled needs that."""
+    sim = hs.Simulation(hs.lattice_gas(n=108, packing_fraction=0.3, seed=1))
+    sim.run(collisions=100)  # so that it is in the cache
+    done = subprocess.run([sys.executable, "-c", LOADS], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == [str(sim.time), "False", "True"]
 
 
 def test_threads_take_turns_with_the_setting_of_the_cache(tmp_path):

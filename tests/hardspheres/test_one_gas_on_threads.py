@@ -4,6 +4,8 @@ Threads are more than there are cores here, and domains are more than threads, w
 comes to what; nothing of that may be seen.
 """
 
+import signal
+import threading
 import warnings
 
 import numpy as np
@@ -124,6 +126,25 @@ def test_what_went_wrong_is_seen_and_undone(monkeypatch):
     assert results[0][0]
     assert results[0][1] > 0
     assert not results[1][0]
+
+
+def test_an_interrupt_loses_nothing(monkeypatch):
+    """Ctrl-C, many times: what had been executed counts, and the run goes on with the bits of one thread."""
+    scene = gas("3d", 6000, 0.3)
+    one, many = hs.Simulation(scene, search="lists"), shared(monkeypatch, scene, 2)
+    one.run(collisions=60_000)
+    interrupts = 0
+    while many.collisions < 60_000:
+        timer = threading.Timer(0.02, signal.raise_signal, [signal.SIGINT])
+        timer.start()
+        try:
+            many.run(collisions=60_000 - many.collisions)
+            timer.join()
+        except KeyboardInterrupt:
+            interrupts += 1
+        timer.join()
+    assert interrupts > 0
+    assert everything(many) == everything(one)
 
 
 def test_a_gas_that_threads_cannot_share_says_why():

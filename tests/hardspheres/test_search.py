@@ -1,5 +1,6 @@
 """The search is chosen by a word, changes no bit, and is refused where it is impossible."""
 
+import contextlib
 import copy
 import itertools
 import pickle
@@ -9,6 +10,7 @@ import pytest
 from scenes import KINDS, SEARCHES, gas, state
 
 import hardspheres as hs
+from hardspheres import tuning, windows
 
 DENSE = {
     "3d": {"n": 256, "packing_fraction": 0.49},
@@ -53,7 +55,7 @@ def narrow(boundary, edge):
 IMPOSSIBLE = {
     "no particle moves": at_rest,
     "particle 7 is more than 50 times as fast": one_fast,
-    "three of the largest diameter must fit along each periodic axis": lambda: narrow("periodic", 2.9),
+    "over two of the largest diameter must fit along each periodic axis": lambda: narrow("periodic", 2.2),
     "well over one between walls": lambda: narrow("wall", 1.0),
 }
 
@@ -74,8 +76,43 @@ def test_impossible_windows_are_refused(reason, tmp_path):
 
 def test_boxes_just_large_enough_have_windows():
     """Sibling: a little more room, and nothing is refused."""
-    for scene in (narrow("periodic", 3.5), narrow("wall", 1.2)):
+    for scene in (narrow("periodic", 2.4), narrow("wall", 1.2)):
         assert hs.Simulation(scene, search="windows").status()["method"] == "windows of time"
+
+
+def two_that_meet_round_the_box(speed):
+    """Head-on in a line along x, for ever, among six at rest beside them."""
+    x = np.array(list(itertools.product((0.5, 1.95), repeat=3)))[:, ::-1]
+    v = np.zeros((8, 3))
+    v[:2, 0] = speed, -speed
+    return hs.Scene(x, v, box=(2.9, 2.9, 2.9))
+
+
+def test_windows_are_so_short_that_none_meet_again_round_a_small_box(monkeypatch):
+    """Control: in longer ones two that have collided meet again in the same window, and are not seen."""
+    monkeypatch.setattr(windows, "WINDOWS_IN_AN_EPOCH", (4, 6, 8, 12, 16))
+    scenes = [two_that_meet_round_the_box(speed) for speed in (1.0, 1.01, 1.02)]
+    for scene in scenes:
+        assert state(run(scene, "windows")) == state(run(scene, "lists"))
+    monkeypatch.setattr(windows, "WINDOWS_IN_AN_EPOCH", (4,))
+    monkeypatch.setattr(windows, "ROOM", 1.3)
+    with pytest.raises(hs.InvariantError, match="that contact is not stored"):
+        run(scenes[1], "windows")
+
+
+@pytest.mark.parametrize("kind", ["3d", "2d", "3d_walls", "3d_mixture"])
+def test_windows_of_any_length_give_the_same_bits_in_small_boxes(kind, monkeypatch):
+    """The longest reach from one side of the box to the other: each segment is near its own images."""
+    cells = []
+    for n, packing_fraction in ((5, 0.1), (12, 0.02), (30, 0.2)):
+        scene = gas(kind, n, packing_fraction, seed=n)
+        wanted = state(run(scene, "lists"))
+        for parts in (1, 2, 4, 8, 16, 32):
+            monkeypatch.setattr(windows, "WINDOWS_IN_AN_EPOCH", (parts,))
+            with contextlib.suppress(hs.SimulationError):  # too long for this box
+                cells.append(windows.windows_for(scene, tuning.epoch_length(scene), "windows").cells[0])
+                assert state(run(scene, "windows")) == wanted
+    assert 1 in cells and max(cells) > 1
 
 
 def test_a_copy_searches_in_the_same_way_and_a_checkpoint_in_any(tmp_path):

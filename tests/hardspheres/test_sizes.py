@@ -71,7 +71,7 @@ def test_without_the_second_grid_spheres_overlap(scene, expected):
 
 @pytest.mark.parametrize("speeds", [0.7, 5.0])
 def test_pieces_of_flights_change_nothing(scene, expected, speeds, monkeypatch):
-    monkeypatch.setattr(windows, "THERMAL_SPEED", speeds)
+    monkeypatch.setattr(windows, "SPEEDS", (speeds,))
     sim = run(scene)
     assert large_ones(sim) == 15
     assert state(sim) == expected
@@ -145,3 +145,22 @@ def test_plain_python_gives_the_same_bits():
         for flag in ("0", "1")
     ]
     assert outputs[0] == outputs[1]
+
+
+@pytest.mark.parametrize("eta", [0.001, 0.01, 0.1, "unequal"])
+def test_windows_that_are_not_looked_at_cost_more(eta, scene, monkeypatch):
+    """Control: not all of them are looked at."""
+    gas = scene if eta == "unequal" else hs.lattice_gas(n=500, packing_fraction=eta, seed=3)
+    epoch, looked_at, kind = epoch_length(gas), [], windows.Windows
+    monkeypatch.setattr(windows, "Windows", lambda *a: looked_at.append(a) or kind(*a))
+    found = windows.cheapest_windows(gas, epoch)
+    frequency, rms = windows.collision_frequency(gas), looked_at[0][2]
+    costs = []
+    for radius in windows.splits(gas):
+        share = windows.share_of_large(gas, radius)
+        for length in (epoch / parts for parts in windows.WINDOWS_IN_AN_EPOCH):
+            each = kind(gas, length, rms, windows.SPEEDS[0], radius)
+            if each.possible:
+                costs.append((each.cost(frequency, share), length, radius))
+    assert (found.length, found.small_radius) == min(costs)[1:]
+    assert len(looked_at) < len(windows.splits(gas)) * len(windows.WINDOWS_IN_AN_EPOCH)

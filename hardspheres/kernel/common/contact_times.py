@@ -141,7 +141,10 @@ def solve_obstacles(s, table, i, now, entry):
 
 @jit
 def obstacle_contact(s, table, i, j, k, now):
-    """Contact time of i, which falls, with obstacle j in line k of a table, as its stored image, if any."""
+    """Contact time of i, which falls, with obstacle j.
+
+    Line k of the table has the obstacle's image, where it is stored.
+    """
     ri, rj = i * at.ROW, j * at.ROW
     ti = s.row[ri + at.T]
     x, y = apart(s, table, ri, rj, 0, k, now - ti), apart(s, table, ri, rj, 1, k, now - ti)

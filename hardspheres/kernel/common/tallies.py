@@ -88,19 +88,17 @@ def tally_pair(s, push, t, x, y, z, u, v, w, scale):
     xu, yv, xy = stress * x * u, stress * y * v, 0.5 * stress * (x * v + y * u)
     vx, vy = virial * x, virial * y
     if DIM == 3:
-        zw, xz, yz = stress * z * w, 0.5 * stress * (x * w + z * u), 0.5 * stress * (y * w + z * v)
-        vz = virial * z
-        add(
-            s,
-            at.VIRIAL,
+        vz, zw = virial * z, stress * z * w
+        xz, yz = 0.5 * stress * (x * w + z * u), 0.5 * stress * (y * w + z * v)
+        terms = (
             (vx * x, vy * y, vz * z, vx * y, vx * z, vy * z)
             + (xu, yv, zw, xy, xz, yz)
-            + (xu * late, yv * late, zw * late, xy * late),
+            + (xu * late, yv * late, zw * late, xy * late, xz * late, yz * late)
+            + (0.0, 0.0)
         )
-        add(s, at.STRESS_MOMENT + 4, (xz * late, yz * late))
     else:
-        add(s, at.VIRIAL, (vx * x, vy * y, vx * y, xu, yv, xy, xu * late, yv * late))
-        add(s, at.STRESS_MOMENT + 2, (xy * late,))
+        terms = (vx * x, vy * y, vx * y) + (xu, yv, xy) + (xu * late, yv * late, xy * late) + (0.0, 0.0, 0.0)
+    add(s, at.VIRIAL, terms)
 
 
 @jit

@@ -9,6 +9,8 @@ takes minutes and is never cached) only those beyond an end.
 from typing import Any
 
 import numba
+from numba.core.caching import FunctionCache
+from numba.core.runtime.nrt import rtsys
 
 from .parts import part
 
@@ -40,8 +42,19 @@ def called(function):
     return function if PURE_PYTHON else part(function, error_model="numpy")
 
 
+class _Kernels(FunctionCache):
+    """A kernel's files: one is loaded without the libraries that Numba needs to compile one (0.2 s)."""
+
+    def load_overload(self, sig, target_context):
+        """Return what was compiled for these types, None if nothing was: then Numba loads its libraries."""
+        rtsys.initialize(target_context)  # what kernels are linked to
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(sig, target_context)
+
+
 def entry_point(function):
     """Compile a function that Python calls: cached on disk, and without the interpreter's lock."""
-    return numba.njit(error_model="numpy", cache=not PURE_PYTHON and bool(config.CACHE_DIR), nogil=True)(
-        function
-    )
+    kernel = numba.njit(error_model="numpy", nogil=True)(function)
+    if not PURE_PYTHON and config.CACHE_DIR:
+        kernel._cache = _Kernels(function)
+    return kernel

@@ -188,11 +188,15 @@ def test_an_interrupt_leaves_no_work_to_a_worker_that_is_just_starting(method, t
 
 
 SLOW = """
+import sys
 import time
 from functools import partial
 from studies.exits import run_program
+from studies.running import ours
 from studies.running.ensemble import prepare_workers, run_replicas
 def main():
+    if "ours" in sys.argv:
+        ours.claim()
     prepare_workers(2, partial(time.sleep, 1.0))
     print("begun", flush=True)
     run_replicas(time.sleep, [100.0] * 2, workers=2)
@@ -203,16 +207,18 @@ if __name__ == "__main__":
 
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
 @pytest.mark.usefixtures("heard")
-@pytest.mark.parametrize("times", [1, 2])
+@pytest.mark.parametrize(("times", "whose"), [(1, "a script's"), (2, "a script's"), (1, "ours")])
 @pytest.mark.parametrize(
     ("number", "code", "sentence"),
     [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")],
 )
-def test_a_signal_while_workers_start_ends_all_with_one_sentence(number, code, sentence, times, tmp_path):
+def test_a_signal_while_workers_start_ends_all_with_one_sentence(
+    number, code, sentence, times, whose, tmp_path
+):
     """To all processes, once or by an impatient person; what workers are made from is loading meanwhile."""
     (tmp_path / "program.py").write_text(SLOW)
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    run = subprocess.Popen([sys.executable, tmp_path / "program.py"], start_new_session=True, **pipes)
+    run = subprocess.Popen([sys.executable, tmp_path / "program.py", whose], start_new_session=True, **pipes)
     assert run.stdout.readline() == "begun\n"
     for _ in range(times):
         time.sleep(0.05)
@@ -245,6 +251,34 @@ def test_where_nothing_can_be_forked_workers_are_fresh_processes(monkeypatch):
 
 def parent_of(_):
     return os.getppid()
+
+
+FORKS = """
+import sys, threading
+import studies
+from studies.running import ours
+from studies.running.ensemble import preparing_workers, run_replicas
+if __name__ == "__main__":
+    if "ours" in sys.argv:
+        ours.claim()
+    if "busy" in sys.argv:
+        threading.Thread(target=threading.Event().wait, daemon=True).start()
+    with preparing_workers(2, bool):
+        studies.loaded = "here"
+    print(*run_replicas(eval, ["__import__('studies').__dict__.get('loaded')"] * 2, workers=2))
+"""
+
+
+@forked
+@pytest.mark.parametrize(
+    ("process", "found"), [("ours", "here"), ("a script's", "None"), ("ours busy", "None")]
+)
+def test_workers_of_the_command_line_are_forks_of_it(process, found, tmp_path):
+    """They have what it has loaded. Siblings: it is a script's, or it has another thread."""
+    (tmp_path / "program.py").write_text(FORKS)
+    command = [sys.executable, tmp_path / "program.py", *process.split()]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, f"{found} {found}\n", "")
 
 
 LOADED = "set(__import__('sys').modules)"
