@@ -287,24 +287,24 @@ def map_room(covered, low, edges, half, radius, period, placed, n_placed):
     period, placed, n_placed
         As in `insert`.
     """
-    count, first = np.empty(3, np.int64), np.empty(3, np.int64)
+    first, end = np.empty(3, np.int64), np.empty(3, np.int64)
     for j in range(n_placed):
         contact = radius + placed[j, 3]
         for axis in range(3):
-            reach = (contact - half[axis]) * SLACK
-            first[axis] = int(np.floor((placed[j, axis] - low[axis] - reach) / edges[axis] - 0.5))
-            count[axis] = min(int(2.0 * reach / edges[axis]) + 3, covered.shape[axis])
+            reach = (contact - half[axis]) / edges[axis] + 1e-6
+            middle = (placed[j, axis] - low[axis]) / edges[axis] - 0.5
+            first[axis], end[axis] = np.ceil(middle - reach), np.floor(middle + reach) + 1
             if period[axis] == np.inf:
-                last = min(first[axis] + count[axis], covered.shape[axis])
-                first[axis] = max(first[axis], 0)
-                count[axis] = last - first[axis]
-        for a in range(first[0], first[0] + count[0]):
+                first[axis], end[axis] = max(first[axis], 0), min(end[axis], covered.shape[axis])
+            else:
+                end[axis] = min(end[axis], first[axis] + covered.shape[axis])
+        for a in range(first[0], end[0]):
             a = a % covered.shape[0]
             dx = reach_along(0, low[0] + (a + 0.5) * edges[0], placed[j, 0], half, period)
-            for b in range(first[1], first[1] + count[1]):
+            for b in range(first[1], end[1]):
                 b = b % covered.shape[1]
                 dy = reach_along(1, low[1] + (b + 0.5) * edges[1], placed[j, 1], half, period)
-                for c in range(first[2], first[2] + count[2]):
+                for c in range(first[2], end[2]):
                     c = c % covered.shape[2]
                     dz = reach_along(2, low[2] + (c + 0.5) * edges[2], placed[j, 2], half, period)
                     if np.sqrt((dx * dx + dy * dy) + dz * dz) <= contact:

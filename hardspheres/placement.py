@@ -33,7 +33,7 @@ RARE = 0.1  # fraction of successful trials below which the free space is mapped
 MOST_VOXELS = 8_000_000
 VOXELS_AT_ONCE = 1 << 15  # keeps the working arrays within the processor's cache
 FEW = 10_000  # spheres that a core's cache holds: trials among them need no order
-SETTLED = 1.25  # times as many as at the last time are sorted by cells anew
+SETTLED = 1.1  # times as many as at the last time are sorted by cells anew
 MOST_IDLE_ROUNDS = 100  # without one success, when voxels can be divided no further
 
 
@@ -119,10 +119,9 @@ class _Placed:
 
     def cover_all(self, covered: Bools, low: Floats, edges: Floats, radius: float) -> None:
         """Mark which voxels of a grid that begins at `low` have no room for a sphere."""
-        low, edges = _three(low, 0.0), _three(edges, 0.0)
         _compiled().map_room(
-            covered.reshape(covered.shape + (1,) * (3 - covered.ndim)), low, edges, 0.5 * edges, radius,
-            self._period, self._spheres, self._n,
+            covered.reshape((*covered.shape, 1)[:3]), _three(low, -0.5), _three(edges, 1.0), _three(0.5 * edges, 0.0),
+            radius, self._period, self._spheres, self._n,
         )  # fmt: skip
 
     def add(self, covered: Bools, places: Floats, radii: Floats, counted: bool) -> tuple[int, Ints]:
@@ -218,12 +217,12 @@ class _Room:
         covered = np.zeros(counts, dtype=np.bool_)
         for spheres in placed:
             spheres.cover_all(covered, self.low, self.edges, self.radius)
-        rest = np.flatnonzero(~covered)
-        self.voxels = np.empty((len(rest), len(counts)), dtype=np.min_scalar_type(int(counts.max())))
-        for axis in reversed(range(len(counts))):
-            above = rest // counts[axis]
-            self.voxels[:, axis] = rest - above * counts[axis]
-            rest = above
+        covered, small = covered.ravel(), np.min_scalar_type(int(counts.max()))
+        parts = []
+        for k in range(0, len(covered), VOXELS_AT_ONCE):
+            numbers = np.flatnonzero(~covered[k : k + VOXELS_AT_ONCE]) + k
+            parts.append(np.stack(np.unravel_index(numbers, counts), axis=1).astype(small))
+        self.voxels = np.concatenate(parts)
 
     def _halve(self, placed: Sequence["_Placed"]) -> None:
         """Divide each voxel along all axes."""
