@@ -7,9 +7,9 @@ Placed spheres lie in cells no narrower than the largest contact distance. `head
 cell, `nexts` the one placed there before it, so that numbers fall along a list, to -1 at its end. Where fewer
 than three axes have an extent, the others have one cell.
 
-Most trials in a dense gas are covered, and most spheres of long ago. `settled` has these cell by cell in single
-precision, in units of the largest diameter, with radii reduced by more than the rounding. The cells of a row
-follow each other; `firsts` has where each begins.
+Most trials in a dense gas are covered, and by spheres of long ago. `settled` has these cell by cell in single
+precision, in units of the largest diameter. The cells of a row follow each other; `firsts` says where each
+begins.
 """
 
 import numpy as np
@@ -19,9 +19,8 @@ from hardspheres.kernel.simd.jit import entry_point, jit
 __all__ = ["insert", "map_room", "settle"]
 
 SLACK = 1.0 + 1e-6  # of squared distances to cells, so that no rounding skips one that matters
-ROUNDING = 1e-6  # of the longest edge: more than single precision loses of a distance
-# Nine rows around a place, a bit for each: those with the same place along two axes, or on its nearer side.
-SAME, NEAR = (0b000100101, 0b000010011), (0b001001010, 0b010001100)
+# Nine rows of cells, nearest first: steps to the nearer side of a place along two axes.
+ROWS = np.array([(0, 0), (1, 0), (0, 1), (1, 1), (-1, 0), (0, -1), (1, -1), (-1, 1), (-1, -1)])
 
 
 @jit
@@ -57,7 +56,23 @@ def reach_along(axis, x, other, half, period):
 
 @jit
 def is_covered(
-    x, y, z, radius, half, touching, largest, edges, period, shape, heads, nexts, placed, oldest, end, cells, squares
+    x,
+    y,
+    z,
+    radius,
+    half,
+    touching,
+    largest,
+    edges,
+    period,
+    shape,
+    heads,
+    nexts,
+    placed,
+    oldest,
+    end,
+    cells,
+    squares,
 ):
     """Whether a sphere placed as number `oldest` or later, but before `end`, covers a trial."""
     three_cells(0, x, half[0], edges, period, shape, cells, squares)
@@ -88,17 +103,17 @@ def is_covered(
 
 
 @entry_point
-def settle(heads, nexts, placed, n_placed, largest, longest):
-    """Return `firsts` and `settled` for the spheres that are placed; `longest` is the longest edge."""
+def settle(heads, nexts, placed, n_placed, largest, rounding):
+    """Return `firsts` and `settled` for the spheres that are placed, with radii reduced by `rounding`."""
     firsts, settled = np.empty(len(heads) + 1, np.int32), np.empty((n_placed, 4), np.float32)
-    unit, n = 1.0 / (2.0 * largest), 0
+    unit, n = 0.5 / largest, 0
     for cell in range(len(heads)):
         firsts[cell] = n
         j = heads[cell]
         while j >= 0:
             for axis in range(3):
                 settled[n, axis] = placed[j, axis] * unit
-            settled[n, 3] = (placed[j, 3] - ROUNDING * longest) * unit
+            settled[n, 3] = (placed[j, 3] - rounding) * unit
             n += 1
             j = nexts[j]
     firsts[len(heads)] = n
@@ -106,36 +121,40 @@ def settle(heads, nexts, placed, n_placed, largest, longest):
 
 
 @jit
-def side(k, same, nearer, near):
-    """Return the step of the k-th row along one of its two axes: those of rows in `same` are 0."""
-    return 0 if same >> k & 1 else near if nearer >> k & 1 else -near
+def is_all_around(axis, x, cell, doubt, width, period, shape):
+    """Whether all that is near lies in this cell and those beside it, without images."""
+    if shape[axis] == 1:
+        return period[axis] == np.inf
+    inside = min(x - cell * width[axis], (cell + 1) * width[axis] - x) > doubt
+    return inside and (0 < cell < shape[axis] - 1 or period[axis] == np.inf)
 
 
 @jit
-def look_at_settled(trial, trials, doubt, width, shape, firsts, settled):
-    """Return 1 if a settled sphere covers a trial, -1 if none does, 0 if exact places have to say it."""
+def look_at_settled(trial, trials, doubt, width, period, shape, firsts, settled):
+    """Return 1 if a settled sphere covers a trial, -1 if none does, 0 if exact places have to decide."""
     x, y, z, radius = trials[trial, 0], trials[trial, 1], trials[trial, 2], trials[trial, 3]
     a, b = cell_along(0, x, width, shape), cell_along(1, y, width, shape)
     c = cell_along(2, z, width, shape)
     near_a = 1 if x - a * width[0] > 0.5 * width[0] else -1
     near_b = 1 if y - b * width[1] > 0.5 * width[1] else -1
     begin, end = max(c - 1, 0), min(c + 2, shape[2])
-    beyond, nearest = c == 0 or end < c + 2, np.float32(np.inf)
-    for k in range(9):  # rows of three cells, nearest first
-        row_a, row_b = a + side(k, SAME[0], NEAR[0], near_a), b + side(k, SAME[1], NEAR[1], near_b)
+    nearest = np.float32(np.inf)
+    for k in range(9):
+        row_a, row_b = a + ROWS[k, 0] * near_a, b + ROWS[k, 1] * near_b
         if row_a < 0 or row_b < 0 or row_a >= shape[0] or row_b >= shape[1]:
-            beyond = True  # where there may be images
             continue
         row = (row_a * shape[1] + row_b) * shape[2]
         for j in range(firsts[row + begin], firsts[row + end]):
             dx, dy, dz = x - settled[j, 0], y - settled[j, 1], z - settled[j, 2]
-            square = dx * dx + dy * dy + dz * dz
             contact = radius + settled[j, 3]
-            gap = square - contact * contact
+            gap = dx * dx + dy * dy + dz * dz - contact * contact
             if gap < 0.0:
                 return 1
             nearest = min(nearest, gap)
-    return -1 if nearest > doubt and not beyond else 0
+    around = is_all_around(0, x, a, doubt, width, period, shape)
+    around = around and is_all_around(1, y, b, doubt, width, period, shape)
+    around = around and is_all_around(2, z, c, doubt, width, period, shape)
+    return -1 if around and nearest > doubt else 0
 
 
 @jit
@@ -174,7 +193,7 @@ def insert(
     half,
     ahead,
     largest,
-    longest,
+    rounding,
     edges,
     period,
     shape,
@@ -203,8 +222,8 @@ def insert(
         Half the edges of voxels, where touching counts as covered; 0 for spheres, where it does not.
     ahead : bool
         Whether all trials are looked at, in the order of memory, and not only those that may count.
-    largest, longest : float
-        Largest radius among placed spheres; longest edge of the box.
+    largest, rounding : float
+        Largest radius among placed spheres; more than single precision loses of a distance in the box.
     edges, period, shape : (3,) array
         Edges of a cell, of a periodic box (infinity between walls), and the number of cells.
     firsts, settled : array
@@ -224,13 +243,13 @@ def insert(
     cells, squares = np.empty((3, 3), np.int64), np.empty((3, 3))
     dim, touching, oldest = places.shape[1], half[0] > 0.0, n_placed
     if ahead and n_placed > 0:
-        unit = 1.0 / (2.0 * largest)
+        unit = 0.5 / largest
         width = (edges * unit).astype(np.float32)
         order, trials = by_columns(places, radii, covered, unit, edges, shape)
-        doubt = np.float32(8.0 * ROUNDING * longest * unit)  # of squared distances up to about 1
+        doubt = np.float32(8.0 * rounding * unit)  # of squared distances up to about 1
         found = np.zeros(len(order), np.int8)
         for k in range(len(order) if len(settled) else 0):
-            found[k] = look_at_settled(k, trials, doubt, width, shape, firsts, settled)
+            found[k] = look_at_settled(k, trials, doubt, width, period, shape, firsts, settled)
         for k in range(len(order)):
             i = order[k]
             z = places[i, 2] if dim == 3 else 0.0

@@ -13,7 +13,7 @@ Random numbers are drawn here, round by round; `hardspheres.insertion` decides a
 import functools
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,7 @@ RARE = 0.1  # fraction of successful trials below which the free space is mapped
 MOST_VOXELS = 8_000_000
 VOXELS_AT_ONCE = 1 << 15  # keeps the working arrays within the processor's cache
 FEW = 10_000  # spheres that a core's cache holds: trials among them need no order
+SINGLE = 1e-6  # of a length: more than single precision loses of it
 SETTLED = 1.1  # times as many as at the last time are sorted by cells anew
 MOST_IDLE_ROUNDS = 100  # without one success, when voxels can be divided no further
 
@@ -95,7 +96,8 @@ class _Placed:
     """Spheres placed so far, of one octave of radii, in the cells of `hardspheres.insertion`."""
 
     def __init__(self, radii: Floats, box: Floats, periodic: Bools) -> None:
-        self._largest, self._longest = float(radii.max()), float(box.max())
+        self._largest, self._rounding = float(radii.max()), SINGLE * float(box.max())
+        self._can_settle = bool(radii.min() > 10.0 * self._rounding)
         widest = math.prod(box.tolist()) / (MOST_CELLS * len(radii))
         cells = np.maximum(np.floor(box / max(2.0 * self._largest, widest ** (1 / len(box)))), 1)
         self._shape = _three(cells, 1).astype(np.int64)
@@ -119,10 +121,9 @@ class _Placed:
 
     def cover_all(self, covered: Bools, low: Floats, edges: Floats, radius: float) -> None:
         """Mark which voxels of a grid that begins at `low` have no room for a sphere."""
-        _compiled().map_room(
-            covered.reshape((*covered.shape, 1)[:3]), _three(low, -0.5), _three(edges, 1.0), _three(0.5 * edges, 0.0),
-            radius, self._period, self._spheres, self._n,
-        )  # fmt: skip
+        low, edges, half = _three(low, -0.5), _three(edges, 1.0), _three(0.5 * edges, 0.0)
+        covered = covered.reshape((*covered.shape, 1)[:3])
+        _compiled().map_room(covered, low, edges, half, radius, self._period, self._spheres, self._n)
 
     def add(self, covered: Bools, places: Floats, radii: Floats, counted: bool) -> tuple[int, Ints]:
         """Place what is not covered and does not overlap; return how many were not covered, and which stay.
@@ -137,14 +138,14 @@ class _Placed:
         self, covered: Bools, places: Floats, radii: Floats, edges: Floats | None, ahead: bool, waiting: int
     ) -> tuple[int, Ints]:
         half = np.zeros(3) if edges is None else _three(0.5 * edges, 0.0)
-        if ahead and self._n > max(SETTLED * len(self._settled), FEW):
+        if ahead and self._can_settle and self._n > max(SETTLED * len(self._settled), FEW):
             self._firsts, self._settled = _compiled().settle(
-                self._heads, self._nexts, self._spheres, self._n, self._largest, self._longest
+                self._heads, self._nexts, self._spheres, self._n, self._largest, self._rounding
             )
         settled = self._settled if edges is None else self._settled[:0]
         stay, before = np.empty(waiting, dtype=np.int64), self._n
         free, self._n = _compiled().insert(
-            places, radii, covered, half, ahead, self._largest, self._longest, self._edges, self._period,
+            places, radii, covered, half, ahead, self._largest, self._rounding, self._edges, self._period,
             self._shape, self._firsts, settled, self._heads, self._nexts, self._spheres, before, stay,
         )  # fmt: skip
         return free, stay[: self._n - before]
