@@ -310,6 +310,9 @@ def map_room(covered, low, edges, half, radius, period, placed, n_placed):
     for j in range(n_placed):
         contact = radius + placed[j, 3]
         for axis in range(3):
+            first[axis], end[axis] = 0, 1
+            if covered.shape[axis] == 1:  # perhaps without an extent
+                continue
             reach = (contact - half[axis]) / edges[axis] + 1e-6
             middle = (placed[j, axis] - low[axis]) / edges[axis] - 0.5
             first[axis], end[axis] = np.ceil(middle - reach), np.floor(middle + reach) + 1

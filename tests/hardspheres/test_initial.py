@@ -324,6 +324,20 @@ def test_placement_jams_at_the_saturation_of_the_literature(dim, n):
     )  # Student's t with 7 degrees of freedom: false alarm 1e-3
 
 
+def test_discs_in_a_channel_park_like_cars():
+    """With hardly any room across they are on a line: Renyi's constant; variance 0.03816 for each diameter of street.
+
+    False alarm 1e-4. Voxels there divide one axis alone.
+    """
+    length, places = 2000, []
+    for seed in range(4):
+        rng, box = np.random.default_rng(seed), np.array([length, 1.0 + 1e-9])
+        with pytest.raises(hs.SceneError, match="random placement jammed") as caught:
+            placement.place_at_random(np.full(length, 0.5), box, np.array([True, False]), rng)
+        places.append(int(re.search(r"with (\d+) of", str(caught.value))[1]))
+    assert abs(np.mean(places) / length - 0.7475979) < 3.9 * math.sqrt(0.03816 / length / len(places))
+
+
 def test_a_placement_that_drops_room_too_early_is_caught(monkeypatch):
     exact = placement._Placed.cover
 
