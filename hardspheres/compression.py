@@ -29,7 +29,7 @@ from hardspheres.clock import carried
 from hardspheres.engine import Engine
 from hardspheres.errors import SceneError, SimulationError
 from hardspheres.initial import checked_arguments, cubic_box, with_velocities
-from hardspheres.order import BondOrder, bond_order
+from hardspheres.order import BondOrder, bond_order, bond_order_of_some
 from hardspheres.placement import place_at_random
 from hardspheres.scene import Scene, drift, kinetic_energy, returned_to_box
 from hardspheres.slices import Slices
@@ -51,6 +51,7 @@ RELAXATION = {2: 300, 3: 100}  # collisions per particle at the final size
 ATTEMPTS, HASTE = 3, 3.0  # number of attempts if the result orders, and the factor on the rate for each
 ORDERED = {2: 0.5, 3: 0.1}  # psi6, Q6 above which a scene of many particles is no fluid,
 FLUCTUATION = {2: 20.0, 3: 4.0}  # or this over sqrt(N), if more: three times what dense fluids show, or more
+ENOUGH = 20_000  # particles whose bonds say that there is no order: they give Q6 to 0.01, psi6 to 0.02
 HEXATIC = 0.70  # packing fraction from which discs order by themselves
 
 
@@ -146,6 +147,9 @@ def order_of_crystal(scene: Scene) -> BondOrder | None:
     """
     limit = crystal_threshold(scene)
     if math.isinf(limit):
+        return None
+    every = scene.n // ENOUGH
+    if every > 1 and bond_order_of_some(scene, every).value < 0.5 * limit:
         return None
     order = bond_order(scene)
     return order if order.value > limit else None
