@@ -80,35 +80,43 @@ def bond_order(scene: Scene) -> BondOrder:
     """
     if scene.n < 2:
         raise SceneError("the scene has one particle only; bonds need at least two")
-    i, j = _bonds(scene)
+    return bond_order_of_some(scene, 1)
+
+
+def bond_order_of_some(scene: Scene, every: int) -> BondOrder:
+    """Estimate `bond_order` from the bonds of one particle in so many, evenly spread over the box."""
+    i, j = _bonds(scene, every)
     r = scene.positions[i] - scene.positions[j]
     r -= np.where(scene.periodic, scene.box * np.rint(r / scene.box), 0.0)
     directions = r / np.sqrt(np.sum(r * r, axis=1, keepdims=True))
     return BondOrder(_q6(directions) if scene.dim == 3 else _psi6(directions), len(i))
 
 
-def _bonds(scene: Scene) -> tuple[Ints, Ints]:
-    """Pairs i < j of which one is among the nearest neighbours of the other, each once."""
+def _bonds(scene: Scene, every: int = 1) -> tuple[Ints, Ints]:
+    """Pairs i < j of which one, that counts, has the other among its nearest neighbours, each pair once."""
     from scipy.spatial import cKDTree
 
     wanted = min(NEIGHBOURS[scene.dim], scene.n - 1)
     box = np.where(scene.periodic, scene.box, 0.0)  # 0: an axis that does not wrap
     near, partners = [], []
+    # Particles in an order in which those that are near follow each other: the trees are then in the cache.
+    order = cKDTree(scene.positions, boxsize=box).indices[::every]
+    positions, radii = scene.positions[order], scene.radii[order]
     for members in size_classes(
         scene.radii
     ):  # among particles of about one size the nearest centres are the nearest surfaces
         tree = cKDTree(scene.positions[members], boxsize=box)
         one_size = scene.radii[members].min() == scene.radii[members].max()
         count = min(wanted * (1 if one_size else 3) + 1, len(members))
-        distance, index = tree.query(scene.positions, k=np.arange(1, count + 1))
+        distance, index = tree.query(positions, k=np.arange(1, count + 1))
         partner = members[index]
-        itself = partner == np.arange(scene.n)[:, None]
-        near.append(np.where(itself, np.inf, distance / (scene.radii[:, None] + scene.radii[partner])))
+        itself = partner == order[:, None]
+        near.append(np.where(itself, np.inf, distance / (radii[:, None] + scene.radii[partner])))
         partners.append(partner)
     scaled, partner = np.concatenate(near, axis=1), np.concatenate(partners, axis=1)
     nearest = np.argsort(scaled, axis=1, kind="stable")[:, :wanted]
     j = np.take_along_axis(partner, nearest, axis=1).ravel()
-    i = np.repeat(np.arange(scene.n), wanted)
+    i = np.repeat(order, wanted)
     pairs = np.sort(np.minimum(i, j) * scene.n + np.maximum(i, j))  # four times as fast as np.unique
     pairs = pairs[np.diff(pairs, prepend=-1) > 0]
     return pairs // scene.n, pairs % scene.n

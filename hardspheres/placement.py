@@ -13,7 +13,8 @@ Random numbers are drawn here, round by round; `hardspheres.insertion` decides a
 import functools
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,9 @@ FEWEST_TRIALS = 4096  # in one round, to amortise its overhead
 RARE = 0.1  # fraction of successful trials below which the free space is mapped
 MOST_VOXELS = 8_000_000
 VOXELS_AT_ONCE = 1 << 15  # keeps the working arrays within the processor's cache
+FEW = 10_000  # spheres that a core's cache holds: trials among them need no order
+SINGLE = 1e-6  # of a length: more than single precision loses of it
+SETTLED = 1.1  # times as many as at the last time are sorted by cells anew
 MOST_IDLE_ROUNDS = 100  # without one success, when voxels can be divided no further
 
 
@@ -67,19 +71,20 @@ def place_at_random(radii: Floats, box: Floats, periodic: Bools, rng: np.random.
         waiting = members[np.argsort(-radii[members], kind="stable")]
         idle = tried = 0
         while len(waiting):
-            trials = np.resize(waiting, max(len(waiting), FEWEST_TRIALS, sum(map(len, placed)) // 4))
-            places = room.draw(rng, len(trials))
-            covered = _beyond_walls(places, radii[trials], box, periodic)
+            places = room.draw(rng, max(len(waiting), FEWEST_TRIALS, sum(map(len, placed)) // 4))
+            tried += len(places)
+            sizes = radii[waiting]
+            covered = _beyond_walls(places, sizes, box, periodic)
             for larger in placed[:-1]:
-                larger.cover(covered, places, radii[trials])
-            free, stay = placed[-1].add(covered, places, radii[trials], len(waiting))
-            tried += len(trials)
-            rare = free < RARE * len(trials) and tried > room.cost_of_shrinking
-            positions[trials[stay]] = places[stay]
-            is_placed[trials[stay]] = True
+                larger.cover(covered, places, sizes)
+            counted = tried > room.cost_of_shrinking
+            free, stay = placed[-1].add(covered, places, sizes, counted)
+            stayed = waiting[stay % len(waiting)]
+            positions[stayed] = places[stay]
+            is_placed[stayed] = True
             waiting = waiting[~is_placed[waiting]]
             idle = 0 if len(stay) else idle + 1
-            if rare and len(waiting):
+            if counted and free < RARE * len(places) and len(waiting):
                 tried = 0
                 room.shrink(placed)
             if len(waiting) and (room.is_full or idle >= MOST_IDLE_ROUNDS):
@@ -91,12 +96,14 @@ class _Placed:
     """Spheres placed so far, of one octave of radii, in the cells of `hardspheres.insertion`."""
 
     def __init__(self, radii: Floats, box: Floats, periodic: Bools) -> None:
-        self._largest = float(radii.max())
+        self._largest, self._rounding = float(radii.max()), SINGLE * float(box.max())
+        self._can_settle = bool(radii.min() > 10.0 * self._rounding)
         widest = math.prod(box.tolist()) / (MOST_CELLS * len(radii))
         cells = np.maximum(np.floor(box / max(2.0 * self._largest, widest ** (1 / len(box)))), 1)
         self._shape = _three(cells, 1).astype(np.int64)
         self._edges = _three(box / cells, 1.0)
         self._period = _three(np.where(periodic, box, math.inf), math.inf)
+        self._firsts, self._settled = np.empty(0, dtype=np.int32), np.empty((0, 4), dtype=np.float32)
         self._heads = np.full(math.prod(self._shape.tolist()), -1, dtype=np.int32)
         self._nexts = np.empty(len(radii), dtype=np.int32)
         self._spheres = np.empty((len(radii), 4))
@@ -105,30 +112,41 @@ class _Placed:
     def __len__(self) -> int:
         return self._n
 
-    def cover(
-        self, covered: Bools, places: Floats, radii: Floats | float, edges: Floats | None = None
-    ) -> None:
-        """Mark which spheres overlap one that is placed; or fit nowhere in voxels of these edges."""
-        self._insert(covered, places, radii, edges, 0)
+    def cover(self, covered: Bools, places: Floats, radii: Floats, edges: Floats | None = None) -> None:
+        """Mark which spheres overlap one that is placed; or fit nowhere in voxels of these edges.
 
-    def add(self, covered: Bools, places: Floats, radii: Floats, waiting: int) -> tuple[int, Ints]:
+        They are those of all particles, whose radii are given, in turn.
+        """
+        self._insert(covered, places, radii, edges, True, 0)
+
+    def cover_all(self, covered: Bools, low: Floats, edges: Floats, radius: float) -> None:
+        """Mark which voxels of a grid that begins at `low` have no room for a sphere."""
+        low, edges, half = _three(low, -0.5), _three(edges, 1.0), _three(0.5 * edges, 0.0)
+        covered = covered.reshape((*covered.shape, 1)[:3])
+        _compiled().map_room(covered, low, edges, half, radius, self._period, self._spheres, self._n)
+
+    def add(self, covered: Bools, places: Floats, radii: Floats, counted: bool) -> tuple[int, Ints]:
         """Place what is not covered and does not overlap; return how many were not covered, and which stay.
 
-        Trials are those of all waiting particles in turn. The first of each that is not covered counts.
+        Trials are those of all waiting particles in turn. The first of each that is not covered counts. How
+        many are not covered is right only where they are to be counted.
         """
-        return self._insert(covered, places, radii, None, waiting)
+        ahead = counted or self._n > FEW
+        return self._insert(covered, places, radii, None, ahead, len(radii))
 
     def _insert(
-        self, covered: Bools, places: Floats, radii: Floats | float, edges: Floats | None, waiting: int
+        self, covered: Bools, places: Floats, radii: Floats, edges: Floats | None, ahead: bool, waiting: int
     ) -> tuple[int, Ints]:
-        trials = np.zeros((len(places), 4))
-        trials[:, : places.shape[1]] = places
-        trials[:, 3] = radii
         half = np.zeros(3) if edges is None else _three(0.5 * edges, 0.0)
+        if ahead and self._can_settle and self._n > max(SETTLED * len(self._settled), FEW):
+            self._firsts, self._settled = _compiled().settle(
+                self._heads, self._nexts, self._spheres, self._n, self._largest, self._rounding
+            )
+        settled = self._settled if edges is None else self._settled[:0]
         stay, before = np.empty(waiting, dtype=np.int64), self._n
-        free, self._n = _compiled()(
-            trials, covered, half, edges is not None, self._largest, self._edges, self._period, self._shape,
-            self._heads, self._nexts, self._spheres, before, stay,
+        free, self._n = _compiled().insert(
+            places, radii, covered, half, ahead, self._largest, self._rounding, self._edges, self._period,
+            self._shape, self._firsts, settled, self._heads, self._nexts, self._spheres, before, stay,
         )  # fmt: skip
         return free, stay[: self._n - before]
 
@@ -139,14 +157,13 @@ def _three(values: Floats, other: float) -> Floats:
 
 
 @functools.cache
-def _compiled() -> Callable[..., tuple[int, int]]:
+def _compiled() -> Any:
     """Return the compiled part, which is loaded, or compiled, on first use."""
     from hardspheres.kernel_cache import cache_folder, cached_in
 
     with cached_in(cache_folder("insertion")):
         from hardspheres import insertion
-    compiled: Callable[..., tuple[int, int]] = insertion.insert
-    return compiled
+    return insertion
 
 
 class _Room:
@@ -181,7 +198,7 @@ class _Room:
         """Return n positions, uniform over the free space."""
         places = rng.random((n, len(self.box)))
         if self.mapped:
-            places += self.voxels[rng.integers(len(self.voxels), size=n)]
+            places += self.voxels.take(rng.integers(len(self.voxels), size=n), axis=0)
         places *= self.edges
         places += self.low
         np.minimum(places, np.nextafter(self.low + self.extent, 0.0), out=places)
@@ -189,40 +206,48 @@ class _Room:
 
     def shrink(self, placed: Sequence["_Placed"]) -> None:
         """Divide the voxels and drop those where no centre fits beside the spheres that are placed."""
-        if self.mapped and len(self.voxels) * 2 ** len(self.box) > MOST_VOXELS:
-            return
-        finer, self.edges = self._finer()
-        self.mapped = True
-        self.voxels = np.concatenate([self.voxels[:0], *(self._uncovered(part, placed) for part in finer)])
+        if not self.mapped:
+            self._map(placed)
+        elif len(self.voxels) * 2 ** len(self.box) <= MOST_VOXELS:
+            self._halve(placed)
 
-    def _finer(self) -> tuple[Iterator[Floats], Floats]:
-        """Return, in parts, the voxels at first, or all of their halves; and their edges."""
-        dim = len(self.box)
-        if self.mapped:
-            halves, step = np.array(list(itertools.product((0.0, 1.0), repeat=dim))), VOXELS_AT_ONCE >> dim
-            parts = (self.voxels[k : k + step, None, :] for k in range(0, len(self.voxels), step))
-            return ((2.0 * part + halves).reshape(-1, dim) for part in parts), self.edges / 2
+    def _map(self, placed: Sequence["_Placed"]) -> None:
+        """Divide the whole box."""
         counts = self._counts()
-        total, step = math.prod(counts.tolist()), VOXELS_AT_ONCE
-        numbers = (np.arange(k, min(k + step, total)) for k in range(0, total, step))
-        return (
-            np.stack(np.unravel_index(part, counts), axis=1).astype(np.float64) for part in numbers
-        ), self.extent / counts
-
-    def _uncovered(self, voxels: Floats, placed: Sequence["_Placed"]) -> Floats:
-        """Return the voxels in which a centre may fit beside the spheres that are placed."""
-        centres = self.low + (voxels + 0.5) * self.edges
-        covered = np.zeros(len(voxels), dtype=np.bool_)
+        self.mapped, self.edges = True, self.extent / counts
+        covered = np.zeros(counts, dtype=np.bool_)
         for spheres in placed:
-            spheres.cover(covered, centres, self.radius, self.edges)
-        return voxels[~covered]
+            spheres.cover_all(covered, self.low, self.edges, self.radius)
+        covered, small = covered.ravel(), np.min_scalar_type(int(counts.max()))
+        parts = []
+        for k in range(0, len(covered), VOXELS_AT_ONCE):
+            numbers = np.flatnonzero(~covered[k : k + VOXELS_AT_ONCE]) + k
+            parts.append(np.stack(np.unravel_index(numbers, counts), axis=1).astype(small))
+        self.voxels = np.concatenate(parts)
+
+    def _halve(self, placed: Sequence["_Placed"]) -> None:
+        """Divide each voxel along all axes."""
+        dim = len(self.box)
+        self.edges = self.edges / 2
+        halves, step = np.array(list(itertools.product((0.0, 1.0), repeat=dim))), VOXELS_AT_ONCE >> dim
+        parts = [self.voxels[:0].astype(np.float64)]
+        for k in range(0, len(self.voxels), step):
+            voxels = (2.0 * self.voxels[k : k + step, None, :] + halves).reshape(-1, dim)
+            centres = self.low + (voxels + 0.5) * self.edges
+            covered = np.zeros(len(voxels), dtype=np.bool_)
+            for spheres in placed:
+                spheres.cover(covered, centres, np.array([self.radius]), self.edges)
+            parts.append(voxels[~covered])
+        self.voxels = np.concatenate(parts)
 
 
 def _beyond_walls(places: Floats, radii: Floats, box: Floats, periodic: Bools) -> Bools:
-    """Which of these spheres reach beyond a wall."""
+    """Which spheres at these places, of all radii in turn, reach beyond a wall."""
     beyond = np.zeros(len(places), dtype=np.bool_)
-    for axis in np.flatnonzero(~periodic):
-        beyond |= (places[:, axis] < radii) | (places[:, axis] > box[axis] - radii)
+    if not periodic.all():
+        sizes = radii[np.arange(len(places)) % len(radii)]
+        for axis in np.flatnonzero(~periodic):
+            beyond |= (places[:, axis] < sizes) | (places[:, axis] > box[axis] - sizes)
     return beyond
 
 

@@ -23,6 +23,7 @@ from hardspheres.compression import Compression, order_of_crystal
 from hardspheres.engine import Engine
 from hardspheres.growth import growing_contact_time, growing_discriminant, rebound_from_wall
 from hardspheres.kernel.common import contact_times
+from hardspheres.order import bond_order_of_some
 from hardspheres.velocities import draw_velocities
 
 EPS = np.finfo(float).eps
@@ -382,6 +383,19 @@ def test_the_result_is_fluid_and_a_lattice_start_is_not(spheres):
     found = order_of_crystal(crystal.to_scene())
     assert found is not None
     assert found.value > 0.25
+
+
+def test_of_many_particles_some_say_that_there_is_no_order(monkeypatch, spheres):
+    """The bonds of every second one; a crystal, and what may be one, are judged by all bonds."""
+    monkeypatch.setattr(compression, "ENOUGH", spheres.n // 2)
+    crystal = hs.lattice_gas(500, 0.49, seed=1)
+    assert order_of_crystal(crystal) == hs.bond_order(crystal)
+    monkeypatch.setattr(compression, "bond_order", lambda scene: pytest.fail("all bonds"))
+    assert order_of_crystal(spheres) is None
+    limit = 1.5 * bond_order_of_some(spheres, 2).value
+    monkeypatch.setattr(compression, "crystal_threshold", lambda scene: limit)
+    with pytest.raises(pytest.fail.Exception, match="all bonds"):
+        order_of_crystal(spheres)
 
 
 def test_discs_are_judged_below_the_hexatic_only():
