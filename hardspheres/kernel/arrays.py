@@ -167,6 +167,10 @@ OF_SEARCH = (  # These are found again from the rows whenever room runs out or e
     Array("old_row_of", I8, lambda at, c: c[at.N] * at.THREADS),
     Array("old_rows", F8, old_rows, view=("old_rows_int", I8)),
     Array("undone", I8, lambda at, c: c[at.THREAD_COUNT] * at.LINE * at.THREADS),
+    Array("changed_count", I8, lambda at, c: c[at.THREAD_COUNT] * at.LINE * at.THREADS),
+    # While all lists are rebuilt: the tile of each particle; whose events change, each thread's in turn.
+    Array("tile_of_each", I4, lambda at, c: c[at.N] * at.THREADS),
+    Array("changed_events", I4, lambda at, c: c[at.N] * at.THREADS),
     # Entries queued for later ticks of a window: the latest of each tick, the one before each.
     Array("queued_last", I4, lambda at, c: c[at.BUCKET_TICKS] * at.THREADS, own=True),
     Array("queued_before", I4, lambda at, c: c[at.HEAP_ROOM] * at.THREADS, own=True),

@@ -61,8 +61,8 @@ def renew_list(s, i, now):
 
 
 @called
-def renew_all_lists(s, now):
-    """Rebuild all lists, each thread those in its tiles."""
+def renew_all_lists(s, now, afresh):
+    """Rebuild all lists, each thread those in its tiles; note whose events change with that."""
     n, thread, threads = s.counter[at.N], s.counter[at.THREAD], s.counter[at.THREAD_COUNT]
     first, last = n * thread // threads, n * (thread + 1) // threads
     rebuilds = s.counter[at.AGREED + at.TOLD_REBUILDS]
@@ -75,20 +75,59 @@ def renew_all_lists(s, now):
         else:
             s.counter[at.REBUILDS_OF_ALL] += 1
         barrier(s)
+        note_changes(s, first, last, now, afresh)
+        barrier(s)
     else:
         s.counter[at.REBUILDS_OF_ALL] += 1
         for i in range(first, last):
             set_reference(s, i, now, MOST_AHEAD)
             settle(s, i, column_of(s, i))
+            s.tile_of_each[i] = tile_of(s, i)
+        note_changes(s, first, last, now, afresh)
         empty_cells(s)
         barrier(s)
         for i in range(n):
-            if owner(s, tile_of(s, i)) == thread:
+            if owner(s, int64(s.tile_of_each[i])) == thread:
                 put_in_cell(s, i)
         barrier(s)
         if s.counter[at.SHORT_CELLS] == 0:
             make_lists_of_tiles(s)
     s.counter[at.REBUILD_ALL_DUE] = rebuilds + s.counter[at.REBUILD_THRESHOLD]
+
+
+@jit
+def note_changes(s, first, last, now, afresh):
+    """Note those whose new threshold comes first, or who have come to another tile; where events are old."""
+    changed = 0
+    if not afresh:
+        for i in range(first, last):
+            s.changed_events[first + changed] = i
+            changed += 1 if crosses_first(s, i, now) | has_moved(s, i) else 0
+    s.changed_count[s.counter[at.THREAD] * at.LINE] = changed
+
+
+@jit
+def crosses_first(s, i, now):
+    """Whether i crosses its new threshold before its next event; that crossing is then the next one."""
+    time, event = threshold_crossing(s, i, now), i * at.EVENT
+    if time < s.event_float[event + at.TIME]:
+        s.event_float[event + at.TIME] = max(time, now)
+        s.event[event + at.PARTNER] = at.REBUILD
+        s.event[event + at.PARTNER_VERSION] = s.counter[at.REBUILDS_OF_ALL]
+        return True
+    return False
+
+
+@called
+def enter_changes(s):
+    """Enter the events of those noted in the calendars of this thread's tiles."""
+    n, threads = s.counter[at.N], s.counter[at.THREAD_COUNT]
+    for thread in range(threads):
+        first = n * thread // threads
+        for k in range(first, first + s.changed_count[thread * at.LINE]):
+            i = int64(s.changed_events[k])
+            if owner(s, tile_of(s, i)) == s.counter[at.THREAD]:
+                schedule(s, i, s.event_float[i * at.EVENT + at.TIME], s.event[i * at.EVENT + at.PARTNER])
 
 
 @jit
@@ -127,10 +166,10 @@ def detect(s):
     s.number[at.WINDOW_BEGIN] = now
     s.counter[at.SHORT_QUEUE] = 0
     s.counter[at.WINDOW] += 1  # no old row counts
-    renew_all_lists(s, now)
+    renew_all_lists(s, now, True)
     clear_calendars(s)
     if s.counter[at.SHORT_CELLS] == 0 and s.counter[at.SHORT_LISTS] == 0:
-        predict_all(s, now, True)
+        predict_all(s, now)
     s.counter[at.PART] = at.CALENDAR
     barrier(s)
 
@@ -140,26 +179,22 @@ def rebuild_all(s, now):
     """Rebuild all lists. Events stay, but a threshold that is now crossed earlier is the next event."""
     s.counter[at.PART] = at.RENEWAL
     s.counter[at.LIMIT] = -1
-    renew_all_lists(s, now)
-    if s.counter[at.SHORT_CELLS] == 0 and s.counter[at.SHORT_LISTS] == 0:
-        predict_all(s, now, False)
+    renew_all_lists(s, now, False)
+    enter_changes(s)
     s.counter[at.PART] = at.CALENDAR
     barrier(s)
 
 
 @called
-def predict_all(s, now, afresh):
-    """Enter the events of all particles in this thread's tiles, in the order of their cells."""
+def predict_all(s, now):
+    """Predict the events of all particles in this thread's tiles, in the order of their cells."""
     deep, room = s.counter[at.CELLS + 2], s.counter[at.CELL_ROOM]
     for column in range(s.counter[at.CELLS] * s.counter[at.CELLS + 1]):
         if is_mine(s, column):
             for cell in range(column * deep, (column + 1) * deep):
                 for k in range(s.cell_count[cell]):
                     i = int64(s.cell_ids[place_of_slot(cell * room + k)])
-                    if afresh:
-                        predict_first(s, i, now)
-                    else:
-                        look_at_threshold(s, i, now)
+                    predict_first(s, i, now)
 
 
 @called
@@ -169,18 +204,6 @@ def predict_first(s, i, now):
         schedule(s, i, NEVER, at.NOTHING)
     else:
         predict_again(s, i, -1, now)
-
-
-@jit
-def look_at_threshold(s, i, now):
-    """Enter the crossing of i's new threshold where that comes first; its event elsewhere, if i has moved."""
-    time, event = threshold_crossing(s, i, now), i * at.EVENT
-    moved = has_moved(s, i)
-    if time < s.event_float[event + at.TIME]:
-        s.event[event + at.PARTNER_VERSION] = s.counter[at.REBUILDS_OF_ALL]
-        schedule(s, i, max(time, now), at.REBUILD)
-    elif moved:
-        schedule(s, i, s.event_float[event + at.TIME], s.event[event + at.PARTNER])
 
 
 @called
