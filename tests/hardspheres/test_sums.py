@@ -95,16 +95,14 @@ def test_too_much_is_rounded_and_does_not_wrap():
 
 @given(st.lists(st.tuples(sizes, sizes), min_size=1, max_size=20))
 def test_integrals_keep_twice_the_digits(pairs):
-    """To 2^-100 of all that was added. Sibling: float64 alone does not, in a sum that it can be seen in."""
+    """To 20 times 2^-104, less than 2^-98, of all that was added. Sibling: float64 alone does not, in a sum that it can be seen in."""
     value, rest, right, scale = 0.0, 0.0, Fraction(0), Fraction(1, 2**200)
     for more, part in pairs:
         more_rest = part * 2.0**-60
         value, rest = sums.accumulated(value, rest, more, more_rest)
         right += Fraction(more) + Fraction(more_rest)
         scale += abs(Fraction(more))
-    assert abs(Fraction(value) + Fraction(rest) - right) <= (scale + abs(right)) / 2**100 + Fraction(
-        1, 2**100
-    )
+    assert abs(Fraction(value) + Fraction(rest) - right) <= (scale + abs(right)) / 2**98
     assert sums.accumulated(1.0, 0.0, 2.0**-80, 0.0) == (1.0, 2.0**-80)
 
 
