@@ -101,7 +101,7 @@ def test_integrals_keep_twice_the_digits(pairs):
         more_rest = part * 2.0**-60
         value, rest = sums.accumulated(value, rest, more, more_rest)
         right += Fraction(more) + Fraction(more_rest)
-        scale += abs(Fraction(more))
+        scale += abs(Fraction(more)) + abs(Fraction(more_rest))
     assert abs(Fraction(value) + Fraction(rest) - right) <= (scale + abs(right)) / 2**98
     assert sums.accumulated(1.0, 0.0, 2.0**-80, 0.0) == (1.0, 2.0**-80)
 
