@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hardspheres.scene import Scene
-from hardspheres.tuning import fall_square, mean_square, moving, power_of_two_below, root_of_power_below
+from hardspheres.tuning import fall_square, mean_square, moving, power_of_two_below
 
 __all__ = ["TallyUnits", "per_unit", "tally_units", "write_tally_units"]
 
@@ -56,7 +56,8 @@ def tally_units(scene: Scene) -> TallyUnits:
         mass * fall_square(scene),
     ]
     energy = max([power_of_two_below(one) for one in both if one > 0.0], default=1.0)
-    momentum = root_of_power_below(energy * power_of_two_below(mass), 2)
+    both_exponents = math.frexp(energy)[1] + math.frexp(mass)[1] - 2  # their product may be too small
+    momentum = math.ldexp(1.0, both_exponents // 2)
     return TallyUnits(energy, momentum, 2.0 * power_of_two_below(mean(scene.radii)))
 
 

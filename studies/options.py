@@ -472,7 +472,7 @@ PANELS = {
     "What and how long": "collisions collisions_per_particle relaxation_times discard replicas runs "
     "transits reverse_after cells until_error suite rounds known quick size only against",
     "Results": "out force json figure_format frames animate",
-    "The run itself": "config sweep seed workers executor checkpoint_every resume keep shard",
+    "The run itself": "config sweep seed workers threads executor checkpoint_every resume keep shard",
 }
 _PANEL_OF = {name: panel for panel, names in PANELS.items() for name in names.split()}
 _WORDS, _FILES = ("units", "velocities_are", "executor"), ("source", "known")

@@ -21,6 +21,7 @@ REFUSED = {
     "pickle": pickle.dumps,
     "copy": copy.copy,
     "deepcopy": copy.deepcopy,
+    "on_threads": lambda sim: sim.on_threads(1),
     "with_log": lambda sim: sim.with_log(lambda events: None),
     "check": lambda sim: sim.check(),
     "status": lambda sim: sim.status(),
@@ -43,7 +44,14 @@ REFUSED = {
         *("energy_drift", "momentum_drift", "worst_overlap"),
     )
 }
-ALLOWED = ("scene", "collisions", "wall_collisions", "obstacle_collisions", "collisions_per_particle")
+ALLOWED = (
+    "scene",
+    "threads",
+    "collisions",
+    "wall_collisions",
+    "obstacle_collisions",
+    "collisions_per_particle",
+)
 
 
 class Held:

@@ -67,9 +67,9 @@ OTHERS = {  # a value for every option that is not its default, whether they mak
     "view": OF_FILES | {"collisions_per_particle": 2.0},
     "analyse": OF_FILES,
     "bench": {
-        "n": (100, 200), "dim": 2, "packing_fraction": ((0.1,), (0.2, 0.3)), "boundary": "wall",
+        "n": ((100,), (200, 300)), "dim": 2, "packing_fraction": ((0.1,), (0.2, 0.3)), "boundary": "wall",
         "diameter_ratio": 2.0, "mass_ratio": 3.0, "fraction": 0.25, "start": "fluid", "collisions": 10**12,
-        "discard": 0.5, "against": "plain", "suite": "quick", "seed": 3,
+        "discard": 0.5, "against": "plain", "suite": "quick", "seed": 3, "threads": ((1, 2),),
     },
     "accuracy": {"packing_fractions": (0.3,), "n": 300, "dim": 2, "seed": 4, "quick": True},
     "accuracy-tables": {"rounds": 3, "known": "rounds.csv", "quick": True, "seed": 5},

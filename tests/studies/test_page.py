@@ -239,7 +239,7 @@ COMMANDS = {
     "hard-cases": {"size": "small", "only": ("cradle", "ratios")},
     "soak": {"collisions": 10**9},
     "accuracy": {"quick": True, "packing_fractions": (0.3,)},
-    "bench": {"n": (100, 200), "packing_fraction": ((0.1,), (0.2, 0.3)), "suite": "quick"},
+    "bench": {"n": ((100,), (200,)), "packing_fraction": ((0.1,), (0.2, 0.3)), "suite": "quick"},
     "view": {"file": "a file's name.xyz", "radius": 0.25},
 }
 
