@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import os
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +35,14 @@ from studies.running.ownership import SUMMARY
 __all__ = ["Benchmark", "next_folder"]
 
 
+def _sizes(text: str) -> tuple[int, ...]:
+    return whole_numbers("--n", text)
+
+
+def _numbers_of_threads(text: str) -> tuple[int, ...]:
+    return whole_numbers("--threads", text)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Program):
     """Collisions per second of the event loop alone."""
@@ -56,7 +63,7 @@ class Benchmark(Program):
         several=True,
         shown="4000",
         metavar="NUMBER|LIST",
-        parser=partial(whole_numbers, "--n"),
+        parser=_sizes,
     )
     dim: int = dimension()
     packing_fraction: tuple[tuple[float, ...], ...] = option(
@@ -101,7 +108,7 @@ class Benchmark(Program):
         several=True,
         shown="one thread",
         metavar="LIST",
-        parser=partial(whole_numbers, "--threads"),
+        parser=_numbers_of_threads,
     )
     seed: int = seed()
 
