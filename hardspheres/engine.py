@@ -496,6 +496,12 @@ class Engine:
         """The canonical state, one row for each particle (a view)."""
         return self.arrays.row.reshape(-1, self.layout.ROW)[: self.scene.n]
 
+    @property
+    def versions(self) -> Any:
+        """How often each row has changed through events."""
+        at, n = self.layout, self.scene.n
+        return self.arrays.row_int[at.VERSION :: at.ROW][:n] if at.VERSION_IN_ROW else self.arrays.version[:n]
+
     def state(self) -> dict[str, Any]:
         """Return the arrays from which everything else can be computed (views): see `kernel.layout`."""
         at = self.layout
@@ -505,7 +511,7 @@ class Engine:
         if self.flights:
             arrays |= self.flights.state()
         return arrays | {
-            "row": self.rows,
+            "row": self._rows_without_versions,
             "total_then": self.total_then,
             "integral_then": self.integral_then,
             "numbers": self.arrays.number[numbers],
@@ -513,11 +519,21 @@ class Engine:
             "counts": self.arrays.counter[at.COUNTERS :],  # of flights
         }
 
+    @property
+    def _rows_without_versions(self) -> Any:
+        """The rows, or a copy without what threads keep in them."""
+        if not self.layout.VERSION_IN_ROW:
+            return self.rows
+        rows = self.rows.copy()
+        rows[:, self.layout.VERSION] = 0.0
+        return rows
+
     def restore(self, state: dict[str, Any]) -> None:
         """Restore a state from `state`, checked by the caller; everything else is computed from it."""
         at, arrays = self.layout, self.arrays
         for name, array in self.state().items():
             array[...] = state[name]
+        self.rows[...] = state["row"]
         arrays.number[list(at.STATE_NUMBERS)] = state["numbers"]
         arrays.counter[list(at.STATE_COUNTERS)] = state["counters"]
         # The search begins in the bucket of the last event: all coming events lie there or later.

@@ -192,6 +192,7 @@ class _Search:
 
     def __init__(self, engine: "Engine") -> None:
         self.at, self.arrays, self.scene = engine.layout, engine.arrays, engine.scene
+        self.versions = engine.versions
         at, rows, dim = self.at, engine.rows, self.scene.dim
         self.n = self.scene.n
         self.x, self.v, self.t = rows[:, at.X : at.X + dim], rows[:, at.V : at.V + dim], rows[:, at.T]
@@ -374,7 +375,7 @@ class _Search:
         partner = events[:, at.PARTNER]
         known = np.where((partner >= 0) & (partner < self.n), partner, 0)
         counts = (partner >= self.n) | (
-            (partner >= 0) & (arrays.version[known] == events[:, at.PARTNER_VERSION])
+            (partner >= 0) & (self.versions[known] == events[:, at.PARTNER_VERSION])
         )
         some = np.flatnonzero(counts)
         self.are_what_the_rows_say(some, partner[some], time[some])

@@ -34,7 +34,7 @@ def state(sim):
     """Every bit of the canonical state and of the counters that physics sees."""
     at, a = sim._at, sim._engine.arrays
     return (
-        a.row.tobytes(),
+        np.ascontiguousarray(sim._engine.state()["row"]).tobytes(),
         a.total.tobytes(),
         a.integral.tobytes(),
         a.image_counts.tobytes(),

@@ -95,7 +95,7 @@ def sums(at: Any, c: Any) -> int:
 
 OF_RUN = (  # These last as long as the simulation.
     # Rows of the particles, and one of NaN; see `layout`.
-    Array("row", F8, lambda at, c: (c[at.N] + 1) * at.ROW, kept="row"),
+    Array("row", F8, lambda at, c: (c[at.N] + 1) * at.ROW, view=("row_int", I8), kept="row"),
     # How often a particle's row has changed through events.
     Array("version", I4, lambda at, c: c[at.N]),
     # One element where all are equal.
@@ -164,7 +164,7 @@ OF_SEARCH = (  # These are found again from the rows whenever room runs out or e
     Array("cycle_of", I8, lambda at, c: c[at.TILES] * at.LINE * at.THREADS),
     # Of each particle: the window << 32 | the latest of its old rows; these rows, each thread's in turn, and
     # how many each has of a window that is undone.
-    Array("old_row_of", I8, lambda at, c: c[at.N] * at.THREADS),
+    Array("old_row_of", I8, lambda at, c: c[at.N] * at.OLD_ROW_OF * at.THREADS),
     Array("old_rows", F8, old_rows, view=("old_rows_int", I8)),
     Array("undone", I8, lambda at, c: c[at.THREAD_COUNT] * at.LINE * at.THREADS),
     Array("changed_count", I8, lambda at, c: c[at.THREAD_COUNT] * at.LINE * at.THREADS),

@@ -36,6 +36,10 @@ X = 0  # position when the row was last written, DIM numbers
 V = DIM  # velocity, DIM numbers
 T = 2 * DIM  # when that was, relative to the epoch
 RADIUS = 7
+# Threads: the row's version, int64, where there is room for it. Elsewhere versions of many particles share a
+# line of the cache, and threads that write to it wait for each other.
+VERSION_IN_ROW = THREADS and (DIM == 2 or not SIZES)
+VERSION = 2 * DIM + 1
 
 # A particle's next event, 8 int64 (one cache line); TIME and REFERENCE hold float64 bits. Windows need none.
 EVENT = 0 if SPARSE else 8
@@ -45,6 +49,8 @@ PARTNER_VERSION = 2  # the partner's version when the event was predicted
 STAMP = 3  # of the one queue entry that counts
 REFERENCE = 4  # reference position of the particle's list (unwrapped as the row), DIM numbers
 TILE_WORD = 7  # threads: where it is, and whether it is frozen (`threads.tiles`)
+
+OLD_ROW_OF = 8  # threads, int64: each has a line of the cache of its own
 
 # Squared speed, along each axis, that a particle has whenever it is at the wall that gravity pulls it to: as
 # long as it meets nobody, this stays as it is.

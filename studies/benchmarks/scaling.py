@@ -130,7 +130,7 @@ def _entries(study: Scaling, n: int, screen: Screen) -> list[dict[str, Any]]:
             if simulation.threads < threads:
                 screen.note(f"{n} particles, {simulation.status()['fewer_threads']}")
                 continue
-            simulation.run(collisions=collisions // 10)  # kernels are compiled, lists are made
+            simulation.run(collisions=collisions)  # kernels are compiled, lists begin to expire
             began = time.perf_counter()
             simulation.run(collisions=collisions)
             rate = collisions / (time.perf_counter() - began)

@@ -29,6 +29,7 @@ from .tallies import (
     tally_wall,
     tally_weight,
 )
+from .versions import raise_version
 
 impulse = jit(collision.impulse)
 impulse_of_masses = jit(collision.impulse_of_masses)
@@ -139,10 +140,10 @@ def collide_pair(s, i, j, t):
         tally_obstacle(s, push if mi == math.inf else -push, x, y, z)
         if GRAVITY:
             note_rest(s, j if mi == math.inf else i, x, y, z, 1.0 if factor == 1.0 else 1.0 / THREE_QUARTERS)
-        s.version[j if mi == math.inf else i] += 1
+        raise_version(s, j if mi == math.inf else i)
     else:
-        s.version[i] += 1
-        s.version[j] += 1
+        raise_version(s, i)
+        raise_version(s, j)
     s.counter[at.PAIRS] += 1
     s.counter[at.LAST_PAIR_EPOCH] = s.counter[at.EPOCH]
 
@@ -194,7 +195,7 @@ def hit_wall(s, i, wall, t):
             tally_stress(s, d + axis + at.SHEAR, -2.0 * mass * v * s.row[ri + at.V + d], t)
     if HEAT:
         tally_heat_of_wall(s, i, axis, t)
-    s.version[i] += 1
+    raise_version(s, i)
     s.counter[at.WALL_HITS] += 1
 
 

@@ -13,6 +13,7 @@ from ..simd.jit import called, jit
 from ..simd.pointers import int64, prefetch
 from ..simd.vectors import AT_ONCE
 from .bucket_queue import push_bucket
+from .versions import prefetch_version
 
 AHEAD = 16  # particles from the one at work to the one whose row is prefetched
 
@@ -39,15 +40,15 @@ def prefetch_event(s, i):
     partner = s.event[i * at.EVENT + at.PARTNER]
     prefetch(s.row, i * at.ROW)
     prefetch(s.neighbours, i * s.counter[at.LIST_ROOM])
-    prefetch(s.version, i)
+    prefetch_version(s, i)
     if 0 <= partner < s.counter[at.N]:
         prefetch(s.row, partner * at.ROW)
         prefetch(s.neighbours, partner * s.counter[at.LIST_ROOM])
         prefetch(s.event, partner * at.EVENT)
-        prefetch(s.version, partner)
+        prefetch_version(s, partner)
     if THREADS:
-        prefetch(s.old_row_of, i)
-        prefetch(s.old_row_of, max(partner, 0))
+        prefetch(s.old_row_of, i * at.OLD_ROW_OF)
+        prefetch(s.old_row_of, max(partner, 0) * at.OLD_ROW_OF)
 
 
 @jit

@@ -9,6 +9,7 @@ entry.
 from .. import layout as at
 from ..common.contact_times import NEVER, NO_TIME, TABLE
 from ..common.obstacles import is_obstacle
+from ..common.versions import version_of
 from ..flags import OBSTACLES, THREADS
 from ..simd.jit import called, jit
 from .neighbour_lists import make_all_lists
@@ -58,7 +59,9 @@ def enter_next(s, table, i, soonest, now):
     time, partner = next_event(s, table, i, soonest, now)
     # A rebuild has the number of the latest rebuild of all in place of a version: that one makes it stale.
     met = 0 <= partner < s.counter[at.N]
-    s.event[i * at.EVENT + at.PARTNER_VERSION] = s.version[partner] if met else s.counter[at.REBUILDS_OF_ALL]
+    s.event[i * at.EVENT + at.PARTNER_VERSION] = (
+        version_of(s, partner) if met else s.counter[at.REBUILDS_OF_ALL]
+    )
     part = s.counter[at.PART]
     s.counter[at.PART] = at.CALENDAR
     schedule(s, i, time, partner)
@@ -80,7 +83,7 @@ def event_of(s, entry):
     if partner == at.REBUILD:
         holds = version == s.counter[at.REBUILDS_OF_ALL]
     else:
-        holds = partner >= s.counter[at.N] or (partner >= 0 and s.version[partner] == version)
+        holds = partner >= s.counter[at.N] or (partner >= 0 and version_of(s, partner) == version)
     if not holds:
         s.counter[at.STALE] += 1
         return i, at.STALE_EVENT

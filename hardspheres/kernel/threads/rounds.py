@@ -3,6 +3,7 @@
 from .. import layout as at
 from ..common.event_heap import pop_event
 from ..common.prefetch import prefetch_next_event
+from ..common.versions import version_of
 from ..dense.events import event_of
 from ..execution import execute
 from ..flags import FLIGHTS, GRAVITY
@@ -88,7 +89,7 @@ def execute_all(s):
         met = 0 <= partner < s.counter[at.N]
         if not free_to_go(s, i):
             put_off(s, i)
-            if met and is_ours(s, partner) and s.version[partner] == s.event[event + at.PARTNER_VERSION]:
+            if met and is_ours(s, partner) and version_of(s, partner) == s.event[event + at.PARTNER_VERSION]:
                 freeze(s, partner)
             continue
         i, partner = event_of(s, entry)

@@ -11,6 +11,7 @@ smaller ones.
 from .. import layout as at
 from ..common.contact_times import PLACE, SHIFT, SINCE, SIZE, VEL, WHEN, solve
 from ..common.obstacles import is_obstacle
+from ..common.versions import raise_version
 from ..dense.cell_grid import fallen
 from ..flags import DIM, FLIGHTS, GRAVITY, OBSTACLES, SIZES
 from ..simd.jit import called, jit
@@ -32,14 +33,14 @@ def remember(s, i):
     for d in range(at.ROW):
         s.old_rows[old + d] = s.row[i * at.ROW + d]
     s.old_rows_int[old + at.OLD_WHO] = i
-    s.old_rows_int[old + at.OLD_BEFORE] = s.old_row_of[i]
+    s.old_rows_int[old + at.OLD_BEFORE] = s.old_row_of[i * at.OLD_ROW_OF]
     if FLIGHTS:
         s.old_rows[old + at.OLD_FLIGHT] = s.flight[i * at.FLIGHT + at.BEGAN]
         s.old_rows[old + at.OLD_FLIGHT + 1] = s.flight[i * at.FLIGHT + at.BEGAN_EPOCH]
     if GRAVITY:
         for d in range(DIM):
             s.old_rows[old + at.OLD_FALL + d] = s.fall[i * at.FALL + d]
-    s.old_row_of[i] = s.counter[at.WINDOW] << WINDOW | number
+    s.old_row_of[i * at.OLD_ROW_OF] = s.counter[at.WINDOW] << WINDOW | number
 
 
 @jit
@@ -66,7 +67,7 @@ def look_back(s, i, now, other):
         if j == s.counter[at.N]:
             return
         end = s.row[j * at.ROW + at.T]
-        word = s.old_row_of[j]
+        word = s.old_row_of[j * at.OLD_ROW_OF]
         while end >= now and j != other and of_this_window(s, word):
             old = (word & NUMBER) * at.OLD_ROW
             if contact_with_old(s, i, old, i * room + k, now) <= end:
@@ -102,7 +103,7 @@ def has_been_within(s, i, threshold):
     since = s.row[i * at.ROW + at.T]
     if not is_within(s, i, s.row, i * at.ROW, max(since, begin), threshold):
         return False
-    word = s.old_row_of[i]
+    word = s.old_row_of[i * at.OLD_ROW_OF]
     while since > begin:
         if not of_this_window(s, word):
             return False
@@ -184,11 +185,12 @@ def restore_rows(s):
             continue
         i = s.old_rows_int[old + at.OLD_WHO]
         for d in range(at.ROW):
-            s.row[i * at.ROW + d] = s.old_rows[old + d]
+            if not (at.VERSION_IN_ROW and d == at.VERSION):
+                s.row[i * at.ROW + d] = s.old_rows[old + d]
         if FLIGHTS:
             s.flight[i * at.FLIGHT + at.BEGAN] = s.old_rows[old + at.OLD_FLIGHT]
             s.flight[i * at.FLIGHT + at.BEGAN_EPOCH] = s.old_rows[old + at.OLD_FLIGHT + 1]
         if GRAVITY:
             for d in range(DIM):
                 s.fall[i * at.FALL + d] = s.old_rows[old + at.OLD_FALL + d]
-        s.version[i] += 1  # what others know of the row that it had does not hold
+        raise_version(s, i)  # what others know of the row that it had does not hold
