@@ -22,6 +22,7 @@ from studies.running.ownership import SUMMARY
 __all__ = ["Scaling", "run_scaling"]
 
 START_UP = 10.0  # collisions per particle
+LEAST = 2_000_000  # collisions that are timed, in a small gas: a second or so
 HEADER = ("N", "threads", "10^6 collisions/s", "speed-up", "windows", "undone", "put off", "same bits")
 
 
@@ -38,7 +39,7 @@ class Scaling:
     packing_fraction : float
         Of spheres in 3D.
     collisions_per_particle : float
-        In what is timed.
+        In what is timed; more in a small gas.
     seed : int
         Of the start.
     """
@@ -118,7 +119,7 @@ def run_scaling(
 
 def _entries(study: Scaling, n: int, screen: Screen) -> list[dict[str, Any]]:
     """Return the entries of the gas of n particles: of one thread, then of all other numbers of them."""
-    collisions = round(study.collisions_per_particle * n / 2)
+    collisions = max(round(study.collisions_per_particle * n / 2), LEAST)
     with screen.working(f"{n} particles: equilibrium"):
         start = hs.Simulation(hs.random_gas(n, study.packing_fraction, seed=study.seed), search="lists")
         start.run(collisions=round(START_UP * n / 2))
@@ -130,7 +131,7 @@ def _entries(study: Scaling, n: int, screen: Screen) -> list[dict[str, Any]]:
             if simulation.threads < threads:
                 screen.note(f"{n} particles, {simulation.status()['fewer_threads']}")
                 continue
-            simulation.run(collisions=collisions)  # kernels are compiled, lists begin to expire
+            simulation.run(collisions=2 * n)  # kernels are compiled, lists begin to expire
             began = time.perf_counter()
             simulation.run(collisions=collisions)
             rate = collisions / (time.perf_counter() - began)
