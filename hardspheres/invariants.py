@@ -442,7 +442,8 @@ class _Search:
 
     def _tile(self, i: int) -> int:
         """Tile in which a particle is, where threads share the gas."""
-        return int(self.arrays.event[i * self.at.EVENT + self.at.TILE_WORD]) >> 8 & 0xFFFF
+        at = self.at
+        return int(self.arrays.event[i * at.EVENT + at.TILE_WORD] >> at.TILE_SHIFT & at.TILE_BITS)
 
     def _windows(self) -> None:
         at, arrays = self.at, self.arrays

@@ -49,6 +49,7 @@ PARTNER_VERSION = 2  # the partner's version when the event was predicted
 STAMP = 3  # of the one queue entry that counts
 REFERENCE = 4  # reference position of the particle's list (unwrapped as the row), DIM numbers
 TILE_WORD = 7  # threads: where it is, and whether it is frozen (`threads.tiles`)
+TILE_SHIFT, TILE_BITS = 8, 0xFFFF  # where in that word the tile stands
 
 OLD_ROW_OF = 8  # threads, int64: each has a line of the cache of its own
 

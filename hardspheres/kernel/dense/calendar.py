@@ -47,12 +47,18 @@ def insert_event(s, i):
 
 
 @jit
-def schedule(s, i, time, partner):
+def replace_event(s, i, time, partner):
     """Make this i's next event; an entry of i made before no longer counts."""
     event = i * at.EVENT
     s.event_float[event + at.TIME] = time
     s.event[event + at.PARTNER] = partner
     s.event[event + at.STAMP] = (s.event[event + at.STAMP] + 1) & at.STAMP_BITS
+
+
+@jit
+def schedule(s, i, time, partner):
+    """Make this i's next event, and insert it into the calendar."""
+    replace_event(s, i, time, partner)
     insert_event(s, i)
 
 

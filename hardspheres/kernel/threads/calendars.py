@@ -7,7 +7,7 @@ has many, so an event of the current bucket may wait for a later window.
 from .. import layout as at
 from ..common.event_heap import push_event
 from ..common.prefetch import prefetch_event
-from ..dense.calendar import tie_key
+from ..dense.calendar import replace_event, tie_key
 from ..simd.jit import called, jit
 from ..simd.pointers import prefetch
 from .tiles import is_inside_now, owner, tile_of
@@ -133,11 +133,8 @@ def put_back_live(s, entry):
 
 @jit
 def schedule(s, i, time, partner):
-    """Make this i's next event; an entry of i made before no longer counts."""
-    event = i * at.EVENT
-    s.event_float[event + at.TIME] = time
-    s.event[event + at.PARTNER] = partner
-    s.event[event + at.STAMP] = (s.event[event + at.STAMP] + 1) & at.STAMP_BITS
+    """Make this i's next event, and insert it into the heap or the calendar."""
+    replace_event(s, i, time, partner)
     insert_event(s, i)
 
 

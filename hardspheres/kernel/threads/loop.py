@@ -44,7 +44,7 @@ __all__ = [
 ]
 
 LONG_ENOUGH = 100  # windows without a fault, after which they get longer
-NOT_LESS = 64  # collisions to come: if there are fewer, or as few as in some windows, they come in order
+NOT_LESS = 64  # collisions: the last ones of a run, if they are fewer, come in order
 GO_ON = -1
 HALVINGS = 5  # after which one thread goes through a window alone
 

@@ -16,8 +16,6 @@ from ..simd.jit import jit
 # A particle's TILE_WORD: the shifts in which it is inside its domain, a bit each; whether it has come from
 # another tile; the tile; the round in which it is frozen.
 HAS_MOVED = 1 << 7
-TILE = 8
-TILES = 0xFFFF
 FROZEN = 24
 
 
@@ -31,9 +29,9 @@ def word_of(s, i):
 def settle(s, i, column):
     """Note in which tile i is, from the column of its reference position, and whether it has moved there."""
     before, tile = word_of(s, i), int(s.tile_of_column[column])
-    moved = HAS_MOVED if (before >> TILE) & TILES != tile else before & HAS_MOVED
+    moved = HAS_MOVED if (before >> at.TILE_SHIFT) & at.TILE_BITS != tile else before & HAS_MOVED
     s.event[i * at.EVENT + at.TILE_WORD] = (
-        before >> FROZEN << FROZEN | tile << TILE | moved | int(s.inside_in[column])
+        before >> FROZEN << FROZEN | tile << at.TILE_SHIFT | moved | int(s.inside_in[column])
     )
 
 
@@ -48,7 +46,7 @@ def has_moved(s, i):
 @jit
 def tile_of(s, i):
     """Tile of i."""
-    return (word_of(s, i) >> TILE) & TILES
+    return (word_of(s, i) >> at.TILE_SHIFT) & at.TILE_BITS
 
 
 @jit
