@@ -7,5 +7,6 @@ In reading order:
 - `clock`: the windows that are timed, memory, the machine;
 - `rivals`: what runs in turn with our engine, and `peer`: spheropack;
 - `suite`: many gases, a table, and `figure`: its figure;
-- `prices`: what walls, gravity, tallies and the like cost; `scaling`: one gas on several threads.
+- `prices`: what walls, gravity, tallies and the like cost; `scaling`: one gas on several threads;
+  `table`: what both write.
 """

@@ -16,8 +16,8 @@ import numpy as np
 
 import hardspheres as hs
 from studies.benchmarks.clock import Ours, Windows
-from studies.report import OutputFolder, Screen, machine, today
-from studies.running.ownership import SUMMARY
+from studies.benchmarks.table import write_table
+from studies.report import OutputFolder, Screen
 
 __all__ = ["FEATURES", "Prices", "run_prices"]
 
@@ -122,24 +122,20 @@ def run_prices(
         "beside": [beside for beside, _ in FEATURES.values()] * len(study.packing_fractions),
         "ratio": ratios.ravel().tolist(),
     }
-    out.create()
-    out.write_csv("prices.csv", columns)
-    summary: dict[str, Any] = {
-        "study": "bench",
-        "date": today(),
-        "version": hs.__version__,
-        "seed": study.seed,
-        "suite": "prices",
-        "n": study.n,
-        "prices": [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)],
-        "checks": {"passed": True, "failures": []},
-        "machine": machine(),
-        **(made or {}),
-        "seconds": time.perf_counter() - began,
-        "files": sorted({*out.files, SUMMARY}),
-    }
-    out.write_json(SUMMARY, summary)
-    screen.say(f"written to {out.path}: {', '.join(out.files)}")
+    summary = write_table(
+        out,
+        screen,
+        "prices.csv",
+        columns,
+        {
+            "seed": study.seed,
+            "suite": "prices",
+            "n": study.n,
+            "prices": [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)],
+            "seconds": time.perf_counter() - began,
+        },
+        made,
+    )
     return summary, True
 
 

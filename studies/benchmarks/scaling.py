@@ -16,8 +16,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 import hardspheres as hs
-from studies.report import OutputFolder, Screen, machine, today
-from studies.running.ownership import SUMMARY
+from studies.benchmarks.table import write_table
+from studies.report import OutputFolder, Screen
 
 __all__ = ["Scaling", "run_scaling"]
 
@@ -96,24 +96,21 @@ def run_scaling(
         for entry in entries
         if not entry["same_bits"]
     ]
-    out.create()
-    out.write_csv("scaling.csv", {name: [entry[name] for entry in entries] for name in entries[0]})
-    summary: dict[str, Any] = {
-        "study": "bench",
-        "date": today(),
-        "version": hs.__version__,
-        "seed": study.seed,
-        "packing_fraction": study.packing_fraction,
-        "collisions_per_particle": study.collisions_per_particle,
-        "scaling": entries,
-        "checks": {"passed": not failures, "failures": failures},
-        "machine": machine(),
-        **(made or {}),
-        "seconds": time.perf_counter() - began,
-        "files": sorted({*out.files, SUMMARY}),
-    }
-    out.write_json(SUMMARY, summary)
-    screen.say(f"written to {out.path}: {', '.join(out.files)}")
+    summary = write_table(
+        out,
+        screen,
+        "scaling.csv",
+        {name: [entry[name] for entry in entries] for name in entries[0]},
+        {
+            "seed": study.seed,
+            "packing_fraction": study.packing_fraction,
+            "collisions_per_particle": study.collisions_per_particle,
+            "scaling": entries,
+            "seconds": time.perf_counter() - began,
+        },
+        made,
+        failures,
+    )
     return summary, not failures
 
 

@@ -10,7 +10,8 @@ import pytest
 
 import hardspheres as hs
 from analysis import theory
-from studies.benchmarks import prices
+from hardspheres import engine
+from studies.benchmarks import prices, scaling
 from studies.benchmarks.bench import Bench, bench, measure
 from studies.benchmarks.clock import Timing, Windows
 from studies.benchmarks.gas import Gas
@@ -310,6 +311,39 @@ def test_a_price_list_in_small(tmp_path, monkeypatch):
     with (tmp_path / "prices" / "prices.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [float(row["ratio"]) for row in rows] == [row["ratio"] for row in summary["prices"]]
+
+
+def test_threads_in_small(tmp_path, monkeypatch):
+    """Two threads have the bits of one; sibling: with another digest the benchmark says NO, and is not sound."""
+    monkeypatch.setattr(engine, "idle_cores", lambda: 2)
+    monkeypatch.setattr(scaling, "LEAST", 2000)
+    monkeypatch.setattr(scaling, "START_UP", 1.0)
+    study = scaling.Scaling(n=(6000,), threads=(1, 2), collisions_per_particle=0.5)
+    summary, sound = scaling.run_scaling(study, OutputFolder(tmp_path / "same"), Screen())
+    assert sound and [entry["threads"] for entry in summary["scaling"]] == [1, 2]
+    assert summary["scaling"][1]["windows"] > 0 == summary["scaling"][0]["windows"]
+    with (tmp_path / "same" / "scaling.csv").open() as file:
+        assert [row["same_bits"] for row in csv.DictReader(file)] == ["True", "True"]
+    monkeypatch.setattr(scaling, "_digest", lambda simulation: str(simulation.threads))
+    summary, sound = scaling.run_scaling(study, OutputFolder(tmp_path / "other"), Screen())
+    assert not sound and summary["checks"]["failures"] == ["6000 particles on 2 threads have other bits"]
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["--threads", "2,x"], "--threads 2,x is not understood; give whole numbers from 1 on, with commas"),
+        (["--threads", "2", "--dim", "2"], "--threads has gases of its own; leave out --dim"),
+        (["--threads", "2", "--suite", "quick"], "--threads and --suite are two measurements"),
+        (
+            ["--threads", "2", "--packing-fraction", "0.4"],
+            "--packing-fraction 0.4: --threads goes up to 0.35",
+        ),
+    ],
+)
+def test_threads_of_other_gases_are_refused(options, sentence, monkeypatch, capsys):
+    assert command(monkeypatch, *options) == 2
+    assert sentence in " ".join(capsys.readouterr().err.split())
 
 
 def test_gases_of_the_price_list_have_what_their_names_say():
