@@ -1,6 +1,7 @@
 """The threads that run one gas together: each has tables of its own beside those of all."""
 
 import threading
+from collections.abc import Callable
 from typing import Any
 
 from hardspheres.kernel.arrays import OF_RUN, OF_SEARCH, allocated
@@ -20,6 +21,8 @@ class Crew:
         `kernel.threads.loop` of a kind of scene.
     arrays : Arrays
         The engine's arrays; the first thread has them as they are.
+    blocks : callable
+        `Engine.blocks`.
 
     Attributes
     ----------
@@ -27,8 +30,9 @@ class Crew:
         What the threads have logged since somebody emptied this, thread by thread, in the kernels' rows.
     """
 
-    def __init__(self, kernels: Any, arrays: Any) -> None:
+    def __init__(self, kernels: Any, arrays: Any, blocks: Callable[[Any], list[Any]]) -> None:
         self.at: Any = kernels.at
+        self.blocks = blocks
         self.kernels, self.arrays = kernels, arrays
         at, count = self.at, arrays.counter
         self.records = [arrays]
@@ -87,10 +91,8 @@ class Crew:
             first.counter[k] = max(first.counter[k], record.counter[k])
         for k in (at.NOW, at.LAST_ADVANCE):
             first.number[k] = max(first.number[k], record.number[k])
-        ends = 2 * at.SUMS
-        add_sums(first.total[:ends].reshape(2, -1), record.total[:ends].reshape(2, -1))
-        shape = (-1, 2, at.FLIGHT_SUM)
-        add_sums(first.total[ends:].reshape(shape), record.total[ends:].reshape(shape))
+        for sums, more in zip(self.blocks(first.total), self.blocks(record.total), strict=True):
+            add_sums(sums, more)
 
     def _collect(self) -> None:
         """Empty the logs of all threads."""

@@ -473,7 +473,7 @@ class Engine:
         """Return what runs the present arrays."""
         if self.layout.THREADS:
             self.hand_over_log()
-            self._crew = Crew(self.kernels, self.arrays)
+            self._crew = Crew(self.kernels, self.arrays, self.blocks)
             return self._crew.run
         return partial(self.kernels.run, self.kernels.handed_over(self.arrays))
 

@@ -848,7 +848,7 @@ def _require_search(search: object) -> None:
 
 
 def _required_threads(threads: object) -> int:
-    """Return how many threads may be at work: those asked for, or as many as there are idle cores."""
+    """Return a number of threads, at least 1; SimulationError for anything else."""
     count = whole("threads", threads)
     if count < 1:
         raise SimulationError(f"threads is {count}; it must be at least 1")

@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 import hardspheres as hs
+from hardspheres.cores import available_cores
 from studies.answer import Answer, Gas, curve_files, heading, marks_of, names_of, notes_of, tidy, write_tables
 from studies.fluid import broken, representatives
 from studies.options import executor, runs, seed, workers
@@ -41,7 +42,7 @@ from studies.report import (
     say_checks,
     seconds_taken,
 )
-from studies.running.ensemble import available_cores, preparing_workers, run_replicas
+from studies.running.ensemble import preparing_workers, run_replicas
 from studies.running.executors import executor_of, number_of_workers
 from studies.running.ownership import REPORT, SUMMARY
 from studies.running.resuming import Resumable

@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from hardspheres.cores import available_cores
 from hardspheres.errors import SimulationError
 from studies.running import ours
 from studies.running.elsewhere import gather
@@ -24,7 +25,6 @@ from studies.running.processes import needs_main, pool_of_processes, starting, w
 from studies.running.resuming import perform
 
 __all__ = [
-    "available_cores",
     "prepare_workers",
     "preparing_workers",
     "replica_seeds",
@@ -56,13 +56,6 @@ def replica_seeds(seed: int, count: int) -> list[np.random.SeedSequence]:
         How many.
     """
     return np.random.SeedSequence(seed).spawn(count)
-
-
-def available_cores() -> int:
-    """Return how many processors this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def prepare_workers(workers: int | None, load: Callable[[], object]) -> None:

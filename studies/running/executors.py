@@ -14,8 +14,8 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from typing import Any
 
+from hardspheres.cores import available_cores
 from studies.options import OptionError, executor_named
-from studies.running.ensemble import available_cores
 
 __all__ = ["executor_of", "number_of_workers"]
 

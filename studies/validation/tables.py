@@ -22,11 +22,12 @@ from typing import Any
 from scipy import stats
 
 from analysis.statistics import Estimate, TheoryCheck, pool_replicas
+from hardspheres.cores import available_cores
 from studies.layout import wrapped
 from studies.options import OptionError, option, seed, workers
 from studies.program import Program
 from studies.report import OutputFolder, Screen, seconds_taken, today
-from studies.running.ensemble import available_cores, run_replicas
+from studies.running.ensemble import run_replicas
 from studies.running.ownership import SUMMARY
 from studies.running.shards import run_part
 from studies.validation.tables_measured import MEASURED, QUICK, Measured, measure

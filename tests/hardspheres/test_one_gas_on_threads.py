@@ -64,7 +64,7 @@ def in_parts(sim, collisions):
 
 @pytest.mark.parametrize(("threads", "across"), LAYOUTS)
 def test_any_layout_gives_the_bits_of_one_thread(monkeypatch, threads, across):
-    """In uneven parts, over some epochs, with a state saved and loaded on the way."""
+    """In uneven parts, over some epochs."""
     scene = gas("3d", 6000, 0.3)
     one = hs.Simulation(scene, search="lists")
     many = shared(monkeypatch, scene, threads, across)

@@ -19,9 +19,9 @@ from pathlib import Path
 import pytest
 
 from hardspheres import SimulationError
+from hardspheres.cores import available_cores
 from studies.running import ensemble
 from studies.running.ensemble import (
-    available_cores,
     prepare_workers,
     replica_seeds,
     run_replicas,
