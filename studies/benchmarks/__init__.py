@@ -8,5 +8,5 @@ In reading order:
 - `rivals`: what runs in turn with our engine, and `peer`: spheropack;
 - `suite`: many gases, a table, and `figure`: its figure;
 - `prices`: what walls, gravity, tallies and the like cost; `scaling`: one gas on several threads;
-  `table`: what both write.
+  `summary`: what both write.
 """

@@ -16,7 +16,7 @@ import numpy as np
 
 import hardspheres as hs
 from studies.benchmarks.clock import Ours, Windows
-from studies.benchmarks.table import write_table
+from studies.benchmarks.summary import write_summary
 from studies.report import OutputFolder, Screen
 
 __all__ = ["FEATURES", "Prices", "run_prices"]
@@ -122,11 +122,11 @@ def run_prices(
         "beside": [beside for beside, _ in FEATURES.values()] * len(study.packing_fractions),
         "ratio": ratios.ravel().tolist(),
     }
-    summary = write_table(
+    out.create()
+    out.write_csv("prices.csv", columns)
+    summary = write_summary(
         out,
         screen,
-        "prices.csv",
-        columns,
         {
             "seed": study.seed,
             "suite": "prices",

@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 import hardspheres as hs
-from studies.benchmarks.table import write_table
+from studies.benchmarks.summary import write_summary
 from studies.report import OutputFolder, Screen
 
 __all__ = ["Scaling", "run_scaling"]
@@ -96,11 +96,11 @@ def run_scaling(
         for entry in entries
         if not entry["same_bits"]
     ]
-    summary = write_table(
+    out.create()
+    out.write_csv("scaling.csv", {name: [entry[name] for entry in entries] for name in entries[0]})
+    summary = write_summary(
         out,
         screen,
-        "scaling.csv",
-        {name: [entry[name] for entry in entries] for name in entries[0]},
         {
             "seed": study.seed,
             "packing_fraction": study.packing_fraction,

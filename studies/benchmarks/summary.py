@@ -1,4 +1,4 @@
-"""What a benchmark of many gases leaves behind: one table, and summary.json."""
+"""What a benchmark of many gases leaves behind beside its table: summary.json."""
 
 from __future__ import annotations
 
@@ -9,30 +9,24 @@ import hardspheres as hs
 from studies.report import OutputFolder, Screen, machine, today
 from studies.running.ownership import SUMMARY
 
-__all__ = ["write_table"]
+__all__ = ["write_summary"]
 
 
-def write_table(
+def write_summary(
     out: OutputFolder,
     screen: Screen,
-    file: str,
-    columns: Mapping[str, Any],
     content: Mapping[str, Any],
     made: Mapping[str, Any] | None = None,
     failures: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Write a table and the summary, and say where; return the summary.
+    """Write the summary, say what was written where, and return the summary.
 
     Parameters
     ----------
     out : OutputFolder
-        Where the files go; made here.
+        Where the files go; its table is there.
     screen : Screen
         Where that is said.
-    file : str
-        Of the table.
-    columns : mapping
-        The table.
     content : mapping
         What the summary tells of this benchmark.
     made : mapping, optional
@@ -40,8 +34,6 @@ def write_table(
     failures : sequence of str
         What did not hold, a sentence each.
     """
-    out.create()
-    out.write_csv(file, columns)
     summary: dict[str, Any] = {
         "study": "bench",
         "date": today(),
