@@ -9,6 +9,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ThreadPoolExecutor
 from dataclasses import replace
@@ -283,8 +284,12 @@ def test_lost_workers_are_a_sentence_and_what_came_in_is_kept(error, sentence, t
 class Endless(Sums):
     """Never ends by itself, unless the item has one digit."""
 
+    summed = threading.Event()  # of item 12
+
     def steps(self, item, state):
         yield from super().steps(item, state)
+        if item == 12:
+            self.summed.set()
         while item > 9:
             time.sleep(0.001)
             yield
@@ -294,6 +299,7 @@ def test_an_interrupt_ends_threads_which_save_their_state(tmp_path):
     """Signals do not reach them. What has not begun does not begin."""
 
     def interrupt():
+        assert Endless.summed.wait(60.0)
         raise KeyboardInterrupt
 
     shelf = Shelf(tmp_path, math.inf)
