@@ -133,8 +133,8 @@ def prefetch_contacts(s, first):
                     else:
                         pair = s.contacts[c * at.CONTACT + at.CONTACT_PAIR]
                         low, high = pair >> 32, pair & at.STAMP_BITS
-                        prefetch(s.version, low)
-                        prefetch(s.version, high)
+                        prefetch_version(s, low)
+                        prefetch_version(s, high)
                         prefetch(s.row, low * at.ROW)
                         prefetch(s.row, high * at.ROW)
                 block = header >> 3
