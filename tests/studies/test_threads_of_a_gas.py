@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import pytest
+from matplotlib.figure import Figure
 
 import hardspheres as hs
 from hardspheres import engine
@@ -143,6 +144,16 @@ def test_an_ensemble_has_no_more_threads_than_cores(monkeypatch):
         replace(LARGE, workers=4, threads=2)
     with ThreadPoolExecutor(1) as pool, pytest.raises(OptionError, match="is for --executor processes or th"):
         replace(LARGE, workers=None, threads=2, executor=pool)
+
+
+def test_a_sweep_and_a_pilot_say_it_once_too(tmp_path, monkeypatch, capsys):
+    """Several runs with one reason. Sibling: another gas has its own."""
+    monkeypatch.setattr("studies.sweep.Swept.figure", lambda self: Figure())
+    few = ["pressure", "--packing-fraction", 0.25, "--replicas", 4, "--threads", 2]
+    short = ["--collisions-per-particle", 10, "--until-error", 0.5, "--out"]
+    assert run(monkeypatch, *few, "--sweep", "n=100,101", *short, tmp_path / "sweep") == 0
+    told = capsys.readouterr().err
+    assert told.count(ALONE) == told.count(ALONE.replace("100", "101")) == 1
 
 
 @pytest.mark.parametrize("executor", ["processes", "threads"])
