@@ -15,6 +15,7 @@ LAYERS = 3  # of cells in a tile along an axis that is divided, at least: then e
 COLLISIONS_IN_BUCKET = 0.02  # per particle, at least; windows are no longer than a bucket
 EVENTS_IN_TICK = 32  # of a domain: then what they need comes into the cache in time
 LEAST_TICKS, MOST_TICKS = 8, 256  # in a bucket
+MOST_TICKS_OF_WINDOWS = 8192
 CYCLE = 512  # buckets in a cycle of the calendars
 AXES = 2  # that may be divided: columns of cells are left whole
 
@@ -66,7 +67,7 @@ class Domains:
         n, tiles, domains = scene.n, math.prod(self.tiles), math.prod(self.across)
         collisions = collision_frequency(scene) * length  # of a particle
         ticks = int(power_of_two_below(max(0.5 * n * collisions / domains / EVENTS_IN_TICK, 1.0)))
-        count[at.BUCKET_TICKS] = min(max(ticks, LEAST_TICKS), MOST_TICKS)
+        count[at.BUCKET_TICKS] = min(max(ticks, LEAST_TICKS), MOST_TICKS_OF_WINDOWS)
         count[at.WINDOW_BUCKETS] = 1
         count[at.EPOCH_BUCKETS] = round(float(number[at.EPOCH_LENGTH]) / length)
         number[at.INVERSE_WIDTH] = 1.0 / length

@@ -253,14 +253,13 @@ TOLD_PUT_OFF, TOLD_WRONG, TOLD_SHORT, TOLD_REBUILDS, TOLD_PAIRS, TOLD_EVENTS, TO
 )
 LINE = 8  # int64 in a line of the cache, which no two threads should write to
 
-# An old row, as it was before an event of this window, float64: the row, whose it is, the one before it.
-OLD_ROW = 24 if SPARSE else 16
-OLD_WHO = 8  # int64
+# An old row, as it was before an event of this window, 16 float64: the row, whose it is, the one before it.
+OLD_ROW = 16
+OLD_WHO = 8  # int64; windows: above its 32 bits 1 + another old row from the same cells
 OLD_BEFORE = 9  # int64, as `old_rows` of a particle
 OLD_FLIGHT = 10  # BEGAN and BEGAN_EPOCH
 OLD_FALL = 12  # DIM numbers
 OLD_END = 15  # windows: when it was replaced
-OLD_NEXT = 16  # windows, int64, as `old_first`: another one from the same cells
 
 # Windows on threads, of a particle, by the slot of its segment, int64: its TILE_WORD, as above, and which of
 # the overflow lists has, or would have, its segment.

@@ -137,6 +137,11 @@ def prefetch_contacts(s, first):
                         prefetch_version(s, high)
                         prefetch(s.row, low * at.ROW)
                         prefetch(s.row, high * at.ROW)
+                        if THREADS:
+                            prefetch(s.where, low)
+                            prefetch(s.where, high)
+                            prefetch(s.old_row_of, low * at.OLD_ROW_OF)
+                            prefetch(s.old_row_of, high * at.OLD_ROW_OF)
                 block = header >> 3
 
 

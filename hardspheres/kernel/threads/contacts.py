@@ -7,7 +7,7 @@ one it holds the particle of that domain back. When it has been executed, the ot
 from .. import layout as at
 from ..common.event_heap import push_event
 from ..common.prefetch import prefetch_contacts
-from ..dilute.partners import versions_of
+from ..dilute.partners import contact_holds, versions_of
 from ..simd.jit import called, jit
 from ..simd.pointers import bits, from_bits, int64
 from .homes import home_of, tile_of_segment
@@ -92,7 +92,10 @@ def put_search_off(s, i, met, now):
 
 @jit
 def open_tick(s, tick):
-    """Push the contacts of a tick, in all tiles of the domain at work, to the event heap."""
+    """Push the contacts of a tick, in all tiles of the domain at work, to the event heap.
+
+    Those that hold no longer are dropped. Particles of another domain may be changing: one that has is seen.
+    """
     slot = tick - s.counter[at.BUCKET] * s.counter[at.BUCKET_TICKS]
     for a in range(s.counter[at.TILES_AT_WORK]):
         tile = s.tiles_at_work[a]
@@ -103,8 +106,9 @@ def open_tick(s, tick):
         while block >= 0:
             for k in range(1, (s.blocks[block * at.BLOCK] & 7) + 1):
                 c = s.blocks[block * at.BLOCK + k]
-                time = from_bits(s.contacts[c * at.CONTACT + at.CONTACT_TIME])
-                push_event(s, time, s.contacts[c * at.CONTACT + at.CONTACT_PAIR], c)
+                if contact_holds(s, c):
+                    time = from_bits(s.contacts[c * at.CONTACT + at.CONTACT_TIME])
+                    push_event(s, time, s.contacts[c * at.CONTACT + at.CONTACT_PAIR], c)
             block = release_block(s, tile, block)
 
 

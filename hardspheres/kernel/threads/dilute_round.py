@@ -64,11 +64,10 @@ def execute_all(s):
             continue
         i, j = partners(s, c)
         both = j < s.counter[at.N]
-        ours = is_inside_ours(s, i) or (both and is_inside_ours(s, j))
-        if ours and not contact_holds(s, c):
+        if not contact_holds(s, c):
             s.counter[at.STALE] += 1
             continue
-        if not (ours and may_go(s, i) and (not both or may_go(s, j))):
+        if not (may_go(s, i) and (not both or may_go(s, j))):
             hold_back(s, i)
             if both:
                 hold_back(s, j)

@@ -32,7 +32,9 @@ def keep_old_flight(s, i, number, time):
     s.old_rows[old + at.OLD_END] = time
     if s.where[i] >= 0:  # others come in the last round, after which nobody is late
         near = s.home[home_of(s, i) + at.HOME_LIST]
-        s.old_rows_int[old + at.OLD_NEXT] = s.old_first[near]
+        before = s.old_first[near]
+        after = (before & NUMBER) + 1 if of_this_window(s, before) else 0
+        s.old_rows_int[old + at.OLD_WHO] = after << WINDOW | i
         s.old_first[near] = s.counter[at.WINDOW] << WINDOW | number
 
 
@@ -46,13 +48,14 @@ def compare_with_old(s, i, met, column, first, last, now):
     begin, end = first // at.CELLS_OF_OVERFLOW, last // at.CELLS_OF_OVERFLOW
     for near in range(column * lists + begin, column * lists + end + 1):
         word = s.old_first[near]
-        while of_this_window(s, word):
-            old = int64(word & NUMBER) * at.OLD_ROW
-            who = s.old_rows_int[old + at.OLD_WHO]
+        after = (word & NUMBER) + 1 if of_this_window(s, word) else 0
+        while after > 0:
+            old = int64(after - 1) * at.OLD_ROW
+            who = s.old_rows_int[old + at.OLD_WHO] & NUMBER
             late = s.old_rows[old + at.OLD_END] >= now
             if late and who != i and who != met and would_meet(s, i, old, now):
                 s.counter[at.WRONG] = 1
-            word = s.old_rows_int[old + at.OLD_NEXT]
+            after = s.old_rows_int[old + at.OLD_WHO] >> WINDOW
 
 
 @jit

@@ -28,7 +28,7 @@ from ..simd.jit import called, jit
 from ..simd.pointers import int64
 from .barrier import barrier
 from .homes import set_home
-from .old_flights import of_this_window
+from .old_flights import NUMBER, of_this_window
 from .tile_buckets import clear_buckets, owner
 
 
@@ -200,4 +200,4 @@ def predict_undone(s):
         for k in range(s.undone[thread * at.LINE]):
             old = (number + k) * at.OLD_ROW
             if not of_this_window(s, s.old_rows_int[old + at.OLD_BEFORE]):
-                predict_again(s, s.old_rows_int[old + at.OLD_WHO], -1, s.number[at.WINDOW_BEGIN])
+                predict_again(s, s.old_rows_int[old + at.OLD_WHO] & NUMBER, -1, s.number[at.WINDOW_BEGIN])

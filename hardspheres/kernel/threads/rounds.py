@@ -37,7 +37,7 @@ def go_through_window(s):
         if left == 0 or s.counter[at.AGREED + at.TOLD_WRONG] or s.counter[at.AGREED + at.TOLD_SHORT]:
             return
         s.counter[at.LEFT_OVER] += left
-        s.counter[at.LATE] = 1 - s.counter[at.IN_ORDER]
+        s.counter[at.LATE] = 1 - max(s.counter[at.IN_ORDER], s.counter[at.BLIND])
         shift += 1
         if shift >= s.counter[at.SHIFTS]:
             few = left <= FEW + 2 * threads or s.counter[at.SHIFTS] == 1

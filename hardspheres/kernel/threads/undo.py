@@ -176,7 +176,7 @@ def restore_rows(s):
         old = (s.counter[at.THREAD] * s.counter[at.UNDO_ROOM] + k) * at.OLD_ROW
         if of_this_window(s, s.old_rows_int[old + at.OLD_BEFORE]):
             continue
-        i = s.old_rows_int[old + at.OLD_WHO]
+        i = s.old_rows_int[old + at.OLD_WHO] & NUMBER
         for d in range(at.ROW):
             if not (at.VERSION_IN_ROW and d == at.VERSION):
                 s.row[i * at.ROW + d] = s.old_rows[old + d]
