@@ -185,7 +185,10 @@ OF_SEARCH = (  # These are found again from the rows whenever room runs out or e
     Array("put_off", I4, lambda at, c: c[at.HEAP_ROOM] * at.THREADS, own=True),
     Array("told", I8, lambda at, c: 2 * c[at.THREAD_COUNT] * at.TOLD * at.THREADS),
     Array("barrier", I8, lambda at, c: 2 * at.LINE * at.THREADS),
-    # Threads, windows. Where particles are, see `layout`; the last place is for all with several segments.
+    # Threads, windows. Cell of each segment before they are sorted; each thread's segments in each cell.
+    Array("cell_of_unsorted", I4, lambda at, c: of_dilute(at, unsorted(at, c))),
+    Array("thread_count", I4, lambda at, c: of_dilute(at, cells(at, c) * c[at.THREAD_COUNT])),
+    # Where particles are, see `layout`; the last place is for all with several segments.
     Array("home", I8, lambda at, c: of_dilute(at, (c[at.SEGMENT_ROOM] + 1) * at.HOME)),
     # The window << 32 | the latest old row from the cells of each overflow list.
     Array("old_first", I8, lambda at, c: of_dilute(at, overflow_lists(at, c))),

@@ -18,7 +18,6 @@ from .. import layout as at
 from ..common.obstacles import is_obstacle
 from ..common.prefetch import prefetch_eight_rows
 from ..flags import OBSTACLES, SIZES, THREADS, WALLS
-from ..simd.atomics import atomic_add
 from ..simd.jit import called, jit
 from ..simd.pointers import int64
 from ..simd.vectors import AT_ONCE, copy_lanes, keep_overlapping
@@ -45,12 +44,21 @@ def in_cells(s):
 
 @jit
 def add_to_cell(s, cell, more):
-    """Add to the count of a cell; returns what it was."""
+    """Add to the count of a cell, each thread to its own; returns what it is then."""
     if THREADS:
-        return atomic_add(s.cell_count, cell, more)
-    before = s.cell_count[cell]
-    s.cell_count[cell] = before + more
-    return before
+        place = s.counter[at.THREAD] * number_of_cells(s) + cell
+        count = s.thread_count[place] + more
+        s.thread_count[place] = count
+        return count
+    count = s.cell_count[cell] + more
+    s.cell_count[cell] = count
+    return count
+
+
+@jit
+def number_of_cells(s):
+    """Return how many cells the box has."""
+    return s.counter[at.CELLS] * s.counter[at.CELLS + 1] * s.counter[at.CELLS + 2]
 
 
 @jit
@@ -68,7 +76,7 @@ def count_segments(s, begin, end, moment, duration):
             i = int64(s.order[first + k])
             if s.scratch[FAR + k] < 1.0:
                 cell = int64(s.scratch[CELL + k])
-                s.where[i] = cell
+                note_cell(s, first + k, i, cell)
                 add_to_cell(s, cell, 1)
                 if WALLS and s.scratch[EDGE + k] > 0.0:
                     if THREADS:
@@ -78,15 +86,24 @@ def count_segments(s, begin, end, moment, duration):
             else:
                 if WALLS and not THREADS:
                     keep_wall_contact(s, i)
-                s.where[i] = SEVERAL
+                note_cell(s, first + k, i, SEVERAL)
                 total += place_parts(s, first + k, i, moment, duration, False) - 1
     return total
 
 
 @jit
+def note_cell(s, m, i, cell):
+    """Note the cell of particle i, which is m in the order: where threads do not wait for each other."""
+    if THREADS:
+        s.cell_of_unsorted[m] = cell
+    else:
+        s.where[i] = cell
+
+
+@jit
 def insert_segment(s, k, cell):
     """Copy an unsorted segment to the slots of its cell, the last free one first; returns the slot."""
-    slot = add_to_cell(s, cell, -1) - 1
+    slot = add_to_cell(s, cell, -1)
     copy_lanes(s.segments, slot * at.SEGMENT, s.unsorted, k * at.SEGMENT)
     s.boxes[slot] = s.unsorted_boxes[k]
     s.cell_of_segment[slot] = cell
@@ -112,10 +129,12 @@ def insert_segments(s, begin, end, moment, duration):
     """Insert the segments of particles, from begin to end in their order, in their cells."""
     for m in range(begin, end):
         i = int64(s.order[m])
-        cell = int64(s.where[i])
+        cell = int64(s.cell_of_unsorted[m] if THREADS else s.where[i])
         if cell >= 0:
             s.where[i] = insert_segment(s, m, cell)
         else:
+            if THREADS:
+                s.where[i] = SEVERAL
             place_parts(s, m, i, moment, duration, True)
 
 
@@ -137,7 +156,7 @@ def place_parts(s, m, i, begin, duration, insert):
 def register_all(s, begin):
     """Sort all segments into cells; SHORT_LISTS tells if there was no room."""
     duration = 2.0 * s.number[at.HALF_WINDOW]
-    cells = s.counter[at.CELLS] * s.counter[at.CELLS + 1] * s.counter[at.CELLS + 2]
+    cells = number_of_cells(s)
     for cell in range(cells):
         s.cell_count[cell] = 0
     total = count_segments(s, 0, in_cells(s), begin, duration)

@@ -37,11 +37,7 @@ else:
         """Add to an element; returns what it was."""
 
         def codegen(context, builder, signature, args):
-            place = builder.gep(args[0], [args[1]])
-            element, whole = place.type.pointee, ir.IntType(64)
-            x = builder.trunc(args[2], element) if element != whole else args[2]
-            before = builder.atomic_rmw("add", place, x, "seq_cst")
-            return builder.sext(before, whole) if element != whole else before
+            return builder.atomic_rmw("add", builder.gep(args[0], [args[1]]), args[2], "seq_cst")
 
         return types.int64(array, types.int64, types.int64), codegen
 

@@ -42,13 +42,6 @@ def list_of_segment(s, slot):
 
 
 @jit
-def set_home(s, slot, column):
-    """Note where a segment is, as the window begins."""
-    s.home[slot * at.HOME] = int64(s.tile_of_column[column]) << at.TILE_SHIFT | int64(s.inside_in[column])
-    s.home[slot * at.HOME + at.HOME_LIST] = list_of_segment(s, slot)
-
-
-@jit
 def come_back(s, slot):
     """Note that a new segment has the old place."""
     s.home[slot * at.HOME + at.HOME_LIST] = list_of_segment(s, slot)

@@ -15,11 +15,12 @@ from ..dilute.cells import (
     in_cells,
     insert_segments,
     keep_order,
+    number_of_cells,
     pairs_in_column,
 )
 from ..dilute.filter import filter_pairs, filter_table
 from ..dilute.grid import cells_along_y, columns_after, columns_around, place_of_column
-from ..dilute.overflow import number_of_lists
+from ..dilute.overflow import lists_before, number_of_lists
 from ..dilute.predicted_contacts import keep_wall_contact
 from ..dilute.segments import EIGHT
 from ..dilute.windows import predict_again
@@ -27,7 +28,6 @@ from ..flags import OBSTACLES, WALLS
 from ..simd.jit import called, jit
 from ..simd.pointers import int64
 from .barrier import barrier
-from .homes import set_home
 from .old_flights import NUMBER, of_this_window
 from .tile_buckets import clear_buckets, owner
 
@@ -78,12 +78,6 @@ def share(s, n):
     return n * thread // threads, n * (thread + 1) // threads
 
 
-@jit
-def cells_of_box(s):
-    """Return how many cells there are."""
-    return s.counter[at.CELLS] * s.counter[at.CELLS + 1] * s.counter[at.CELLS + 2]
-
-
 @called
 def empty_tables(s):
     """Empty the tables of this thread's tiles, and its share of those of cells."""
@@ -96,30 +90,33 @@ def empty_tables(s):
     first, last = share(s, number_of_lists(s))
     for head in range(first, last):
         s.overflow_first[head] = -1
-    first, last = share(s, cells_of_box(s))
-    for cell in range(first, last):
-        s.cell_count[cell] = 0
+    cells = number_of_cells(s)
+    for cell in range(thread * cells, (thread + 1) * cells):
+        s.thread_count[cell] = 0
     if thread == 0:
         s.home[s.counter[at.SEGMENT_ROOM] * at.HOME] = 1 << at.ALL_TILES
 
 
 @called
 def count_cells_before(s):
-    """Let `cell_count` of each cell be the number of segments in it and in all before it."""
-    thread = s.counter[at.THREAD]
-    first, last = share(s, cells_of_box(s))
+    """Find where the segments of each cell begin, and where in it each thread inserts its own."""
+    thread, threads, cells = s.counter[at.THREAD], s.counter[at.THREAD_COUNT], number_of_cells(s)
+    first, last = share(s, cells)
     own = 0
-    for cell in range(first, last):
-        own += s.cell_count[cell]
+    for other in range(threads):
+        for cell in range(other * cells + first, other * cells + last):
+            own += s.thread_count[cell]
     s.undone[thread * at.LINE] = own
     barrier(s)
     end = 0
     for other in range(thread):
         end += s.undone[other * at.LINE]
     for cell in range(first, last):
-        end += s.cell_count[cell]
         s.cell_count[cell] = end
-    if thread == s.counter[at.THREAD_COUNT] - 1:
+        for other in range(threads):
+            end += s.thread_count[other * cells + cell]
+            s.thread_count[other * cells + cell] = end
+    if thread == threads - 1:
         for empty in range(last, last + s.counter[at.CELLS + 1] + 1):  # stand for all beyond walls
             s.cell_count[empty] = end
     barrier(s)
@@ -151,10 +148,12 @@ def compare_column(s, m, column, x, z):
     ny = s.counter[at.CELLS + 1]
     own = place_of_column(s, x, z)
     all_around = OBSTACLES or is_at_edge(s, column, x, z)
+    word = int64(s.tile_of_column[column]) << at.TILE_SHIFT | int64(s.inside_in[column])
     for y in range(ny):
+        near_list = lists_before(s, column) + y // at.CELLS_OF_OVERFLOW
         for k in range(int64(s.cell_count[column * ny + y]), int64(s.cell_count[column * ny + y + 1])):
             i = int64(s.segment_words[k * at.SEGMENT + at.OWNER])
-            set_home(s, k, column)
+            s.home[k * at.HOME], s.home[k * at.HOME + at.HOME_LIST] = word, near_list
             if OBSTACLES and is_obstacle(s, i):
                 continue
             if WALLS and s.boxes[k] & at.MAY_REACH_WALL:
