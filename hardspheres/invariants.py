@@ -446,7 +446,10 @@ class _Search:
         return int(self.arrays.event[i * at.EVENT + at.TILE_WORD] >> at.TILE_SHIFT & at.TILE_BITS)
 
     def _contacts(self) -> tuple[list[tuple[int, int]], int, int, float]:
-        """Return pending contacts and their buckets, -1 in the heap; present bucket, and how many there are."""
+        """Return pending contacts and their buckets, -1 in the heap; the present bucket.
+
+        Then how many buckets a window has, and a unit of time.
+        """
         at, count = self.at, self.arrays.counter
         size, bucket = int(count[at.WINDOW_BUCKETS]), int(count[at.BUCKET])
         pending = [(c, -1) for c in self.arrays.heap_entry[: int(count[at.HEAP_LENGTH])].tolist()]
@@ -468,7 +471,7 @@ class _Search:
 
     def _windows(self) -> None:
         at, arrays = self.at, self.arrays
-        count, number = arrays.counter, arrays.number
+        number = arrays.number
         pending, bucket, size, per_time = self._contacts_in_tiles() if at.THREADS else self._contacts()
         last = bucket - bucket % size + size - 1
         numbers = np.array([c for c, _ in pending], dtype=np.int64)

@@ -106,8 +106,8 @@ def filter_pairs(s, m, since):
         i = int64(s.segment_words[own * at.SEGMENT + at.OWNER])
         j = int64(s.segment_words[slot * at.SEGMENT + at.OWNER])
         if OBSTACLES and i > j and own < new_segment(s) and slot < new_segment(s) and not is_obstacle(s, j):
-            # `compare_all` sees this pair from both sides
-            if not THREADS or tile_of_segment(s, own) == tile_of_segment(s, slot):
+            both = not THREADS or tile_of_segment(s, own) == tile_of_segment(s, slot)
+            if both:  # who compares all sees this pair from both sides
                 continue
         predict_contact(s, i, j, when, own, slot)
 

@@ -11,8 +11,8 @@ from ..dilute.partners import contact_holds, versions_of
 from ..simd.jit import called, jit
 from ..simd.pointers import bits, from_bits, int64
 from .homes import home_of, tile_of_segment
+from .tile_buckets import push_bucket, release_block, tick_of
 from .tiles import freeze
-from .tile_buckets import owner, push_bucket, release_block, tick_of
 
 
 @jit
@@ -121,23 +121,8 @@ def put_heap_back(s):
 
 
 @jit
-def first_tile(s):
-    """Return the first tile of this thread."""
-    threads, tiles = s.counter[at.THREAD_COUNT], s.counter[at.TILES]
-    return (s.counter[at.THREAD] * tiles + threads - 1) // threads
-
-
-@jit
 def tile_of_wall_contact(s, i):
     """Tile that keeps wall contacts of i; of those with several segments any will do."""
-    if s.where[i] < 0:
-        return int64(first_tile(s))
+    if s.where[i] < 0:  # the last round, of one thread
+        return int64(0)
     return (s.home[home_of(s, i)] >> at.TILE_SHIFT) & at.TILE_BITS
-
-
-@jit
-def is_mine(s, tile):
-    """Whether a tile is of this thread."""
-    return owner(s, tile) == s.counter[at.THREAD]
-
-

@@ -46,7 +46,7 @@ def note_tiles(s):
 
 @jit
 def execute_all(s):
-    """Execute the contacts of the window in their order, but for those that have to wait for another round."""
+    """Execute the contacts of the window in their order, but for those that have to wait."""
     while goes_on(s):
         if s.counter[at.HEAP_LENGTH] == 0:
             tick = s.counter[at.PRESENT_TICK] + 1

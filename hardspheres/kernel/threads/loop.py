@@ -7,6 +7,9 @@ are pure functions of two rows, so only the order of the events of each particle
 would have been another one is seen exactly and undone (`undo`). The end of a window is a moment at which all
 earlier events have happened and no later one: there lists are rebuilt, epochs end, and runs stop. How long
 windows are decides no bit.
+
+A dilute gas has windows of time, in which all contacts are found beforehand (`dilute.windows`). Each of those
+is a *bucket* here, and divided into many of the shorter windows meant above.
 """
 
 from .. import layout as at
@@ -72,11 +75,12 @@ def run(arrays, afresh, stop_epoch, stop_time, stop_pairs, budget):
         s.counter[at.TICK] = tick_of(s, begun)
     work = 0
     while True:
+        bucket = s.counter[at.TICK] // s.counter[at.BUCKET_TICKS]
         epoch_ends = s.counter[at.TICK] == s.counter[at.EPOCH_BUCKETS] * s.counter[at.BUCKET_TICKS]
-        if SPARSE and not epoch_ends and s.counter[at.TICK] // s.counter[at.BUCKET_TICKS] != s.counter[at.BUCKET]:
+        if SPARSE and bucket != s.counter[at.BUCKET] and not epoch_ends:
             search = True  # a window of time begins
         if search:
-            s.counter[at.BUCKET] = s.counter[at.TICK] // s.counter[at.BUCKET_TICKS]
+            s.counter[at.BUCKET] = bucket
             detect(s)
             agree(s)
             if s.counter[at.AGREED + at.TOLD_SHORT]:

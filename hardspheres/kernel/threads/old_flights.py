@@ -1,6 +1,6 @@
 """Windows: the flights that a few events have replaced, by the cells that had their segments.
 
-They tell whether a particle that was predicted late would have met one of them (`undo` says why that matters).
+They tell whether a particle that was predicted late would have met one of them: `undo` says why that counts.
 The comparison is in double precision, with a margin for its rounding: what is nearly a contact counts as one,
 and costs only time.
 """

@@ -5,12 +5,11 @@ comes first in a cell enters no bit. Then each compares those in the cells of it
 """
 
 from .. import layout as at
+from ..common.contact_times import wall_contact
 from ..common.obstacles import is_obstacle
 from ..dilute.cells import (
     ALWAYS,
     ENOUGH,
-    SEVERAL,
-    SEEN,
     count_segments,
     in_cells,
     insert_segments,
@@ -21,13 +20,13 @@ from ..dilute.cells import (
 from ..dilute.filter import filter_pairs, filter_table
 from ..dilute.grid import cells_along_y, columns_after, columns_around, place_of_column
 from ..dilute.overflow import lists_before, number_of_lists
-from ..dilute.predicted_contacts import keep_wall_contact
 from ..dilute.segments import EIGHT
 from ..dilute.windows import predict_again
 from ..flags import OBSTACLES, WALLS
 from ..simd.jit import called, jit
 from ..simd.pointers import int64
 from .barrier import barrier
+from .contacts import enter_contact
 from .old_flights import NUMBER, of_this_window
 from .tile_buckets import clear_buckets, owner
 
@@ -64,8 +63,6 @@ def detect(s):
             keep_order(s)
         barrier(s)
     s.counter[at.COMPARING] = 1
-    if WALLS:
-        keep_walls_of_fast(s, first, last)
     compare_tiles(s)
     s.counter[at.COMPARING] = 0
     s.counter[at.PART] = at.CALENDAR
@@ -123,15 +120,6 @@ def count_cells_before(s):
 
 
 @called
-def keep_walls_of_fast(s, first, last):
-    """Predict the wall collisions of those whose flight has several segments."""
-    for m in range(first, last):
-        i = int64(s.order[m])
-        if s.where[i] == SEVERAL or s.where[i] == SEEN:
-            keep_wall_contact(s, i)
-
-
-@called
 def compare_tiles(s):
     """Compare the segments of this thread's tiles with all near them: those of two tiles in both."""
     m = int64(0)
@@ -156,8 +144,10 @@ def compare_column(s, m, column, x, z):
             s.home[k * at.HOME], s.home[k * at.HOME + at.HOME_LIST] = word, near_list
             if OBSTACLES and is_obstacle(s, i):
                 continue
-            if WALLS and s.boxes[k] & at.MAY_REACH_WALL:
-                keep_wall_contact(s, i)
+            if WALLS and (s.boxes[k] & at.MAY_REACH_WALL or s.where[i] < 0):
+                time, wall = wall_contact(s, i)
+                if wall >= 0:
+                    enter_contact(s, int64(s.tile_of_column[column]), i, wall, time)
             near = s.boxes[k] >> at.NEAR_SHIFT
             first, last = cells_along_y(s, near, y)
             places = columns_around(s, 0, near, x, z) if all_around else columns_after(s, near, x, z)

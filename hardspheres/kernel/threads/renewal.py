@@ -18,9 +18,10 @@ from ..simd.jit import called, jit
 from ..simd.pointers import int64
 from .barrier import barrier
 from .calendars import clear_calendars, schedule
+from .old_flights import of_this_window
 from .tile_buckets import owner
 from .tiles import has_moved, is_inside, settle, tile_of
-from .undo import has_been_within, of_this_window
+from .undo import has_been_within
 
 
 @jit

@@ -18,6 +18,7 @@ from ..simd.jit import called, jit
 from ..simd.pointers import int64
 from .old_flights import NUMBER, WINDOW, keep_old_flight, of_this_window
 
+
 @jit
 def remember(s, i, time):
     """Keep i's row as it is; an event at that time is about to change it."""
