@@ -104,6 +104,7 @@ LATEST = slot(1 if THREADS else 0)  # time of the last event in windows that sta
 LATEST_IN_WINDOW = slot(1 if THREADS else 0)
 WINDOW_BEGIN = slot(1 if THREADS else 0)  # no event to come is earlier
 STOP_TIME = slot(1 if THREADS else 0)  # later events wait for another run
+PAIRS_IN_TICK = slot(1 if THREADS else 0)  # pair collisions in a tick of the last window
 # 1 / the unit of a kind of sum, powers of two (`hardspheres.tally_units`); momentum is m v, and so on.
 PER_IMPULSE = slot()  # m v
 PER_VIRIAL = slot()  # m v x

@@ -55,6 +55,8 @@ __all__ = [
 LONG_ENOUGH = 100  # windows without a fault, after which they get longer
 NOT_LESS = 64  # collisions: the last ones of a run, if they are fewer, come in order
 GO_ON = -1
+SAFELY = 0.8  # of the collisions still to come: how many a window may be expected to have
+TINY = 1e-9
 HALVINGS = 5  # after which one thread goes through a window alone
 
 
@@ -144,7 +146,7 @@ def window(s, pairs, stop_pairs):
     halvings = 0
     alone = stop_pairs - pairs < NOT_LESS
     while True:
-        begin_window(s, halvings)
+        begin_window(s, halvings, stop_pairs - pairs)
         s.counter[at.IN_ORDER] = 1 if alone or halvings == HALVINGS else 0
         s.counter[at.STOP_PAIRS] = s.counter[at.PAIRS] + (stop_pairs - pairs)
         go_through_window(s)
@@ -156,6 +158,8 @@ def window(s, pairs, stop_pairs):
         if not (short or too_many or s.counter[at.AGREED + at.TOLD_WRONG]):
             end_window(s)
             lengthen(s)
+            ticks = s.counter[at.LIMIT] - s.counter[at.TICK]
+            s.number[at.PAIRS_IN_TICK] = (s.counter[at.AGREED + at.TOLD_PAIRS] - pairs) / ticks
             return GO_ON
         undo(s, short)
         if short:
@@ -168,11 +172,16 @@ def window(s, pairs, stop_pairs):
 
 
 @jit
-def begin_window(s, halvings):
-    """Set the limits of an attempt at a window, and keep what it may have to take back."""
+def begin_window(s, halvings, pairs):
+    """Set the limits of an attempt at a window, and keep what it may have to take back.
+
+    It is to have fewer collisions than `pairs`, which are still to come.
+    """
     if halvings == 1:
         s.counter[at.WINDOW_TICKS] = max(s.counter[at.WINDOW_TICKS] // 2, 1)
     ticks = max(s.counter[at.WINDOW_TICKS] >> max(halvings - 1, 0), 1)
+    most = SAFELY * pairs / max(s.number[at.PAIRS_IN_TICK], TINY)
+    ticks = max(int(min(float(ticks), most)), 1)
     bucket_ends = (s.counter[at.TICK] // s.counter[at.BUCKET_TICKS] + 1) * s.counter[at.BUCKET_TICKS]
     s.counter[at.LIMIT] = min(s.counter[at.TICK] + ticks, bucket_ends)
     s.counter[at.WINDOW] += 1
