@@ -144,11 +144,11 @@ class Simulation(Exclusive):
         engine = Engine(scene, flights=free_paths or logs, logs=logs, how=how, heat=bool(heat))
         self._take(engine, log)
 
-    def _take(self, engine: Engine, log: Log | None) -> None:
+    def _take(self, engine: Engine, log: Log | None, warn: bool = True) -> None:
         """Run this engine from now on."""
         super().__init__()
         self._engine, self._at = engine, engine.layout
-        if engine.shortfall:
+        if engine.shortfall and warn:
             warnings.warn(engine.shortfall, stacklevel=4)
         self._energy = engine.scene.kinetic_energy + engine.scene.potential_energy
         self._slices, self._patience = Slices(engine.scene.n), Patience(engine.scene)
@@ -156,9 +156,9 @@ class Simulation(Exclusive):
             engine.sink = sink_of(log, engine.scene.dim)
 
     @classmethod
-    def _of(cls, engine: Engine, log: Log | None) -> Self:
+    def _of(cls, engine: Engine, log: Log | None, warn: bool = True) -> Self:
         simulation = cls.__new__(cls)
-        simulation._take(engine, log)
+        simulation._take(engine, log, warn)
         return simulation
 
     @property
@@ -562,13 +562,15 @@ class Simulation(Exclusive):
         sink = sink_of(log, self.scene.dim)
         return type(self)._restored(self.scene, self._alone(self._copied_arrays), sink, self._engine.how)
 
-    def on_threads(self, threads: int) -> "Simulation":
+    def on_threads(self, threads: int, *, warn: bool = True) -> "Simulation":
         """Return a copy that so many threads run, without a log; it goes on with the same bits.
 
         Parameters
         ----------
         threads : int
             As of `Simulation`.
+        warn : bool, default True
+            Whether a warning says why they are fewer, as "fewer_threads" of `status` does.
 
         Raises
         ------
@@ -576,7 +578,8 @@ class Simulation(Exclusive):
             If that is no number of threads.
         """
         how = self._engine.how._replace(threads=_required_threads(threads))
-        return type(self)._restored(self.scene, self._alone(self._copied_arrays), None, how)
+        arrays = self._alone(self._copied_arrays)
+        return type(self)._of(checkpoint.restored(self.scene, arrays, False, how), None, warn)
 
     def __copy__(self) -> "Simulation":
         return self._duplicate(lambda part: part)

@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -111,6 +111,7 @@ class Expansion(Study):
         metavar="NUMBER|LIST",
     )
     replicas: int = runs(40)
+    threads: ClassVar[int] = 1  # type: ignore[misc]  # no option: it makes its gases on the way, small ones
 
     def gases(self) -> list[HalfFull]:
         """Return the one gas."""

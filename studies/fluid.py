@@ -60,6 +60,7 @@ RELAXED = (
     100.0
 )
 ENOUGH_TO_COMPILE = 2000  # particles from which on the method of search is that of larger gases
+ENOUGH_TO_SHARE = 8000  # from which on two threads can share a dense gas
 SETTLED = 20.0  # collisions per particle after random placement
 
 
@@ -314,18 +315,21 @@ def number_fraction(fraction: float | None, diameter_ratio: float, mass_ratio: f
     return 0.5 if fraction is None else fraction
 
 
-def representatives(gases: Sequence[Any]) -> list[Any]:
+def representatives(gases: Sequence[Any], threads: int = 1) -> list[Any]:
     """Return gases that need every kernel that all of them need: of each kind a few, dense ones small.
 
     Parameters
     ----------
     gases : sequence of Fluid
         By ascending packing fraction within each kind; a gas of another class stands for itself.
+    threads : int
+        That run each of them.
     """
+    enough = ENOUGH_TO_COMPILE if threads == 1 else ENOUGH_TO_SHARE
     found = []
     for kind in dict.fromkeys(gas.kind for gas in gases):
         same = [gas for gas in gases if gas.kind == kind]
         easy = [gas for gas in same if not (isinstance(gas, Fluid) and gas.dense)]
-        dense = [replace(gas, n=min(gas.n, ENOUGH_TO_COMPILE)) for gas in same if gas not in easy]
+        dense = [replace(gas, n=min(gas.n, enough)) for gas in same if gas not in easy]
         found += [*easy[:1], *easy[-1:], *dense[:1]]
     return list(dict.fromkeys(found))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,6 +75,7 @@ class Lorentz(Study):
     )
     collisions_per_particle: float = option(60_000.0, "How long to follow it in each replica, in collisions.")
     replicas: int = runs(16)
+    threads: ClassVar[int] = 1  # type: ignore[misc]  # no option: one particle moves
 
     def gases(self) -> list[ObstacleCourse]:
         """Return the courses, by ascending packing fraction."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,6 +59,7 @@ class Mixture(Study):
         4.0, "How long to run, in initial decay times of the difference.", at_least=0.5, at_most=100.0
     )
     replicas: int = runs(100)
+    threads: ClassVar[int] = 1  # type: ignore[misc]  # no option: it makes its gas on the way, a small one
 
     def gases(self) -> list[Fluid]:
         """Return the one gas."""

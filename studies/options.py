@@ -63,6 +63,9 @@ class Option:
         Whether it may be given several times; the field is then a tuple.
     argument : bool
         Whether it stands without a name on the command line, where it must be given.
+    matters : bool
+        Whether results depend on it: an option that does not is no part of what made them, so that it may
+        change when a run is resumed, extended, combined or repeated.
     more : mapping
         Other arguments of `typer.Option`: parser, metavar, autocompletion.
     """
@@ -74,6 +77,7 @@ class Option:
     flag: str | None = None
     several: bool = False
     argument: bool = False
+    matters: bool = True
     more: Mapping[str, Any] = field(default_factory=dict)
 
     def named(self, name: str) -> str:
@@ -111,6 +115,7 @@ def option(
     flag: str | None = None,
     several: bool = False,
     argument: bool = False,
+    matters: bool = True,
     **more: Any,
 ) -> Any:
     """Return a dataclass field that is also an option of the command line, see `Option`.
@@ -119,12 +124,13 @@ def option(
     ----------
     default
         Its value where it is not given.
-    help, at_least, at_most, shown, flag, several, argument
+    help, at_least, at_most, shown, flag, several, argument, matters
         As in `Option`.
     **more
         Other arguments of `typer.Option`; `help` may be among them.
     """
-    made = Option(help or more.pop("help"), at_least, at_most, shown, flag, several, argument, more)
+    told = help or more.pop("help")
+    made = Option(told, at_least, at_most, shown, flag, several, argument, matters, more)
     return field(default=default, metadata={"option": made})
 
 
@@ -406,12 +412,23 @@ def seed() -> Any:
 def workers() -> Any:
     """Return the field for the number of processes."""
     return option(
-        None, "Processes or threads; the results do not depend on it.", at_least=1, shown="all cores"
+        None,
+        "Runs at once, in processes or threads; the results do not depend on it.",
+        at_least=1,
+        shown="all cores",
+        matters=False,
     )
 
 
-WITHOUT_INFLUENCE = {"workers", "executor"}
-"""Options that change no result."""
+def threads() -> Any:
+    """Return the field for the number of threads of each gas."""
+    return option(
+        1,
+        "Threads that run each gas together, if it is large: some 20 000 particles, not dilute. --workers is "
+        "then 1 unless given, and --executor processes or threads. The results do not depend on it.",
+        at_least=1,
+        matters=False,
+    )
 
 
 def executor_named(text: str) -> str:
@@ -434,6 +451,7 @@ def executor() -> Any:
         None,
         "What runs the replicas: processes, threads, dask:ADDRESS or mpi; the results do not depend on it.",
         shown="processes",
+        matters=False,
         parser=executor_named,
         metavar="WORD",
         autocompletion=lambda: ["processes", "threads", "dask:tcp://", "mpi"],

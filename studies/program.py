@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import hardspheres as hs
-from studies.options import WITHOUT_INFLUENCE, OptionError, check_options, options_of, rewrapped
+from studies.options import OptionError, check_options, options_of, rewrapped
 from studies.registry import QUESTIONS
 from studies.report import OutputFolder, Screen, machine, today
 
@@ -96,18 +96,14 @@ class Program(ABC):
         words = ["hardspheres", self.name] if listed else ["python", *_program_of(type(self))]
         for each, its in options_of(self):
             value = getattr(self, each.name)
-            if each.name not in WITHOUT_INFLUENCE and (value != each.default or each.name == "seed"):
+            if its.matters and (value != each.default or each.name == "seed"):
                 words += its.typed(each.name, value)
         return shlex.join(words)
 
     @property
     def chosen(self) -> dict[str, Any]:
         """Its options by the names of their fields, but for what changes no number."""
-        return {
-            each.name: getattr(self, each.name)
-            for each, _ in options_of(self)
-            if each.name not in WITHOUT_INFLUENCE
-        }
+        return {each.name: getattr(self, each.name) for each, its in options_of(self) if its.matters}
 
     def made(self) -> dict[str, Any]:
         """Return what made its results, for its summary: command, version, date, machine and options."""

@@ -63,6 +63,11 @@ RESTARTED = {
     "list_renewals",
     "bytes_per_particle",
     "collisions_per_second",
+    "threads",
+    "fewer_threads",
+    "thread_windows",
+    "thread_windows_undone",
+    "thread_events_put_off",
 }  # of this process alone
 
 
@@ -297,11 +302,13 @@ def say_checks(screen: Screen, summary: Mapping[str, Any], out: OutputFolder, ea
         f"{summary['collisions']} collisions{done} {summary['seconds']['total']:.0f} s; worst energy drift "
         f"{checks['worst_energy_drift']:.1e}, events out of order {checks['late_events']}"
     )
-    engine, study = summary["engine_collisions_per_second"], summary["collisions_per_second_and_core"]
+    engine, study = summary["engine_collisions_per_second"], summary["collisions_per_second"]
     known = f"{_round(engine)} of the engine's event loop alone, " if math.isfinite(engine) else ""
+    least, most = min(summary["threads"]), max(summary["threads"])
+    where = f"of a gas on {least} to {most} threads" if least < most else f"of a gas on {most} threads"
     screen.say(
-        f"collisions per second and core: {known}{_round(study)} of the study, gases and measurements "
-        "included"
+        f"collisions per second {where if most > 1 else 'and core'}: {known}{_round(study)} of the study, "
+        "gases and measurements included"
     )
     if (summary["workers"] or 0) > 1 and "workers_busy" in summary["seconds"]:
         busy = summary["seconds"]["workers_busy"]

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack, nullcontext, suppress
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -26,7 +26,7 @@ import hardspheres as hs
 from hardspheres.cores import available_cores
 from studies.answer import Answer, Gas, curve_files, heading, marks_of, names_of, notes_of, tidy, write_tables
 from studies.fluid import broken, representatives
-from studies.options import executor, runs, seed, workers
+from studies.options import OptionError, executor, runs, seed, threads, workers
 from studies.page import write_report
 from studies.program import Program
 from studies.recording import Recorder
@@ -153,7 +153,39 @@ class Study(Program):
     replicas: int = runs(2)
     seed: int = seed()
     workers: int | None = workers()
+    threads: int = threads()
     executor: str | Executor | None = executor()
+
+    def __post_init__(self) -> None:
+        """Refuse options beyond their limits, and more threads than there are cores for them."""
+        super().__post_init__()
+        if self.threads > 1:
+            self._require_cores()
+
+    def _require_cores(self) -> None:
+        """Raise OptionError unless this process may use a core for every thread of all runs at once."""
+        if self.executor not in (None, "processes", "threads"):
+            raise OptionError(
+                f"--threads {self.threads} is for --executor processes or threads: workers elsewhere run "
+                "a gas on one thread each; leave one of the two options out"
+            )
+        cores, needed = available_cores(), (self.processes or 1) * self.threads
+        these = f"the {cores} cores" if cores > 1 else "the one core"
+        if self.threads > cores:
+            raise OptionError(
+                f"--threads {self.threads} is more than {these} that this process may use; ask for at most "
+                f"{cores}"
+            )
+        if needed > cores:
+            raise OptionError(
+                f"--workers {self.workers} with --threads {self.threads} needs {needed} cores, more than "
+                f"{these} that this process may use; ask for fewer of one of them"
+            )
+
+    @property
+    def processes(self) -> int | None:
+        """How many runs go on at once; None: one on each core."""
+        return 1 if self.workers is None and self.threads > 1 else self.workers
 
     @property
     def not_extendable(self) -> str:
@@ -195,7 +227,7 @@ class Study(Program):
         study = self.prepared(screen.note)
         gases = study.gases()
         _compile(study, gases, screen)
-        with executor_of(study.executor, study.workers, screen.note) as pool:
+        with executor_of(study.executor, study.processes, screen.note) as pool:
             replicas, _ = run_study(study, screen, executor=pool)
         found = []
         for gas, own in zip(gases, replicas, strict=True):
@@ -291,6 +323,7 @@ class _Running(Resumable[_Run, Replica, Replica]):
 
     study: Study
     folder: Path
+    tell: Callable[[str], object] | None = None  # why a gas runs on fewer threads, where that can be told
 
     def begin(self, item: _Run) -> Replica:
         """Make the gas and what measures it."""
@@ -301,7 +334,10 @@ class _Running(Resumable[_Run, Replica, Replica]):
         return replica
 
     def steps(self, item: _Run, state: Replica) -> Iterator[None]:
-        """Go on with it."""
+        """Go on with it, on as many threads as it may have."""
+        state.running = on_threads(state.simulation, self.study.threads)
+        if self.tell and (why := why_fewer([state.running.status()])):
+            self.tell(*why)
         with ExitStack() as open_files:
             for each in state.estimators.values():
                 if isinstance(each, Recorder):
@@ -315,7 +351,21 @@ class _Running(Resumable[_Run, Replica, Replica]):
     def result(self, item: _Run, state: Replica, seconds: float) -> Replica:
         """Return the replica, without its gas."""
         state.finish(seconds)
+        if state.status["threads"] < self.study.threads:
+            state.status["fewer_threads"] = state.status["fewer_threads"] or (
+                f"threads={self.study.threads}: a gas that the study makes on the way runs on one thread"
+            )
         return state
+
+
+def on_threads(simulation: hs.Simulation, threads: int) -> hs.Simulation:
+    """Return a simulation on so many threads, or as many of them as it can have; no bit depends on it."""
+    return simulation if threads == 1 else simulation.on_threads(threads, warn=False)
+
+
+def why_fewer(statuses: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return why gases run on fewer threads than they should, each reason once, given their statuses."""
+    return [*dict.fromkeys(why for status in statuses if (why := status.get("fewer_threads")))]
 
 
 def run_study(
@@ -363,18 +413,21 @@ def run_study(
         numbers.append(len(numbers))
     # what takes longest is last here and runs first, so that all workers finish together: dense gases, and
     # the run that is watched
+    tell = cache(screen.note)
+    here = study.processes == 1 and executor is None
+    task = _Running(replace(study, executor=None), folder, tell if here else None)  # that can go to a worker
     if isinstance(shelf, SharedShelf):
         numbered = list(zip(numbers[::-1], runs[::-1], strict=True))
-        run_part(_Running(study, folder), numbered, shelf, screen, workers=study.workers)
+        run_part(task, numbered, shelf, screen, workers=study.processes)
         return [], None
-    if shelf is not None and (study.workers or available_cores()) > 1:
-        _begin_to_draw()
+    if shelf is not None and study.threads == 1 and (study.workers or available_cores()) > 1:
+        _begin_to_draw()  # on a core that is idle
     with screen.progress("runs", len(runs)) as advance:
         found = run_replicas(
-            _Running(replace(study, executor=None), folder),  # which cannot go to a worker
+            task,
             runs[::-1],
             numbers=numbers[::-1],
-            workers=study.workers,
+            workers=study.processes,
             executor=executor,
             done=advance,
             shelf=shelf,
@@ -388,6 +441,8 @@ def run_study(
                 f"replica {run.index} of gas {run.which} and seed {study.seed}; start again with --force"
             )
     recorded = found.pop() if runs[-1].recording else None
+    for why in why_fewer([its.status for its in found]) if study.threads > 1 else ():
+        tell(why)
     return [found[k * count : (k + 1) * count] for k in range(len(gases))], recorded
 
 
@@ -404,11 +459,11 @@ def _begin_to_draw() -> None:
 
 def _compile(study: Study, gases: Sequence[Gas], screen: Screen) -> None:
     """Compile all that the gases of a study need, while what its workers are made from is loaded."""
-    few = representatives(gases)
+    few = representatives(gases, study.threads)
     own = study.executor in (None, "processes")
     soon = partial(_load, study, [gas for gas in few if gas.n <= SOON_MADE])
     with (
-        preparing_workers(study.workers, soon) if own else nullcontext(),
+        preparing_workers(study.processes, soon) if own else nullcontext(),
         screen.compiling("; ".join(dict.fromkeys(gas.kind for gas in gases))),
     ):
         _load(study, few)
@@ -417,7 +472,8 @@ def _compile(study: Study, gases: Sequence[Gas], screen: Screen) -> None:
 def _load(study: Study, gases: Sequence[Gas]) -> None:
     """Load or compile the kernels of some gases."""
     for gas in gases:
-        study.start(gas, np.random.SeedSequence(0, spawn_key=(0,))).run(collisions=1)
+        simulation = study.start(gas, np.random.SeedSequence(0, spawn_key=(0,)))
+        on_threads(simulation, study.threads).run(collisions=1)
 
 
 def conduct(
@@ -465,7 +521,7 @@ def conduct(
         with out.shared(study) as shelf:
             run_study(study, screen, shelf, shelf.folder, record)
         return {}, True
-    with executor_of(study.executor, study.workers, screen.note) as pool, out.running(study) as shelf:
+    with executor_of(study.executor, study.processes, screen.note) as pool, out.running(study) as shelf:
         if out.there:
             screen.note(f"{out.there} of {study.replicas} replicas were there")
         spent: list[float] = []
@@ -476,7 +532,7 @@ def conduct(
             out,
             screen,
             (began, ready, time.perf_counter()),
-            workers=number_of_workers(pool, study.workers),
+            workers=number_of_workers(pool, study.processes),
             spent=sum(spent),
             recorded=recorded,
             replay=study.replay,
@@ -588,15 +644,20 @@ def summary_of(
     runs = [run for own in replicas for run in own]
     statuses = [run.status for run in runs]
     collisions = sum(status["collisions"] for status in statuses)
+    threads = [status.get("threads", 1) for status in statuses]
+    core_seconds = sum(run.seconds * its for run, its in zip(runs, threads, strict=True))
     return {
         **study.made(),
         "seed": study.seed,
-        "workers": study.workers,
+        "workers": study.processes,
+        "threads": sorted({*threads}),
+        "fewer_threads": why_fewer(statuses),
         "n": answers[0].gas.n,
         "dim": answers[0].gas.dim,
         "states": [answer.summary() for answer in answers],
         "collisions": collisions,
-        "collisions_per_second_and_core": collisions / sum(run.seconds for run in runs),
+        "collisions_per_second": collisions / sum(run.seconds for run in runs),
+        "collisions_per_second_and_core": collisions / core_seconds,
         "engine_collisions_per_second": engine_rate(statuses),
         "checks": checks_of(statuses, failures) | {"alarm_in_standard_errors": ALARM},
         "engine": engine_of(statuses[0]),

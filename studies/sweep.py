@@ -51,11 +51,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Point", "Swept", "conduct_sweep", "points_of", "sweep", "values_of"]
 
-REFUSED = {
-    "seed": "a seed is no quantity, and independent runs are what --replicas are",
-    "workers": "no number depends on it",
-    "executor": "no number depends on it",
-}
+NO_QUANTITY = "a seed is no quantity, and independent runs are what --replicas are"
 MOST = 1000  # values
 TOLD = 8  # values that are told one by one
 FEW = 4  # quantities that are all shown; of more, the main ones
@@ -220,8 +216,9 @@ def option_named(kind: type[Study], name: str) -> tuple[str, Option, Any]:
     for each, its in options_of(kind):
         if wanted not in (its.named(each.name).lstrip("-"), each.name.replace("_", "-")):
             continue
-        if each.name in REFUSED:
-            raise OptionError(f"--sweep {name}: {REFUSED[each.name]}; give another option")
+        if each.name == "seed" or not its.matters:
+            why = NO_QUANTITY if its.matters else "no number depends on it"
+            raise OptionError(f"--sweep {name}: {why}; give another option")
         return each.name, its, each.default
     raise OptionError(f"--sweep {name}: {kind.name} has no such option; --help lists all")
 

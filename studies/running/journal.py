@@ -33,7 +33,6 @@ from typing import Any
 import hardspheres as hs
 from hardspheres.errors import CheckpointError, HardSpheresError
 from hardspheres.temporary import NAME, placing, replacing
-from studies.options import WITHOUT_INFLUENCE
 from studies.running.encoding import read, write
 from studies.running.locking import Lock
 from studies.running.ownership import is_ordinary, load_object
@@ -59,7 +58,6 @@ OF_A_RUN = re.compile(
     rf"|claim-\d{{4,}}|{NAMED.pattern}"
 )
 REMOVED = re.compile(f"{OF_A_RUN.pattern}|{NAME.pattern}")
-NOT_COMPARED = WITHOUT_INFLUENCE
 
 
 class OutputError(HardSpheresError, OSError):
@@ -166,31 +164,28 @@ def _whole(path: Path) -> tuple[Any] | None:
         return None
 
 
-def options_of(study: Any, skip: set[str] = NOT_COMPARED) -> dict[str, Any]:
-    """Return the options of a study by their names on the command line.
+def options_of(study: Any) -> dict[str, Any]:
+    """Return the options of a study that matter, by their names on the command line.
 
     Parameters
     ----------
     study : dataclass
         Numbers, texts, tuples, dicts, scenes, and dataclasses of such.
-    skip : set of str
-        Names of fields that do not count.
     """
     found: dict[str, Any] = {}
     for field in fields(study):
-        value = getattr(study, field.name)
-        if field.name in skip or value is None:
+        value, option = getattr(study, field.name), field.metadata.get("option")
+        if value is None or (option and not option.matters):
             continue
         if isinstance(value, hs.Scene):
             arrays = (value.positions, value.velocities, value.radii, value.masses, value.box)
             digest = hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()
             found["the structure that it starts from"] = f"{digest[:12]} {' '.join(value.boundary)}"
         elif is_dataclass(value):
-            found |= options_of(value, skip)
+            found |= options_of(value)
         elif isinstance(value, dict):
             found[f"--{field.name}"] = repr(value)
         else:
-            option = field.metadata.get("option")
             name = option.named(field.name) if option else f"--{field.name.replace('_', '-')}"
             found[name] = list(value) if isinstance(value, tuple) else value
     return found

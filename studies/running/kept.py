@@ -16,16 +16,16 @@ import os
 import re
 import shutil
 from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from hardspheres.errors import CheckpointError
 from hardspheres.temporary import NAME, replacing
+from studies.options import options_of
 from studies.registry import QUESTIONS, study_named
 from studies.running.encoding import NotStorable, read, write
 from studies.running.journal import (
-    NOT_COMPARED,
     OutputError,
     about,
     difference,
@@ -154,7 +154,7 @@ class Kept:
                     except OSError:  # a file system without hard links
                         shutil.copyfile(path, temporary)
             with contextlib.suppress(NotStorable):
-                unset = {each.name: each.default for each in fields(study) if each.name in NOT_COMPARED}
+                unset = {each.name: each.default for each, its in options_of(study) if not its.matters}
                 write(self.folder / STUDY, replace(study, **unset))
             write_sealed(self.folder / MANIFEST, {**content, "replicas": study.replicas})
 

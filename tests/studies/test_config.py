@@ -97,7 +97,7 @@ def test_every_option_survives_the_way_through_a_summary(name, tmp_path, monkeyp
     """Each of another value than its default; sibling: without the file all have their defaults."""
     kind = study_named(name)
     every = {each.name: each for each, _ in options_of(kind)}
-    assert set(OTHERS[name]) == set(every) - {"workers", "executor"}
+    assert set(OTHERS[name]) == {each.name for each, its in options_of(kind) if its.matters}
     for option, value in OTHERS[name].items():
         assert value != every[option].default or option == "until_error"
     study = kind(**OTHERS[name] | EXPANDED.get(name, {}))
@@ -261,5 +261,8 @@ def test_every_summary_of_a_study_has_its_options():
     for name in QUESTIONS:
         kind = study_named(name)
         if issubclass(kind, Study):
-            hidden = {"workers", "executor", *(each.name for each in fields(kind) if not each.repr)}
+            hidden = {each.name for each in fields(kind) if not each.repr}
+            hidden |= {each.name for each, its in options_of(kind) if not its.matters}
             assert set(kind().made()["options"]) == {each.name for each in fields(kind)} - hidden
+            assert {"workers", "executor"} < hidden
+            assert ("threads" in hidden) == (name not in ("mixture", "expansion", "lorentz"))

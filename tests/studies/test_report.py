@@ -41,12 +41,13 @@ def test_figures_have_one_style():
 
 
 def test_the_rate_of_the_engine_stands_beside_that_of_the_study(capsys):
-    """Both named; sibling: a run too short to be timed tells the study's alone."""
+    """Both named; siblings: a run too short to be timed tells the study's alone, and gases on several threads."""
     summary = {
         "collisions": 1000,
         "seconds": {"total": 2.0},
         "workers": 1,
-        "collisions_per_second_and_core": 12_345.0,
+        "threads": [1],
+        "collisions_per_second": 12_345.0,
         "engine_collisions_per_second": 1_234_567.0,
         "checks": {"worst_energy_drift": 1e-16, "late_events": 0, "failures": []},
         "files": ["summary.json"],
@@ -57,6 +58,10 @@ def test_the_rate_of_the_engine_stands_beside_that_of_the_study(capsys):
     say_checks(Screen(), summary | {"engine_collisions_per_second": math.nan}, OutputFolder("x"))
     told = capsys.readouterr().out
     assert "engine" not in told and "collisions per second and core: 12 000 of the study" in told
+    for threads, words in (([2], "on 2 threads"), ([1, 4], "on 1 to 4 threads")):
+        say_checks(Screen(), summary | {"threads": threads}, OutputFolder("x"))
+        told = capsys.readouterr().out
+        assert f"collisions per second of a gas {words}: 1 200 000 of the engine's event loop alone" in told
 
 
 def test_workers_are_told_how_busy_they_were(capsys):
@@ -65,7 +70,8 @@ def test_workers_are_told_how_busy_they_were(capsys):
         "collisions": 1000,
         "seconds": {"total": 2.0, "workers_busy": 0.934},
         "workers": 2,
-        "collisions_per_second_and_core": 12_345.0,
+        "threads": [1],
+        "collisions_per_second": 12_345.0,
         "engine_collisions_per_second": math.nan,
         "checks": {"worst_energy_drift": 1e-16, "late_events": 0, "failures": []},
         "files": ["summary.json"],
