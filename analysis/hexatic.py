@@ -130,9 +130,7 @@ class HexaticOrder(PlacesEstimator):
         if scene.dim != 2:
             raise ValueError("hexatic order is one of discs; this scene is in 3D, see order.BondOrder")
         if not scene.periodic.all():
-            raise ValueError(
-                "hexatic order needs a box that is periodic along both axes; this one has walls"
-            )
+            raise ValueError("hexatic order needs a box that is periodic along both axes; this one has walls")
         if scene.radii.min() < scene.radii.max():
             raise ValueError("hexatic order is measured for equal discs; these differ in their radii")
         if scene.n <= NEIGHBOURS:

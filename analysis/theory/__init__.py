@@ -36,7 +36,13 @@ from analysis.theory.collisions import (
     speed_dependent_free_path,
     speed_dependent_rate,
 )
-from analysis.theory.discs import COEXISTENCE, COEXISTENCE_PRESSURE, HEXATIC_UP_TO, disc_pressure
+from analysis.theory.discs import (
+    COEXISTENCE,
+    COEXISTENCE_PRESSURE,
+    HEXATIC_UP_TO,
+    disc_pressure,
+    disc_pressures,
+)
 from analysis.theory.equal_speeds import (
     H_BINS,
     KS_BINS,
@@ -154,6 +160,7 @@ __all__ = [
     "contact_value",
     "cumulant_noise",
     "disc_pressure",
+    "disc_pressures",
     "energy_cdf",
     "energy_pdf",
     "energy_share",

@@ -18,10 +18,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from analysis.theory.prediction import Prediction
 
-__all__ = ["COEXISTENCE", "COEXISTENCE_PRESSURE", "HEXATIC_UP_TO", "disc_pressure"]
+__all__ = ["COEXISTENCE", "COEXISTENCE_PRESSURE", "HEXATIC_UP_TO", "disc_pressure", "disc_pressures"]
+
+FloatArray = NDArray[np.float64]
 
 COEXISTENCE = (0.700, 0.716)
 """Packing fractions between which a large box holds liquid and hexatic side by side (Bernard, Krauth 2011)."""
@@ -97,7 +100,7 @@ _TABLES: dict[tuple[int, float], tuple[list[float], list[float], list[float]]] =
 }
 
 
-def disc_pressure(packing_fraction: float, n: int, ratio: float = 1.0) -> Prediction | None:
+def disc_pressure(packing_fraction: float, n: int, ratio: float = 1.0) -> tuple[str, Prediction] | None:
     """Return beta P (2r)^2 of so many discs in a periodic box at fixed temperature, where it was computed.
 
     Parameters
@@ -111,7 +114,7 @@ def disc_pressure(packing_fraction: float, n: int, ratio: float = 1.0) -> Predic
 
     Returns
     -------
-    Prediction or None
+    (source, Prediction) or None
         With its standard error, to which 1e-3 is added (in squares) where large boxes have another shape than
         this one. None where there is no number. A gas at fixed energy and momentum 0, as ours is, has
         Z - 1 = N/(N - 1) (Z_N - 1), Z_N at fixed temperature.
@@ -126,6 +129,17 @@ def disc_pressure(packing_fraction: float, n: int, ratio: float = 1.0) -> Predic
     if not found:
         return None
     apart, value, error = min(found)
+    source = "Li et al. 2022" if n <= LARGE else "Bernard, Krauth 2011"
     if apart < SAME_SHAPE:
-        return Prediction(value, error)
-    return Prediction(value, math.hypot(error, SHAPE)) if n >= LARGE else None
+        return source, Prediction(value, error)
+    return (source, Prediction(value, math.hypot(error, SHAPE))) if n >= LARGE else None
+
+
+def disc_pressures(n: int) -> tuple[FloatArray, FloatArray]:
+    """Return the packing fractions at which `disc_pressure` has so many discs, and the pressures; maybe none.
+
+    Of a square box where there are two.
+    """
+    tables = [its for (count, _), its in sorted(_TABLES.items()) if count == n]
+    places, pressures = tables[0][:2] if tables else ([], [])
+    return np.array(places), np.array(pressures)

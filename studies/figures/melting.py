@@ -1,0 +1,259 @@
+"""Figure of melting discs: where their bonds point, pressures, and how the order lasts and falls off."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.collections import EllipseCollection
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter, ScalarFormatter
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from analysis import theory
+from analysis.hexatic import KOSTERLITZ_THOULESS
+from studies.figures.style import COLOURS, figure_style
+
+if TYPE_CHECKING:
+    from studies.answer import Answer
+
+__all__ = ["figure", "order_colours"]
+
+FloatArray = NDArray[np.float64]
+
+MOST_SHOWN = 4  # densities whose discs are drawn
+MOST_DISCS = 2000  # drawn as discs; of more, each point has the colour of the nearest one
+PIXELS = 640
+WORDS = {"fluid": "from a fluid", "crystal": "from a crystal"}
+LINES: dict[str, dict[str, Any]] = {
+    "fluid": {"ls": "-", "marker": "o"},
+    "crystal": {"ls": "--", "marker": "D"},
+}
+
+
+def order_colours(psi: NDArray[np.complexfloating[Any]]) -> FloatArray:
+    """Return the colour of each local order, (..., 3), red, green and blue from 0 to 1.
+
+    The hue turns once while the bonds turn by 60 degrees; without order it is dark. Lightness does not depend
+    on the direction: a circle in OKLab (Ottosson 2020, https://bottosson.github.io/posts/oklab).
+    """
+    size, angle = np.clip(np.abs(psi), 0.0, 1.0), np.angle(psi)
+    lightness, chroma = 0.28 + 0.46 * size, 0.125 * size
+    a, b = chroma * np.cos(angle), chroma * np.sin(angle)
+    cone = np.stack(
+        [
+            lightness + 0.3963377774 * a + 0.2158037573 * b,
+            lightness - 0.1055613458 * a - 0.0638541728 * b,
+            lightness - 0.0894841775 * a - 1.2914855480 * b,
+        ],
+        axis=-1,
+    )
+    to_linear = np.array(
+        [
+            [4.0767416621, -3.3077115913, 0.2309699292],
+            [-1.2684380046, 2.6097574011, -0.3413193965],
+            [-0.0041960863, -0.7034186147, 1.7076147010],
+        ]
+    )
+    linear = np.clip(cone**3 @ to_linear.T, 0.0, 1.0)
+    curved = 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055
+    return np.asarray(np.where(linear <= 0.0031308, 12.92 * linear, curved), dtype=np.float64)
+
+
+def figure(answers: Sequence[Answer]) -> Figure:
+    """Draw the discs of a run by the direction of their bonds, pressures, |Psi6| along the runs, and g6(r).
+
+    Parameters
+    ----------
+    answers : sequence of Answer
+        Of `studies.melting`, by ascending packing fraction.
+
+    Returns
+    -------
+    Figure
+    """
+    shades = colormaps["viridis"](np.linspace(0.1, 0.8, max(len(answers), 2)))
+    picked = np.unique(np.linspace(0, len(answers) - 1, min(MOST_SHOWN, len(answers))).round().astype(int))
+    starts = list(answers[0].hidden["starts"])
+    with figure_style():
+        drawn = Figure(figsize=(11.6, 8.6), layout="constrained")
+        upper, lower = drawn.subfigures(2, 1, height_ratios=[1.15, 1.0]).tolist()
+        panels = np.atleast_1d(upper.subplots(1, len(picked)))
+        for axes, which in zip(panels, picked, strict=True):
+            _draw_discs(axes, answers[which], starts[0])
+        _explain_colours(upper, panels)
+        left, middle, right = lower.subplots(1, 3)
+        _draw_pressures(left, answers, starts)
+        for answer, shade in zip(answers, shades, strict=False):
+            _draw_order(middle, answer, starts, shade)
+            _draw_correlation(right, answer, starts, shade)
+        _finish_order(middle, answers[0], starts)
+        _finish_correlation(right, answers)
+    return drawn
+
+
+def _draw_discs(axes: Axes, answer: Answer, start: str) -> None:
+    """Draw the last moment of a run."""
+    gas, last = answer.gas, answer.hidden["last"][start].astype(np.float64)
+    places, colours = last[:, :2], order_colours(last[:, 2] + 1j * last[:, 3])
+    width, height = gas.box.tolist()
+    axes.set_facecolor("#12161d")
+    if len(places) <= MOST_DISCS:
+        shifts = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)]) * gas.box
+        images = (places + shifts[:, None]).reshape(-1, 2)
+        near = np.all((images > -0.5) & (images < gas.box + 0.5), axis=1)
+        size = np.ones(int(near.sum()))
+        axes.add_collection(
+            EllipseCollection(
+                size,
+                size,
+                0.0 * size,
+                units="xy",
+                offsets=images[near],
+                transOffset=axes.transData,
+                facecolors=np.tile(colours, (len(shifts), 1))[near],
+                edgecolors="none",
+            )
+        )
+    else:
+        edge = max(width, height) / PIXELS
+        x, y = np.arange(0.5 * edge, width, edge), np.arange(0.5 * edge, height, edge)
+        points = np.stack(np.meshgrid(x, y), axis=-1)
+        nearest = cKDTree(np.mod(places, gas.box), boxsize=gas.box).query(points)[1]
+        axes.imshow(
+            colours[nearest], origin="lower", extent=(0.0, width, 0.0, height), interpolation="nearest"
+        )
+    axes.set_xlim(0.0, width)
+    axes.set_ylim(0.0, height)
+    axes.set_aspect("equal")
+    axes.set_xticks([])
+    axes.set_yticks([])
+    axes.set_title(f"packing fraction {gas.packing_fraction:.4g}, {WORDS[start]}")
+
+
+def _explain_colours(figure: Any, panels: Any) -> None:
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    circle = ListedColormap(order_colours(np.exp(2j * np.pi * np.linspace(0.0, 1.0, 181))))
+    scale = ScalarMappable(Normalize(0.0, 60.0), circle)
+    bar = figure.colorbar(scale, ax=list(panels), location="bottom", aspect=60, shrink=0.5, pad=0.02)
+    bar.set_ticks([0, 15, 30, 45, 60], labels=["0\u00b0", "15\u00b0", "30\u00b0", "45\u00b0", "60\u00b0"])
+    bar.outline.set_visible(False)
+    bar.set_label("direction of the bonds to six neighbours at the end; dark: no order", fontsize=9)
+
+
+def _draw_pressures(axes: Axes, answers: Sequence[Answer], starts: Sequence[str]) -> None:
+    """Draw pressures of each start beside those of Monte Carlo, and where large boxes hold two phases."""
+    low, high = theory.COEXISTENCE
+    axes.axvspan(low, high, color=COLOURS["band"], alpha=0.22, lw=0)
+    axes.axvspan(high, theory.HEXATIC_UP_TO, color=COLOURS["other"], alpha=0.22, lw=0)
+    pressure = float(theory.COEXISTENCE_PRESSURE.value)
+    axes.plot([low, high], [pressure] * 2, color=COLOURS["words"], lw=1.2, ls=(0, (4, 2)))
+    n = answers[0].gas.n
+    places, known = theory.disc_pressures(n)
+    count, source = (
+        (n, f"{n} discs, Monte Carlo") if len(places) else (1024**2, "1024\u00b2 discs, Monte Carlo")
+    )
+    places, known = theory.disc_pressures(count)
+    axes.plot(places, known, color=COLOURS["theory"], lw=1.2, label=source, zorder=2)
+    eta = np.array([answer.gas.packing_fraction for answer in answers])
+    step = 0.0004 * (len(starts) > 1)
+    for k, name in enumerate(starts):
+        found = [answer.hidden["starts"][name][0] for answer in answers]
+        axes.errorbar(
+            eta + step * (2 * k - 1),
+            [each.value for each in found],
+            [each.standard_error for each in found],
+            fmt=LINES[name]["marker"],
+            ms=5,
+            lw=1.2,
+            color=COLOURS["simulation" if name == "fluid" else "warm"],
+            label=WORDS[name],
+            zorder=3,
+        )
+    edge = 0.15 * max(float(np.ptp(eta)), 0.02)
+    axes.set_xlim(eta[0] - edge, eta[-1] + edge)
+    values = [found.value for answer in answers for found, _ in answer.hidden["starts"].values()]
+    inside = known[(places >= eta[0] - edge) & (places <= eta[-1] + edge)]
+    least, most = min([*values, *inside]), max([*values, *inside])
+    room = 0.12 * (most - least) + 0.005
+    axes.set_ylim(least - room, most + 2.5 * room)
+    axes.set_xlabel("packing fraction")
+    axes.set_ylabel(r"pressure $\beta P (2r)^2$")
+    axes.set_title("Pressure; grey: liquid and hexatic, yellow: hexatic")
+    axes.legend(fontsize=8)
+
+
+def _draw_order(axes: Axes, answer: Answer, starts: Sequence[str], shade: Any) -> None:
+    """Draw |Psi6| along the runs from each start."""
+    found = answer.curves["order"].flat()
+    for name in starts:
+        axes.plot(
+            found["collisions_per_particle"] / 1000.0,
+            found[name],
+            color=shade,
+            lw=0.9,
+            ls=LINES[name]["ls"],
+            label=f"{answer.gas.packing_fraction:.4g}" if name == starts[0] else None,
+        )
+
+
+def _finish_order(axes: Axes, answer: Answer, starts: Sequence[str]) -> None:
+    n, discarded = answer.gas.n, answer.details["equilibration"]
+    axes.axvline(discarded / 1000.0, color=COLOURS["band"], lw=1.0)
+    axes.axhline(1.0 / math.sqrt(n), color=COLOURS["band"], lw=1.0, ls=(0, (1, 2)))
+    if len(starts) > 1:
+        for name in starts:
+            axes.plot([], [], color=COLOURS["words"], lw=1.2, ls=LINES[name]["ls"], label=WORDS[name])
+    axes.set_ylim(0.0, 1.0)
+    axes.set_xlim(left=0.0)
+    axes.set_xlabel("thousands of collisions per particle")
+    axes.set_ylabel(r"global order $|\Psi_6|$")
+    axes.set_title("Order along the runs; line: measured from here")
+    axes.legend(fontsize=8, ncols=2)
+
+
+def _draw_correlation(axes: Axes, answer: Answer, starts: Sequence[str], shade: Any) -> None:
+    """Draw g6 of each start, as far as it is seen."""
+    found = answer.curves["g6"].flat()
+    for name in starts:
+        column = f"g6_{name}" if len(starts) > 1 else "g6"
+        g6, error = found[column], np.nan_to_num(found[f"{column}_error"])
+        lost = np.flatnonzero(~(g6 > 2.0 * error) & np.isfinite(g6))
+        seen = (np.arange(len(g6)) < (lost[0] if len(lost) else len(g6))) & (g6 > 0.0)
+        axes.errorbar(
+            found["r"][seen],
+            g6[seen],
+            np.minimum(error[seen], 0.9 * g6[seen]),
+            color=shade,
+            lw=1.0,
+            ls=LINES[name]["ls"],
+            elinewidth=0.8,
+            label=f"{answer.gas.packing_fraction:.4g}" if name == starts[0] else None,
+        )
+
+
+def _finish_correlation(axes: Axes, answers: Sequence[Answer]) -> None:
+    found = answers[-1].curves["g6"].flat()
+    r, g6 = found["r"], found["g6"]
+    from_here = int(np.searchsorted(r, 2.5))
+    place = min(from_here, len(r) - 1)
+    line = g6[place] * (r[place:] / r[place]) ** -KOSTERLITZ_THOULESS
+    axes.plot(r[place:], line, color=COLOURS["theory"], lw=1.4, label=r"$r^{-1/4}$: end of the hexatic")
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_xlim(1.0, 1.1 * r[-1])
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter(ScalarFormatter())
+        axis.set_minor_formatter(NullFormatter())
+    axes.set_xlabel("distance r in diameters")
+    axes.set_ylabel("$g_6(r)$")
+    axes.set_title("Correlation of the order")
+    axes.legend(fontsize=8)
