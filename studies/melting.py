@@ -46,10 +46,10 @@ class Melting(Study):
     name = "melting"
     question = "How do discs melt, and when is a run long enough to say?"
     explanation = """
-    Pressure, global order Psi6 and its correlation g6(r) of hard discs between liquid, hexatic and solid, from
-    a crystal and from a grown fluid in the same box, which must agree; beside pressures of event-chain and
-    parallel Monte Carlo. Says of each density whether the run was long enough. Writes a summary, three tables
-    and a picture of the discs by the direction of their order.
+    Pressure, global order Psi6 and its correlation g6(r) of hard discs between liquid, hexatic and solid,
+    from a crystal and from a grown fluid in the same box, which must agree; beside pressures of event-chain
+    and parallel Monte Carlo. Says of each density whether the run was long enough. Writes a summary, three
+    tables and a picture of the discs by the direction of their order.
     """
     table = "melting"
     files = ("melting.csv", "order.csv", "g6.csv", "melting.png")
@@ -65,7 +65,7 @@ class Melting(Study):
         **word("--start", *STARTS),
     )
     collisions_per_particle: float = option(
-        200_000.0, "How long to measure in each replica, s = 2 collisions / n."
+        160_000.0, "How long to measure in each replica, s = 2 collisions / n."
     )
     equilibration: float | None = option(
         None,
@@ -94,7 +94,7 @@ class Melting(Study):
         return 0.25 * self.collisions_per_particle if given is None else given
 
     def moments(self, gas: Discs) -> tuple[list[int], int]:
-        """Return the pair collisions at which frames are taken, and with which of them the measurement begins."""
+        """Return at how many pair collisions frames are taken, and which of them begins the measurement."""
         total, before = (round(0.5 * s * gas.n) for s in (self.collisions_per_particle, self.discarded))
         count = min(FRAMES, max(round(FRAMES * before / total), 1)) if before else 0
         first = np.linspace(0, before, count + 1).round().astype(int)
@@ -208,9 +208,9 @@ class Melting(Study):
             )
             for name, own in starts.items()
         }
-        s = 2.0 * np.array(moments) / gas.n
+        s, measured = 2.0 * np.array(moments) / gas.n, np.arange(float(len(moments))) >= begin
         return Curves(
-            {"collisions_per_particle": s}, columns, beside={"measured": 1.0 * (np.arange(len(s)) >= begin)}
+            {"collisions_per_particle": s}, columns, beside={"measured": measured.astype(np.float64)}
         )
 
     def legend(self, answers: Sequence[Answer]) -> list[str]:
@@ -220,17 +220,17 @@ class Melting(Study):
         between = Estimate(theory.COEXISTENCE_PRESSURE.value, theory.COEXISTENCE_PRESSURE.uncertainty)
         pressure = f"{PRESSURE}: at fixed temperature, r the radius, from the virial"
         phases = (
-            f"in a large box liquid and hexatic coexist from packing fraction {low:g} to {high:g} at {between}, "
-            f"and the hexatic reaches to {theory.HEXATIC_UP_TO:g} (Bernard, Krauth 2011)"
+            f"in a large box liquid and hexatic coexist from packing fraction {low:g} to {high:g}, at "
+            f"{between}, and the hexatic reaches to {theory.HEXATIC_UP_TO:g} (Bernard, Krauth 2011)"
         )
         order = (
             "Psi6: mean over the discs of exp(6 i angle) of the bonds to their six nearest neighbours; "
-            "susceptibility N (<|Psi6|^2> - <|Psi6|>^2); correlation time of the complex Psi6, in collisions per "
-            "particle"
+            "susceptibility N (<|Psi6|^2> - <|Psi6|>^2); correlation time of the complex Psi6, in collisions "
+            "per particle"
         )
         how = (
-            f"{self.discarded:g} collisions per particle discarded, {self.collisions_per_particle:g} measured; "
-            "errors from blocks as long as the correlation asks for"
+            f"{self.discarded:g} collisions per particle discarded, {self.collisions_per_particle:g} "
+            "measured; errors from blocks as long as the correlation asks for"
         )
         beside = f"; theory: {', '.join(known)}, as many discs" if known else ""
         return [pressure + beside, phases, order, how]

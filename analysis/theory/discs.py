@@ -1,13 +1,13 @@
-"""Hard discs where they melt: pressures of finite boxes as Monte Carlo programs gave them, and the transition.
+"""Hard discs where they melt: pressures of finite boxes, from Monte Carlo programs, and the transition.
 
 In units of kT over the square of a diameter: beta P (2r)^2 = 4 eta Z / pi. All are of periodic boxes at fixed
 temperature, in which Z depends on the number of discs and, where there are few, on the shape of the box.
 
-- 224, 870 and 128^2 discs: Li, Nishikawa, Hoellmer, Carillo, Maggs, Krauth, J. Chem. Phys. 157, 234111 (2022),
-  doi 10.1063/5.0126437.
+- 224, 870 and 128^2 discs: Li, Nishikawa, Hoellmer, Carillo, Maggs, Krauth, J. Chem. Phys. 157, 234111
+  (2022), doi 10.1063/5.0126437.
 - 256^2, 512^2 and 1024^2 discs: Bernard, Krauth, Phys. Rev. Lett. 107, 155704 (2011), doi
-  10.1103/PhysRevLett.107.155704. Engel et al., Phys. Rev. E 87, 042134 (2013), doi 10.1103/PhysRevE.87.042134,
-  have them from two other programs, one of them event-driven, and agree.
+  10.1103/PhysRevLett.107.155704. Two other programs, one of them event-driven, agree (Engel et al., Phys.
+  Rev. E 87, 042134 (2013), doi 10.1103/PhysRevE.87.042134).
 
 Digits are those of the authors' data, which Li et al. keep beside all earlier ones (github.com, repository
 jellyfysh/HistoricDisks).
@@ -27,12 +27,18 @@ __all__ = ["COEXISTENCE", "COEXISTENCE_PRESSURE", "HEXATIC_UP_TO", "disc_pressur
 FloatArray = NDArray[np.float64]
 
 COEXISTENCE = (0.700, 0.716)
-"""Packing fractions between which a large box holds liquid and hexatic side by side (Bernard, Krauth 2011)."""
+"""Packing fractions between which a large box holds liquid and hexatic together (Bernard, Krauth 2011)."""
 COEXISTENCE_PRESSURE = Prediction(9.185, 0.0005)
-"""beta P (2r)^2 there. Equal areas under and over the pressures of 1024^2, 512^2 and 256^2 discs as below give
-9.1850 between 0.6999 and 0.7165, 9.1845 and 9.1830: with so few the interface between both costs something."""
+"""beta P (2r)^2 there: the equal areas under and over the pressures of 1024^2 discs below.
+
+They give 9.1850 between packing fractions 0.6999 and 0.7165. Those of 512^2 and 256^2 discs give 9.1845 and
+9.1830: with fewer discs the interface between both phases counts for more.
+"""
 HEXATIC_UP_TO = 0.720
-"""Packing fraction at which the hexatic becomes a solid, continuously (Bernard, Krauth 2011)."""
+"""Packing fraction at which the hexatic becomes a solid, continuously (Bernard, Krauth 2011).
+
+As they and Engel et al. are quoted; no table here depends on it.
+"""
 
 SQUARE, TRIANGULAR = 1.0, 2.0 / math.sqrt(3.0)  # longer edge over the shorter one: 1 : 1 and 1 : sqrt(3)/2
 LARGE = 128**2  # discs from which on the shape of the box hardly matters,
@@ -119,27 +125,25 @@ def disc_pressure(packing_fraction: float, n: int, ratio: float = 1.0) -> tuple[
         this one. None where there is no number. A gas at fixed energy and momentum 0, as ours is, has
         Z - 1 = N/(N - 1) (Z_N - 1), Z_N at fixed temperature.
     """
-    shape = max(ratio, 1.0 / ratio)
-    found = []
-    for (count, other), (places, values, errors) in _TABLES.items():
-        near = np.flatnonzero(np.abs(np.array(places) - packing_fraction) < 1e-6)
-        if count == n and len(near):
-            k, apart = int(near[0]), abs(math.log(shape / other))
-            found.append((apart, values[k], errors[k]))
-    if not found:
+    apart, places, values, errors = _nearest(n, ratio)
+    near = np.flatnonzero(np.abs(places - packing_fraction) < 1e-6)
+    if not len(near) or (apart > SAME_SHAPE and n < LARGE):
         return None
-    apart, value, error = min(found)
+    shape = SHAPE if apart > SAME_SHAPE else 0.0
     source = "Li et al. 2022" if n <= LARGE else "Bernard, Krauth 2011"
-    if apart < SAME_SHAPE:
-        return source, Prediction(value, error)
-    return (source, Prediction(value, math.hypot(error, SHAPE))) if n >= LARGE else None
+    return source, Prediction(float(values[near[0]]), math.hypot(float(errors[near[0]]), shape))
 
 
-def disc_pressures(n: int) -> tuple[FloatArray, FloatArray]:
-    """Return the packing fractions at which `disc_pressure` has so many discs, and the pressures; maybe none.
+def disc_pressures(n: int, ratio: float = 1.0) -> tuple[FloatArray, FloatArray]:
+    """Return packing fractions and pressures of so many discs in the box nearest to this shape; maybe none."""
+    return _nearest(n, ratio)[1:3]
 
-    Of a square box where there are two.
-    """
-    tables = [its for (count, _), its in sorted(_TABLES.items()) if count == n]
-    places, pressures = tables[0][:2] if tables else ([], [])
-    return np.array(places), np.array(pressures)
+
+def _nearest(n: int, ratio: float) -> tuple[float, FloatArray, FloatArray, FloatArray]:
+    """Return how far the shape of a box is from the nearest one with so many discs, and its table."""
+    of_n = {shape: its for (count, shape), its in _TABLES.items() if count == n}
+    own = max(ratio, 1.0 / ratio)
+    apart = {abs(math.log(own / shape)): its for shape, its in of_n.items()}
+    nearest = min(apart, default=math.inf)
+    places, values, errors = apart.get(nearest, ([], [], []))
+    return nearest, np.array(places), np.array(values), np.array(errors)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from matplotlib import colormaps
@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullFormatter, ScalarFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -27,9 +27,11 @@ __all__ = ["figure", "order_colours"]
 
 FloatArray = NDArray[np.float64]
 
+WIDTH, LOWER = 11.6, 4.0  # inches: of the figure, height of its lower half
 MOST_SHOWN = 4  # densities whose discs are drawn
 MOST_DISCS = 2000  # drawn as discs; of more, each point has the colour of the nearest one
-PIXELS = 640
+PIXELS = 640  # of the longer edge
+SMOOTHED = 80  # points of a smoothed curve
 WORDS = {"fluid": "from a fluid", "crystal": "from a crystal"}
 LINES: dict[str, dict[str, Any]] = {
     "fluid": {"ls": "-", "marker": "o"},
@@ -79,12 +81,14 @@ def figure(answers: Sequence[Answer]) -> Figure:
     Figure
     """
     shades = colormaps["viridis"](np.linspace(0.1, 0.8, max(len(answers), 2)))
-    picked = np.unique(np.linspace(0, len(answers) - 1, min(MOST_SHOWN, len(answers))).round().astype(int))
-    starts = list(answers[0].hidden["starts"])
+    count = min(MOST_SHOWN, len(answers))
+    picked = np.unique(np.linspace(0, len(answers) - 1, count).round().astype(int))
+    starts, ratio = list(answers[0].hidden["starts"]), answers[0].gas.ratio
     with figure_style():
-        drawn = Figure(figsize=(11.6, 8.6), layout="constrained")
-        upper, lower = drawn.subfigures(2, 1, height_ratios=[1.15, 1.0]).tolist()
-        panels = np.atleast_1d(upper.subplots(1, len(picked)))
+        high = min(WIDTH / count / ratio, 4.4) + 1.0
+        drawn = Figure(figsize=(WIDTH, high + LOWER), layout="constrained")
+        upper, lower = cast(Any, drawn.subfigures(2, 1, height_ratios=[high, LOWER]))
+        panels = np.atleast_1d(upper.subplots(1, count))
         for axes, which in zip(panels, picked, strict=True):
             _draw_discs(axes, answers[which], starts[0])
         _explain_colours(upper, panels)
@@ -152,8 +156,9 @@ def _explain_colours(figure: Any, panels: Any) -> None:
 def _draw_pressures(axes: Axes, answers: Sequence[Answer], starts: Sequence[str]) -> None:
     """Draw pressures of each start beside those of Monte Carlo, and where large boxes hold two phases."""
     low, high = theory.COEXISTENCE
-    axes.axvspan(low, high, color=COLOURS["band"], alpha=0.22, lw=0)
-    axes.axvspan(high, theory.HEXATIC_UP_TO, color=COLOURS["other"], alpha=0.22, lw=0)
+    large = {"alpha": 0.22, "lw": 0}
+    axes.axvspan(low, high, color=COLOURS["band"], **large, label="large box: liquid and hexatic")
+    axes.axvspan(high, theory.HEXATIC_UP_TO, color=COLOURS["other"], **large, label="large box: hexatic")
     pressure = float(theory.COEXISTENCE_PRESSURE.value)
     axes.plot([low, high], [pressure] * 2, color=COLOURS["words"], lw=1.2, ls=(0, (4, 2)))
     n = answers[0].gas.n
@@ -184,22 +189,26 @@ def _draw_pressures(axes: Axes, answers: Sequence[Answer], starts: Sequence[str]
     inside = known[(places >= eta[0] - edge) & (places <= eta[-1] + edge)]
     least, most = min([*values, *inside]), max([*values, *inside])
     room = 0.12 * (most - least) + 0.005
-    axes.set_ylim(least - room, most + 2.5 * room)
+    axes.set_ylim(least - room, most + 6.0 * room)  # for the legend
     axes.set_xlabel("packing fraction")
     axes.set_ylabel(r"pressure $\beta P (2r)^2$")
-    axes.set_title("Pressure; grey: liquid and hexatic, yellow: hexatic")
+    axes.set_title("Pressure")
     axes.legend(fontsize=8)
 
 
 def _draw_order(axes: Axes, answer: Answer, starts: Sequence[str], shade: Any) -> None:
     """Draw |Psi6| along the runs from each start."""
     found = answer.curves["order"].flat()
+    s = found["collisions_per_particle"] / 1000.0
+    joined = max(len(s) // SMOOTHED, 1)
+    cut = len(s) // joined * joined
     for name in starts:
+        axes.plot(s, found[name], color=shade, lw=0.5, alpha=0.3)
         axes.plot(
-            found["collisions_per_particle"] / 1000.0,
-            found[name],
+            s[:cut].reshape(-1, joined).mean(axis=1),
+            found[name][:cut].reshape(-1, joined).mean(axis=1),
             color=shade,
-            lw=0.9,
+            lw=1.5,
             ls=LINES[name]["ls"],
             label=f"{answer.gas.packing_fraction:.4g}" if name == starts[0] else None,
         )
@@ -207,8 +216,8 @@ def _draw_order(axes: Axes, answer: Answer, starts: Sequence[str], shade: Any) -
 
 def _finish_order(axes: Axes, answer: Answer, starts: Sequence[str]) -> None:
     n, discarded = answer.gas.n, answer.details["equilibration"]
-    axes.axvline(discarded / 1000.0, color=COLOURS["band"], lw=1.0)
-    axes.axhline(1.0 / math.sqrt(n), color=COLOURS["band"], lw=1.0, ls=(0, (1, 2)))
+    axes.axvline(discarded / 1000.0, color=COLOURS["words"], lw=1.0, label="measured from here")
+    axes.axhline(1.0 / math.sqrt(n), color=COLOURS["words"], lw=1.0, ls=(0, (1, 2)), label=r"$1/\sqrt{N}$")
     if len(starts) > 1:
         for name in starts:
             axes.plot([], [], color=COLOURS["words"], lw=1.2, ls=LINES[name]["ls"], label=WORDS[name])
@@ -216,7 +225,7 @@ def _finish_order(axes: Axes, answer: Answer, starts: Sequence[str]) -> None:
     axes.set_xlim(left=0.0)
     axes.set_xlabel("thousands of collisions per particle")
     axes.set_ylabel(r"global order $|\Psi_6|$")
-    axes.set_title("Order along the runs; line: measured from here")
+    axes.set_title("Order along the runs")
     axes.legend(fontsize=8, ncols=2)
 
 
@@ -243,15 +252,15 @@ def _draw_correlation(axes: Axes, answer: Answer, starts: Sequence[str], shade: 
 def _finish_correlation(axes: Axes, answers: Sequence[Answer]) -> None:
     found = answers[-1].curves["g6"].flat()
     r, g6 = found["r"], found["g6"]
-    from_here = int(np.searchsorted(r, 2.5))
-    place = min(from_here, len(r) - 1)
+    place = min(int(np.searchsorted(r, 2.5)), len(r) - 1)
     line = g6[place] * (r[place:] / r[place]) ** -KOSTERLITZ_THOULESS
     axes.plot(r[place:], line, color=COLOURS["theory"], lw=1.4, label=r"$r^{-1/4}$: end of the hexatic")
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_xlim(1.0, 1.1 * r[-1])
     for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_formatter(ScalarFormatter())
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axis.set_minor_formatter(NullFormatter())
     axes.set_xlabel("distance r in diameters")
     axes.set_ylabel("$g_6(r)$")
