@@ -13,13 +13,14 @@ the global order Psi6, and
 falls exponentially in a liquid, as a power r^-eta6 with eta6 up to 1/4 in a hexatic, and to a constant in a
 solid (Halperin, Nelson 1978, doi 10.1103/PhysRevLett.41.121).
 
-**Which neighbours.** The six nearest: those of a million discs take a second and a half, Voronoi's take seven.
-The two differ at defects, where the local order is small anyway. In fluids at packing fractions 0.68, 0.70 and
-0.715 the mean |Psi6| from Voronoi's is 1.0, 0.4 and 0.1 % larger. Far away the choice changes a factor of g6.
+**Which neighbours.** The six nearest: those of a million discs take a second and a half, Voronoi's seven. The
+two differ at defects, where the local order is small anyway: in fluids at packing fractions 0.68, 0.70 and
+0.715 the mean |Psi6| from Voronoi's neighbours is 1.0, 0.4 and 0.1 % larger. Of g6 far away a factor depends
+on the choice, the decay does not.
 
-**Which pairs.** All of them, in a time of N log N: psi is summed over the cells of a grid, and the correlation
-of the sums is a product of their Fourier transforms. A pair counts at the distance of its cells, half a
-diameter wide: the first three diameters are coarse, and the rest is not.
+**Which pairs.** All of them, in a time of N log N: psi is summed over the cells of a grid, and the
+correlation of the sums comes from their Fourier transforms. A pair counts at the distance of its cells, half
+a diameter wide: the first three diameters are coarse, and the rest is not.
 """
 
 from __future__ import annotations

@@ -135,7 +135,7 @@ def disc_pressure(packing_fraction: float, n: int, ratio: float = 1.0) -> tuple[
 
 
 def disc_pressures(n: int, ratio: float = 1.0) -> tuple[FloatArray, FloatArray]:
-    """Return packing fractions and pressures of so many discs in the box nearest to this shape; maybe none."""
+    """Return packing fractions and pressures of so many discs in the box nearest to this shape, if any."""
     return _nearest(n, ratio)[1:3]
 
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.collections import EllipseCollection
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
@@ -29,8 +28,9 @@ FloatArray = NDArray[np.float64]
 
 WIDTH, LOWER = 11.6, 4.0  # inches: of the figure, height of its lower half
 MOST_SHOWN = 4  # densities whose discs are drawn
-MOST_DISCS = 2000  # drawn as discs; of more, each point has the colour of the nearest one
-PIXELS = 640  # of the longer edge
+PIXELS = 520  # of the longer edge
+FINE = 0.25  # diameters: pixels that show the gaps between discs,
+GAP = 0.08  # whose colour is this grey
 SMOOTHED = 80  # points of a smoothed curve
 WORDS = {"fluid": "from a fluid", "crystal": "from a crystal"}
 LINES: dict[str, dict[str, Any]] = {
@@ -107,32 +107,15 @@ def _draw_discs(axes: Axes, answer: Answer, start: str) -> None:
     gas, last = answer.gas, answer.hidden["last"][start].astype(np.float64)
     places, colours = last[:, :2], order_colours(last[:, 2] + 1j * last[:, 3])
     width, height = gas.box.tolist()
-    axes.set_facecolor("#12161d")
-    if len(places) <= MOST_DISCS:
-        shifts = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)]) * gas.box
-        images = (places + shifts[:, None]).reshape(-1, 2)
-        near = np.all((images > -0.5) & (images < gas.box + 0.5), axis=1)
-        size = np.ones(int(near.sum()))
-        axes.add_collection(
-            EllipseCollection(
-                size,
-                size,
-                0.0 * size,
-                units="xy",
-                offsets=images[near],
-                transOffset=axes.transData,
-                facecolors=np.tile(colours, (len(shifts), 1))[near],
-                edgecolors="none",
-            )
-        )
-    else:
-        edge = max(width, height) / PIXELS
-        x, y = np.arange(0.5 * edge, width, edge), np.arange(0.5 * edge, height, edge)
-        points = np.stack(np.meshgrid(x, y), axis=-1)
-        nearest = cKDTree(np.mod(places, gas.box), boxsize=gas.box).query(points)[1]
-        axes.imshow(
-            colours[nearest], origin="lower", extent=(0.0, width, 0.0, height), interpolation="nearest"
-        )
+    edge = max(width, height) / PIXELS
+    x, y = np.arange(0.5 * edge, width, edge), np.arange(0.5 * edge, height, edge)
+    tree = cKDTree(np.mod(places, gas.box), boxsize=gas.box)
+    distance, nearest = tree.query(np.stack(np.meshgrid(x, y), axis=-1))
+    image = colours[nearest]
+    if edge < FINE:  # else all of a disc is in few pixels
+        inside = np.clip((0.5 - distance) / edge + 0.5, 0.0, 1.0)[..., None]
+        image = inside * image + (1.0 - inside) * GAP
+    axes.imshow(image, origin="lower", extent=(0.0, width, 0.0, height))
     axes.set_xlim(0.0, width)
     axes.set_ylim(0.0, height)
     axes.set_aspect("equal")
@@ -221,12 +204,12 @@ def _finish_order(axes: Axes, answer: Answer, starts: Sequence[str]) -> None:
     if len(starts) > 1:
         for name in starts:
             axes.plot([], [], color=COLOURS["words"], lw=1.2, ls=LINES[name]["ls"], label=WORDS[name])
-    axes.set_ylim(0.0, 1.0)
+    axes.set_ylim(0.0, 1.05)
     axes.set_xlim(left=0.0)
     axes.set_xlabel("thousands of collisions per particle")
     axes.set_ylabel(r"global order $|\Psi_6|$")
     axes.set_title("Order along the runs")
-    axes.legend(fontsize=8, ncols=2)
+    axes.legend(fontsize=7.5, ncols=3, loc="upper center", columnspacing=1.0)
 
 
 def _draw_correlation(axes: Axes, answer: Answer, starts: Sequence[str], shade: Any) -> None:
