@@ -106,22 +106,27 @@ class Melting(Study):
         return gas.start_of(replica.seed)
 
     def estimators(self, gas: Discs, simulation: hs.Simulation) -> dict[str, Any]:
-        """Return those of pressure and order, and one of the order before the measurement."""
-        return {"pressure": Pressure(simulation.scene), "order": HexaticOrder(), "before": HexaticOrder()}
+        """Return those of pressure and order."""
+        return {"pressure": Pressure(simulation.scene), "order": HexaticOrder()}
 
     def advance(self, gas: Discs, replica: Replica) -> Iterator[None]:
         """Follow the order from the start on, and measure from the end of equilibration."""
         simulation, (moments, begin) = replica.simulation, self.moments(gas)
-        measured = replica.estimators
+        box, before = simulation.scene.box, replica.seen.setdefault("before", [])
         for k in range(replica.done, len(moments)):
             yield from until(simulation, moments[k])
             frame = simulation.frame()
-            for name in ("order", "pressure") if k >= begin else ("before",):
-                measured[name].add(frame)
+            if k == begin:  # of this scene, which a checkpoint may have made anew
+                replica.estimators = self.estimators(gas, simulation)
+            if k < begin:
+                before.append(float(abs(local_order(frame.positions, box).mean())))
+            else:
+                replica.estimators["order"].add(frame)
+                replica.estimators["pressure"].add(frame)
             replica.done += 1
             yield
         places = simulation.positions
-        psi = local_order(places, simulation.scene.box)
+        psi = local_order(places, box)
         replica.seen["places_and_order"] = np.column_stack([places, psi.real, psi.imag]).astype(np.float32)
 
     def answer(self, gas: Discs, replicas: Sequence[Replica]) -> Answer:
@@ -201,13 +206,10 @@ class Melting(Study):
     def _paths(self, gas: Discs, starts: dict[str, list[Replica]]) -> Curves:
         """Return |Psi6| of every frame from the start on, mean over the replicas of each start."""
         moments, begin = self.moments(gas)
-        keys = ("before", "order") if begin else ("order",)
-        columns = {
-            name: Column(
-                *replica_mean([np.concatenate([one.estimators[key].moduli for key in keys]) for one in own])
-            )
-            for name, own in starts.items()
-        }
+        columns = {}
+        for name, own in starts.items():
+            paths = [np.append(one.seen["before"], one.estimators["order"].moduli) for one in own]
+            columns[name] = Column(*replica_mean(paths))
         s, measured = 2.0 * np.array(moments) / gas.n, np.arange(float(len(moments))) >= begin
         return Curves(
             {"collisions_per_particle": s}, columns, beside={"measured": measured.astype(np.float64)}

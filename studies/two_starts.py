@@ -23,7 +23,7 @@ __all__ = ["Discs", "canonical_pressure"]
 
 FloatArray = NDArray[np.float64]
 
-NARROWEST, DENSEST = 0.60, 0.80  # packing fractions
+LEAST, MOST = 0.60, 0.80  # packing fractions
 LONGEST = 1.25  # one edge of the box over the other
 ROW = math.sqrt(0.75)  # spacings from one row of the triangular lattice to the next
 
@@ -74,10 +74,12 @@ class Discs(Fluid):
     def check(self) -> None:
         """Raise OptionError where the lattice is not whole, or this is far from melting."""
         require_room_for(self.n)
-        if not NARROWEST <= self.packing_fraction <= DENSEST:
+        if not LEAST <= (eta := self.packing_fraction) <= MOST:
+            where = (
+                f"above {MOST:g}, far in the solid" if eta > MOST else f"below {LEAST:g}, far in the fluid"
+            )
             raise OptionError(
-                f"--packing-fraction {self.packing_fraction:g} is far from melting, near 0.70; ask for "
-                f"{NARROWEST:g} to {DENSEST:g}"
+                f"packing fraction {eta:g} is {where}; discs melt near 0.7, ask for {LEAST:g} to {MOST:g}"
             )
         if self.lattice is None:
             near = [
