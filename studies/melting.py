@@ -16,7 +16,7 @@ from analysis.hexatic import HexaticOrder, local_order
 from analysis.pressure import Pressure
 from analysis.statistics import Estimate, TheoryCheck, pool_replicas, replica_mean
 from studies.answer import Answer, Column, Curves, alarms, number
-from studies.fluid import check_length
+from studies.fluid import LONGEST, check_length
 from studies.noticing import Notices, too_short
 from studies.options import OptionError, densities, option, runs, word
 from studies.running.resuming import until
@@ -71,6 +71,7 @@ class Melting(Study):
         None,
         "Collisions per particle before the measurement.",
         at_least=0.0,
+        at_most=LONGEST,
         shown="a quarter of the measurement",
     )
     replicas: int = runs(2)
@@ -81,8 +82,6 @@ class Melting(Study):
         for discs in found:
             discs.check()
         check_length(self.collisions_per_particle, SHORTEST, "is too short for any order to change")
-        if self.equilibration is not None:
-            check_length(self.equilibration, 0.0, "")
         if self.starts == "both" and self.replicas < 2:
             raise OptionError("--start both needs --replicas 2 or more: one from a fluid, one from a crystal")
         return found

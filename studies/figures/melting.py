@@ -11,7 +11,7 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -119,8 +119,9 @@ def _draw_discs(axes: Axes, answer: Answer, start: str) -> None:
     axes.set_xlim(0.0, width)
     axes.set_ylim(0.0, height)
     axes.set_aspect("equal")
-    axes.set_xticks([])
-    axes.set_yticks([])
+    axes.tick_params(length=2.0, labelsize=7.5)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
     axes.set_title(f"packing fraction {gas.packing_fraction:.4g}, {WORDS[start]}")
 
 
@@ -133,7 +134,10 @@ def _explain_colours(figure: Any, panels: Any) -> None:
     bar = figure.colorbar(scale, ax=list(panels), location="bottom", aspect=60, shrink=0.5, pad=0.02)
     bar.set_ticks([0, 15, 30, 45, 60], labels=["0\u00b0", "15\u00b0", "30\u00b0", "45\u00b0", "60\u00b0"])
     bar.outline.set_visible(False)
-    bar.set_label("direction of the bonds to six neighbours at the end; dark: no order", fontsize=9)
+    bar.set_label(
+        "direction of the bonds to six neighbours, at the end (lengths in diameters); dark: no order",
+        fontsize=9,
+    )
 
 
 def _draw_pressures(axes: Axes, answers: Sequence[Answer], starts: Sequence[str]) -> None:
@@ -204,12 +208,13 @@ def _finish_order(axes: Axes, answer: Answer, starts: Sequence[str]) -> None:
     if len(starts) > 1:
         for name in starts:
             axes.plot([], [], color=COLOURS["words"], lw=1.2, ls=LINES[name]["ls"], label=WORDS[name])
-    axes.set_ylim(0.0, 1.05)
+    axes.set_ylim(0.0, 1.45)  # with room for the legend
+    axes.set_yticks(np.linspace(0.0, 1.0, 6))
     axes.set_xlim(left=0.0)
     axes.set_xlabel("thousands of collisions per particle")
     axes.set_ylabel(r"global order $|\Psi_6|$")
     axes.set_title("Order along the runs")
-    axes.legend(fontsize=7.5, ncols=3, loc="upper center", columnspacing=1.0)
+    axes.legend(fontsize=8, ncols=2, loc="upper left")
 
 
 def _draw_correlation(axes: Axes, answer: Answer, starts: Sequence[str], shade: Any) -> None:
