@@ -64,12 +64,12 @@ class Discs(Fluid):
     def box(self) -> FloatArray:
         """Edges of the box, (2,)."""
         columns, rows = self._whole()
-        return self._spacing * np.array([columns, rows * ROW])
+        return np.array([self._spacing * columns, self._spacing * rows * ROW])
 
     @property
     def _spacing(self) -> float:
         """Distance of neighbours in the crystal."""
-        return math.sqrt(math.pi / (4.0 * ROW * self.packing_fraction))
+        return math.sqrt(math.pi / (2.0 * math.sqrt(3.0) * self.packing_fraction))
 
     def check(self) -> None:
         """Raise OptionError where the lattice is not whole, or this is far from melting."""
@@ -92,7 +92,7 @@ class Discs(Fluid):
 
     def start_of(self, seed: np.random.SeedSequence) -> str:
         """Return which start a replica has, given its seed."""
-        return self.starts[seed.spawn_key[0] % len(self.starts)]
+        return self.starts[(seed.spawn_key or (0,))[0] % len(self.starts)]
 
     def scene(self, seed: np.random.SeedSequence, velocities: str = "maxwell") -> hs.Scene:
         """Return the start that belongs to a seed."""

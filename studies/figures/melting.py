@@ -27,7 +27,7 @@ __all__ = ["figure", "order_colours"]
 FloatArray = NDArray[np.float64]
 
 WIDTH, LOWER = 11.6, 4.0  # inches: of the figure, height of its lower half
-MOST_SHOWN = 4  # densities whose discs are drawn
+MOST_SHOWN = 4  # gases that are drawn
 PIXELS = 520  # of the longer edge
 FINE = 0.25  # diameters: pixels that show the gaps between discs,
 GAP = 0.08  # whose colour is this grey
@@ -81,16 +81,18 @@ def figure(answers: Sequence[Answer]) -> Figure:
     Figure
     """
     shades = colormaps["viridis"](np.linspace(0.1, 0.8, max(len(answers), 2)))
-    count = min(MOST_SHOWN, len(answers))
-    picked = np.unique(np.linspace(0, len(answers) - 1, count).round().astype(int))
     starts, ratio = list(answers[0].hidden["starts"]), answers[0].gas.ratio
+    drawn_starts = starts if len(answers) * len(starts) <= MOST_SHOWN else starts[:1]
+    count = min(MOST_SHOWN // len(drawn_starts), len(answers))
+    picked = np.unique(np.linspace(0, len(answers) - 1, count).round().astype(int))
+    shown = [(answers[which], start) for which in picked for start in drawn_starts]
     with figure_style():
-        high = min(WIDTH / count / ratio, 4.4) + 1.0
+        high = min(WIDTH / len(shown) / ratio, 4.4) + 1.0
         drawn = Figure(figsize=(WIDTH, high + LOWER), layout="constrained")
         upper, lower = cast(Any, drawn.subfigures(2, 1, height_ratios=[high, LOWER]))
-        panels = np.atleast_1d(upper.subplots(1, count))
-        for axes, which in zip(panels, picked, strict=True):
-            _draw_discs(axes, answers[which], starts[0])
+        panels = np.atleast_1d(upper.subplots(1, len(shown)))
+        for axes, (answer, start) in zip(panels, shown, strict=True):
+            _draw_discs(axes, answer, start)
         _explain_colours(upper, panels)
         left, middle, right = lower.subplots(1, 3)
         _draw_pressures(left, answers, starts)
@@ -122,7 +124,7 @@ def _draw_discs(axes: Axes, answer: Answer, start: str) -> None:
     axes.tick_params(length=2.0, labelsize=7.5)
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
-    axes.set_title(f"packing fraction {gas.packing_fraction:.4g}, {WORDS[start]}")
+    axes.set_title(f"{gas.packing_fraction:.4g}, {WORDS[start]}")
 
 
 def _explain_colours(figure: Any, panels: Any) -> None:
@@ -203,7 +205,9 @@ def _draw_order(axes: Axes, answer: Answer, starts: Sequence[str], shade: Any) -
 
 def _finish_order(axes: Axes, answer: Answer, starts: Sequence[str]) -> None:
     n, discarded = answer.gas.n, answer.details["equilibration"]
-    axes.axvline(discarded / 1000.0, color=COLOURS["words"], lw=1.0, label="measured from here")
+    axes.axvline(
+        discarded / 1000.0, ymax=1.0 / 1.45, color=COLOURS["words"], lw=1.0, label="measured from here"
+    )
     axes.axhline(1.0 / math.sqrt(n), color=COLOURS["words"], lw=1.0, ls=(0, (1, 2)), label=r"$1/\sqrt{N}$")
     if len(starts) > 1:
         for name in starts:
