@@ -14,7 +14,7 @@ from studies.cli import main
 from studies.figures.melting import order_colours
 from studies.fluid import Fluid
 from studies.melting import ORDER, ORDERS, PRESSURE, PRESSURES, TIME, Melting
-from studies.two_starts import Discs, canonical_pressure
+from studies.two_starts import Discs
 
 
 def answered(**options):
@@ -52,17 +52,6 @@ def test_starts_alternate_in_the_same_box():
         hs.Simulation(scene).check()
     alone = Discs(224, packing_fraction=0.7, starts=("crystal",))
     assert [alone.start_of(seed(k)) for k in range(3)] == ["crystal"] * 3
-
-
-def test_a_pressure_at_fixed_energy_becomes_one_at_fixed_temperature():
-    """Z - 1 = N/(N - 1) (Z_N - 1). Sibling: Z as it is, 0.1 % off at N = 870."""
-    z_of_n = 8.0
-    z = Estimate(1.0 + 870 / 869 * (z_of_n - 1.0), 0.01, 50.0, 20.0)
-    found = canonical_pressure(z, 0.67, 870)
-    assert found.value == pytest.approx(4.0 * 0.67 / math.pi * z_of_n, rel=1e-12)
-    assert found.standard_error == pytest.approx(4.0 * 0.67 / math.pi * 869 / 870 * 0.01, rel=1e-12)
-    assert found.degrees_of_freedom == 20.0
-    assert abs(4.0 * 0.67 / math.pi * z.value / found.value - 1.0) > 8e-4
 
 
 @pytest.fixture(scope="module")
