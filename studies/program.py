@@ -71,9 +71,18 @@ class Program(ABC):
             cls.__repr__ = Program.__repr__  # type: ignore[method-assign]
 
     def __repr__(self) -> str:
-        """Return the call that makes it; options that were not given, and have no default, are left out."""
-        options = [(each.name, getattr(self, each.name)) for each in fields(self)]
-        given = ", ".join(f"{name}={value!r}" for name, value in options if value is not None)
+        """Return the call that makes it; what was not given, and has no default or effect, is left out."""
+        options = {each.name: getattr(self, each.name) for each in fields(self)}
+        left_out = {
+            each.name
+            for each, its in options_of(self)
+            if not its.matters and options[each.name] == each.default
+        }
+        given = ", ".join(
+            f"{name}={value!r}"
+            for name, value in options.items()
+            if value is not None and name not in left_out
+        )
         return f"{type(self).__name__}({given})"
 
     def __post_init__(self) -> None:

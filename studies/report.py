@@ -104,6 +104,11 @@ class Screen:
     width : int, optional
         Characters in a line; by default those of the terminal, 100 in a notebook. In files, sentences are
         not wrapped and tables are 120 wide.
+
+    Attributes
+    ----------
+    told : set of str
+        What `note_once` has printed.
     """
 
     def __init__(self, json_output: bool = False, width: int | None = None) -> None:
@@ -112,6 +117,7 @@ class Screen:
         self.errors = _console(stderr=json_output or not self.notebook)
         self.results = self.errors if json_output else _console()
         self._given = width
+        self.told: set[str] = set()
 
     @property
     def _animated(self) -> bool:
@@ -129,6 +135,12 @@ class Screen:
     def note(self, text: str) -> None:
         """Print a line about the progress."""
         self._print(self.errors, text, style="dim")
+
+    def note_once(self, text: str) -> None:
+        """Print a line about the progress that several runs may have to say."""
+        if text not in self.told:
+            self.told.add(text)
+            self.note(text)
 
     def table(
         self,

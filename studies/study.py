@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack, nullcontext, suppress
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -411,11 +411,10 @@ def run_study(
     if record and study.recorders(gases[0]):
         runs.append(_Run(gases[0], 0, 0, recording=True))
         numbers.append(len(numbers))
+    here = study.processes == 1 and executor is None
+    task = _Running(replace(study, executor=None), folder, screen.note_once if here else None)
     # what takes longest is last here and runs first, so that all workers finish together: dense gases, and
     # the run that is watched
-    tell = cache(screen.note)
-    here = study.processes == 1 and executor is None
-    task = _Running(replace(study, executor=None), folder, tell if here else None)  # that can go to a worker
     if isinstance(shelf, SharedShelf):
         numbered = list(zip(numbers[::-1], runs[::-1], strict=True))
         run_part(task, numbered, shelf, screen, workers=study.processes)
@@ -442,7 +441,7 @@ def run_study(
             )
     recorded = found.pop() if runs[-1].recording else None
     for why in why_fewer([its.status for its in found]) if study.threads > 1 else ():
-        tell(why)
+        screen.note_once(why)
     return [found[k * count : (k + 1) * count] for k in range(len(gases))], recorded
 
 

@@ -441,7 +441,7 @@ def conduct_sweep(
                 screen.note(f"{where}: finished before")
                 continue
             screen.note(f"{where}: running")
-            quiet = Quiet(screen.json_output)
+            quiet = Quiet(screen)
             if target is None:
                 conduct(point.study, part, quiet)
             else:

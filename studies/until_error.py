@@ -115,7 +115,11 @@ class Plan:
 
 
 class Quiet(Screen):
-    """A screen that shows progress and prints nothing."""
+    """A screen that shows the progress of a part of what another one is about, and prints no results."""
+
+    def __init__(self, screen: Screen) -> None:
+        super().__init__(screen.json_output)
+        self.told = screen.told
 
     def say(self, text: str = "") -> None:
         """Print nothing."""
@@ -170,7 +174,7 @@ def until_error(
     seed = int(np.random.SeedSequence([study.seed, 1]).generate_state(1)[0])
     pilot = replace(study, replicas=min(study.replicas, PILOT), seed=seed)
     with _scratch() as folder:
-        tried, _ = run(pilot, folder, Quiet(screen.json_output), record=False)
+        tried, _ = run(pilot, folder, Quiet(screen), record=False)
     plan = Plan.of(main_numbers(tried), pilot.replicas, target)
     times = plan.allowed / pilot.replicas
     screen.note(
