@@ -192,7 +192,7 @@ class Melting(Study):
         apart = [each for each in numbers if each.quantity in (PRESSURES, ORDERS) and abs(each.z) > APART]
         if held < INDEPENDENT:
             return False, (
-                f"too short: {kept} or more, and a run of {length:g} holds {held:.2g} such times, not the "
+                f"too short: {kept} or more, and a run of {length:g} holds {_two_digits(held)} such times, not the "
                 f"{INDEPENDENT:g} that it needs; pressure and order may be those of the start"
             )
         if apart:
@@ -200,7 +200,7 @@ class Melting(Study):
             return False, f"too short: the starts do not agree, {which}"
         if self.starts != "both":
             return False, f"{kept}, but there is one start, and nothing says that another one would agree"
-        return True, f"long enough: {kept}, a run holds {held:.2g} such times, and both starts agree"
+        return True, f"long enough: {kept}, a run holds {_two_digits(held)} such times, and both starts agree"
 
     def _paths(self, gas: Discs, starts: dict[str, list[Replica]]) -> Curves:
         """Return |Psi6| of every frame from the start on, mean over the replicas of each start."""

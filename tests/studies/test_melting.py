@@ -112,7 +112,7 @@ VERDICTS = [  # correlation time, deviations of pressure and order, both starts?
         -1.0,
         "both",
         True,
-        "long enough: Psi6 lasts for 100 collisions per particle, a run holds 1e+02",
+        "long enough: Psi6 lasts for 100 collisions per particle, a run holds 100 such times",
     ),
     (600.0, 0.5, -1.0, "both", False, "too short: Psi6 lasts for 600 collisions per particle or more"),
     (
