@@ -158,14 +158,13 @@ class Melting(Study):
         if len(starts) == 2:
             numbers.append(number(ORDERS, _difference(orders), expected=0.0))
         numbers += [number(SUSCEPTIBILITY, susceptibility), number(TIME, time)]
-        long_enough, verdict = self._verdict(time, numbers)
-        too_few = too_short(notices.times, self.collisions_per_particle)
+        long_enough, verdict = self._verdict(time, notices.times > 0.0, numbers)
         return Answer(
             gas,
             numbers,
             {"order": self._paths(gas, starts), "g6": _correlations(together, g6)},
-            [verdict, *notices.notes, *too_few],
-            alarms(numbers[:1]) if long_enough and not too_few else [],
+            [verdict, *notices.notes, *too_short(notices.times, self.collisions_per_particle)],
+            alarms(numbers[:1]) if long_enough else [],
             details={
                 "box": gas.box.tolist(),
                 "equilibration": self.discarded,
@@ -185,16 +184,18 @@ class Melting(Study):
             },
         )
 
-    def _verdict(self, time: Estimate, numbers: Sequence[TheoryCheck]) -> tuple[bool, str]:
+    def _verdict(self, time: Estimate, short: bool, numbers: Sequence[TheoryCheck]) -> tuple[bool, str]:
         """Return whether the run was long enough, as far as it can tell, and a sentence that says so."""
         length = self.collisions_per_particle
         held, kept = length / time.value, f"Psi6 lasts for {_two_digits(time.value)} collisions per particle"
         apart = [each for each in numbers if each.quantity in (PRESSURES, ORDERS) and abs(each.z) > APART]
         if held < INDEPENDENT:
             return False, (
-                f"too short: {kept} or more, and a run of {length:g} holds {_two_digits(held)} such times, not the "
-                f"{INDEPENDENT:g} that it needs; pressure and order may be those of the start"
+                f"too short: {kept} or more, and a run of {length:g} holds {_two_digits(held)} such times "
+                f"instead of the {INDEPENDENT:g} that it needs; pressure and order may be those of the start"
             )
+        if short:
+            return False, f"too short: {kept}, but pressure or |Psi6| have longer correlations than that"
         if apart:
             which = " and ".join(f"{each.quantity} is {each.z:+.1f} standard errors from 0" for each in apart)
             return False, f"too short: the starts do not agree, {which}"

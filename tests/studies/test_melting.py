@@ -137,8 +137,11 @@ def test_the_verdict(time, pressure, order, starts, enough, words):
         number(PRESSURES, Estimate(pressure, 1.0), expected=0.0),
         number(ORDERS, Estimate(order, 1.0), expected=0.0),
     ]
-    found, said = study._verdict(Estimate(time, 1.0), numbers if starts == "both" else [])
+    beside = numbers if starts == "both" else []
+    found, said = study._verdict(Estimate(time, 1.0), False, beside)
     assert found == enough and said.startswith(words)
+    found, said = study._verdict(Estimate(time, 1.0), True, beside)  # blocks of another number are too long
+    assert not found and said.startswith("too short: ")
 
 
 BAD = [
