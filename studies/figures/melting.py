@@ -146,17 +146,15 @@ def _draw_pressures(axes: Axes, answers: Sequence[Answer], starts: Sequence[str]
     """Draw pressures of each start beside those of Monte Carlo, and where large boxes hold two phases."""
     low, high = theory.COEXISTENCE
     large = {"alpha": 0.22, "lw": 0}
-    axes.axvspan(low, high, color=COLOURS["band"], **large, label="large box: liquid and hexatic")
     axes.axvspan(high, theory.HEXATIC_UP_TO, color=COLOURS["other"], **large, label="large box: hexatic")
+    axes.axvspan(low, high, color=COLOURS["band"], **large, label="large box: liquid and hexatic")
     pressure = float(theory.COEXISTENCE_PRESSURE.value)
-    axes.plot([low, high], [pressure] * 2, color=COLOURS["words"], lw=1.2, ls=(0, (4, 2)))
-    n = answers[0].gas.n
-    places, known = theory.disc_pressures(n)
-    count, source = (
-        (n, f"{n} discs, Monte Carlo") if len(places) else (1024**2, "1024\u00b2 discs, Monte Carlo")
-    )
-    places, known = theory.disc_pressures(count)
-    axes.plot(places, known, color=COLOURS["theory"], lw=1.2, label=source, zorder=2)
+    looks: dict[str, Any] = {"color": COLOURS["words"], "lw": 1.2, "ls": (0, (4, 2))}
+    axes.plot([low, high], [pressure] * 2, **looks, label=f"... at {pressure:g}")
+    gas = answers[0].gas
+    count = gas.n if len(theory.disc_pressures(gas.n)[0]) else 1024**2
+    places, known = theory.disc_pressures(count, gas.ratio)
+    axes.plot(places, known, color=COLOURS["theory"], lw=1.2, label=f"Monte Carlo, {count} discs", zorder=2)
     eta = np.array([answer.gas.packing_fraction for answer in answers])
     step = 0.0004 * (len(starts) > 1)
     for k, name in enumerate(starts):
