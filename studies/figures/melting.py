@@ -29,8 +29,9 @@ FloatArray = NDArray[np.float64]
 WIDTH, LOWER = 11.6, 4.0  # inches: of the figure, height of its lower half
 MOST_SHOWN = 4  # gases that are drawn
 PIXELS = 520  # of the longer edge
-FINE = 0.25  # diameters: pixels that show the gaps between discs,
+FINE = 0.1  # diameters: pixels that show the gaps between discs,
 GAP = 0.08  # whose colour is this grey
+FULL = 0.8  # local order, from which on the colour is full
 SMOOTHED = 80  # points of a smoothed curve
 WORDS = {"fluid": "from a fluid", "crystal": "from a crystal"}
 LINES: dict[str, dict[str, Any]] = {
@@ -45,7 +46,7 @@ def order_colours(psi: NDArray[np.complexfloating[Any]]) -> FloatArray:
     The hue turns once while the bonds turn by 60 degrees; without order it is dark. Lightness does not depend
     on the direction: a circle in OKLab (Ottosson 2020, https://bottosson.github.io/posts/oklab).
     """
-    size, angle = np.clip(np.abs(psi), 0.0, 1.0), np.angle(psi)
+    size, angle = np.clip(np.abs(psi) / FULL, 0.0, 1.0), np.angle(psi)
     lightness, chroma = 0.28 + 0.46 * size, 0.125 * size
     a, b = chroma * np.cos(angle), chroma * np.sin(angle)
     cone = np.stack(
@@ -172,6 +173,7 @@ def _draw_pressures(axes: Axes, answers: Sequence[Answer], starts: Sequence[str]
         )
     edge = 0.15 * max(float(np.ptp(eta)), 0.02)
     axes.set_xlim(eta[0] - edge, eta[-1] + edge)
+    axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
     values = [found.value for answer in answers for found, _ in answer.hidden["starts"].values()]
     inside = known[(places >= eta[0] - edge) & (places <= eta[-1] + edge)]
     least, most = min([*values, *inside]), max([*values, *inside])
