@@ -194,8 +194,9 @@ class HexaticOrder(PlacesEstimator):
 
         Integrated autocorrelation time of the complex Psi6, whose mean over all orientations is 0
         (`series.complex_autocorrelation_time`; in Sokal's convention a run of length T has T / 2 tau
-        independent values). Mean over runs. In a run that is short against it, it is too small: at most half
-        of the run. NaN of fewer than 16 frames.
+        independent values). Mean over runs. Bias: it is no less than half of what is between two frames,
+        which is what independent frames give; in a run that is short against it, it is too small, at most
+        half of the run. NaN of fewer than 16 frames.
         """
         found, weights = [], []
         for run in self._series():

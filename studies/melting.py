@@ -29,9 +29,11 @@ if TYPE_CHECKING:
 __all__ = ["Melting"]
 
 STARTS = {"both": ("fluid", "crystal"), "crystal": ("crystal",), "fluid": ("fluid",)}
-FRAMES = 512  # of the measurement, and at the same spacing before it: fewer than a series joins
+MOST_FRAMES = 512  # of the measurement, and at the same spacing before it: fewer than a series joins
+FEWEST_FRAMES, CLOSEST = 32, 10.0  # collisions per particle from one to the next
 SHORTEST = 100.0  # collisions per particle
 INDEPENDENT = 20.0  # correlation times of Psi6 that a run holds at least
+RESOLVED = 0.75  # distances of two frames: below, Psi6 may last for any shorter time
 APART = 3.0  # standard errors between two starts that do not agree
 
 PRESSURE, PRESSURES = "beta P (2r)^2", "P, fluid - crystal"
@@ -92,12 +94,17 @@ class Melting(Study):
         given = self.equilibration
         return 0.25 * self.collisions_per_particle if given is None else given
 
+    @property
+    def frames(self) -> int:
+        """Number of frames of the measurement, besides the first."""
+        return min(max(round(self.collisions_per_particle / CLOSEST), FEWEST_FRAMES), MOST_FRAMES)
+
     def moments(self, gas: Discs) -> tuple[list[int], int]:
         """Return at how many pair collisions frames are taken, and which of them begins the measurement."""
         total, before = (round(0.5 * s * gas.n) for s in (self.collisions_per_particle, self.discarded))
-        count = min(FRAMES, max(round(FRAMES * before / total), 1)) if before else 0
+        count = min(MOST_FRAMES, max(round(self.frames * before / total), 1)) if before else 0
         first = np.linspace(0, before, count + 1).round().astype(int)
-        rest = before + np.linspace(0, total, FRAMES + 1).round().astype(int)
+        rest = before + np.linspace(0, total, self.frames + 1).round().astype(int)
         return [*first[:-1].tolist(), *rest.tolist()], count
 
     def start_of(self, gas: Discs, replica: Replica) -> str:
@@ -187,7 +194,8 @@ class Melting(Study):
     def _verdict(self, time: Estimate, short: bool, numbers: Sequence[TheoryCheck]) -> tuple[bool, str]:
         """Return whether the run was long enough, as far as it can tell, and a sentence that says so."""
         length = self.collisions_per_particle
-        held, kept = length / time.value, f"Psi6 lasts for {_two_digits(time.value)} collisions per particle"
+        held, most = length / time.value, "at most " * (time.value < RESOLVED * length / self.frames)
+        kept = f"Psi6 lasts for {most}{_two_digits(time.value)} collisions per particle"
         apart = [each for each in numbers if each.quantity in (PRESSURES, ORDERS) and abs(each.z) > APART]
         if held < INDEPENDENT:
             return False, (
@@ -225,10 +233,11 @@ class Melting(Study):
             f"in a large box liquid and hexatic coexist from packing fraction {low:g} to {high:g}, at "
             f"{between}, and the hexatic reaches to {theory.HEXATIC_UP_TO:g} (Bernard, Krauth 2011)"
         )
+        apart = self.collisions_per_particle / self.frames
         order = (
             "Psi6: mean over the discs of exp(6 i angle) of the bonds to their six nearest neighbours; "
             "susceptibility N (<|Psi6|^2> - <|Psi6|>^2); correlation time of the complex Psi6, in collisions "
-            "per particle"
+            f"per particle, where it is longer than half of the {apart:.3g} between two frames"
         )
         how = (
             f"{self.discarded:g} collisions per particle discarded, {self.collisions_per_particle:g} "

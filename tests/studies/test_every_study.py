@@ -71,7 +71,6 @@ def _same_memory():
     """The memory of the process is no result: here it is unknown. Each frame of a film costs time."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("studies.thermalisation.FILM_FRAMES", 6)
-        patch.setattr("studies.melting.FRAMES", 32)
         patch.setattr("studies.validation.soak.resident", lambda: np.nan)
         yield
 

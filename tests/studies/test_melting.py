@@ -57,11 +57,7 @@ def test_starts_alternate_in_the_same_box():
 @pytest.fixture(scope="module")
 def small():
     """224 discs at 0.67, from both starts: a fluid that has melted and forgotten both."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("studies.melting.FRAMES", 400)
-        return answered(
-            n=224, packing_fractions=(0.67,), collisions_per_particle=24_000.0, equilibration=3000.0
-        )
+    return answered(n=224, packing_fractions=(0.67,), collisions_per_particle=24_000.0, equilibration=3000.0)
 
 
 def test_a_small_fluid_has_the_pressure_of_monte_carlo_from_both_starts(small):
@@ -113,6 +109,14 @@ VERDICTS = [  # correlation time, deviations of pressure and order, both starts?
         "both",
         True,
         "long enough: Psi6 lasts for 100 collisions per particle, a run holds 100 such times",
+    ),
+    (
+        10.0,
+        0.5,
+        -1.0,
+        "both",
+        True,
+        "long enough: Psi6 lasts for at most 10 collisions per particle, a run holds",
     ),
     (600.0, 0.5, -1.0, "both", False, "too short: Psi6 lasts for 600 collisions per particle or more"),
     (
@@ -189,7 +193,6 @@ def test_colours_tell_the_direction_and_nothing_is_dark():
 
 def test_figures_of_many_discs_and_of_one_start(tmp_path, monkeypatch):
     """A single density from a single start; gaps are dark only where a disc is some pixels wide."""
-    monkeypatch.setattr("studies.melting.FRAMES", 32)
     one = {"starts": "crystal", "replicas": 1, "collisions_per_particle": 100.0, "equilibration": 0.0}
     study, answers = answered(n=870, packing_fractions=(0.7,), **one)
     assert [each.quantity for each in answers[0].numbers][:2] == [PRESSURE, ORDER]
