@@ -312,7 +312,8 @@ def test_workers_save_what_they_have_before_they_end(number, code, word, to_all,
     out = tmp_path / "out"
     options = [*THERMALISE, "--out", str(out)]
     run = start(*options)
-    wait_for((out / "checkpoint" / "trajectory.xyz").exists)
+    trajectory = out / "checkpoint" / "trajectory.xyz"
+    wait_for(lambda: trajectory.exists() and trajectory.stat().st_size > 0)  # that run is under way
     workers = workers_of(run.pid)
     if to_all:  # as a terminal does, or a batch system
         os.killpg(run.pid, number)
