@@ -32,7 +32,6 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
-from scipy.spatial import cKDTree
 
 from analysis.estimator import PALETTE, PlacesEstimator, axes_or_new, labelled
 from analysis.reduced import Gas
@@ -73,6 +72,8 @@ def local_order(positions: FloatArray, box: FloatArray) -> ComplexArray:
     (N,) complex array
         Of modulus 1 on a triangular lattice. A neighbour counts once, by its nearest image.
     """
+    from scipy.spatial import cKDTree
+
     tree = cKDTree(positions, boxsize=box)
     found = np.empty(len(positions), dtype=np.complex128)
     for start in range(0, len(positions), AT_ONCE):

@@ -13,7 +13,6 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from analysis import theory
 from analysis.hexatic import KOSTERLITZ_THOULESS
@@ -107,6 +106,8 @@ def figure(answers: Sequence[Answer]) -> Figure:
 
 def _draw_discs(axes: Axes, answer: Answer, start: str) -> None:
     """Draw the last moment of a run."""
+    from scipy.spatial import cKDTree
+
     gas, last = answer.gas, answer.hidden["last"][start].astype(np.float64)
     places, colours = last[:, :2], order_colours(last[:, 2] + 1j * last[:, 3])
     width, height = gas.box.tolist()
