@@ -107,10 +107,6 @@ class Melting(Study):
         rest = before + np.linspace(0, total, self.frames + 1).round().astype(int)
         return [*first[:-1].tolist(), *rest.tolist()], count
 
-    def start_of(self, gas: Discs, replica: Replica) -> str:
-        """Return what a replica started as."""
-        return gas.start_of(replica.seed)
-
     def estimators(self, gas: Discs, simulation: hs.Simulation) -> dict[str, Any]:
         """Return those of pressure and order."""
         return {"pressure": Pressure(simulation.scene), "order": HexaticOrder()}
@@ -138,8 +134,8 @@ class Melting(Study):
     def answer(self, gas: Discs, replicas: Sequence[Replica]) -> Answer:
         """Return pressure and order of all runs, and how far both starts differ."""
         starts = {
-            name: [one for one in replicas if self.start_of(gas, one) == name]
-            for name in sorted({self.start_of(gas, one) for one in replicas}, reverse=True)
+            name: [one for one in replicas if gas.start_of(one.seed) == name]
+            for name in sorted({gas.start_of(one.seed) for one in replicas}, reverse=True)
         }
         notices = Notices()
         pressures, orders, g6 = {}, {}, {}
@@ -165,7 +161,7 @@ class Melting(Study):
         if len(starts) == 2:
             numbers.append(number(ORDERS, _difference(orders), expected=0.0))
         numbers += [number(SUSCEPTIBILITY, susceptibility), number(TIME, time)]
-        long_enough, verdict = self._verdict(time, notices.times > 0.0, numbers)
+        long_enough, verdict = self._verdict(time, notices.times > 0.0 or bool(notices.notes), numbers)
         return Answer(
             gas,
             numbers,
@@ -202,11 +198,14 @@ class Melting(Study):
                 f"too short: {kept} or more, and a run of {length:g} holds {_two_digits(held)} such times "
                 f"instead of the {INDEPENDENT:g} that it needs; pressure and order may be those of the start"
             )
-        if short:
-            return False, f"too short: {kept}, but pressure or |Psi6| have longer correlations than that"
         if apart:
             which = " and ".join(f"{each.quantity} is {each.z:+.1f} standard errors from 0" for each in apart)
             return False, f"too short: the starts do not agree, {which}"
+        if short:
+            return (
+                False,
+                f"too short: {kept}, but pressure or |Psi6| drift, or have longer correlations than that",
+            )
         if self.starts != "both":
             return False, f"{kept}, but there is one start, and nothing says that another one would agree"
         return True, f"long enough: {kept}, a run holds {_two_digits(held)} such times, and both starts agree"
