@@ -15,6 +15,7 @@ LAYERS = 3  # of cells in a tile along an axis that is divided, at least: then e
 COLLISIONS_IN_BUCKET = 0.02  # per particle, at least; windows are no longer than a bucket
 EVENTS_IN_TICK = 32  # of a domain: then what they need comes into the cache in time
 LEAST_TICKS, MOST_TICKS = 8, 256  # in a bucket
+MOST_TICKS_OF_WINDOWS = 8192
 CYCLE = 512  # buckets in a cycle of the calendars
 AXES = 2  # that may be divided: columns of cells are left whole
 
@@ -55,11 +56,35 @@ class Domains:
         number[at.TICKS] = number[at.INVERSE_WIDTH] * count[at.BUCKET_TICKS]
         count[at.BUCKETS] = CYCLE
         count[at.BLOCKS] = CYCLE + n // tiles + 64
+        self._share(n, at, count)
+        count[at.WINDOW_TICKS] = count[at.BUCKET_TICKS] // 2
+
+    def plan_windows(self, scene: Scene, length: float, at: Any, number: Any, count: Any) -> None:
+        """Write what the kernels need to know of windows of time of this length; the rest is there already.
+
+        A bucket is then a whole window of time, and its ticks are what one thread calls its buckets.
+        """
+        n, tiles, domains = scene.n, math.prod(self.tiles), math.prod(self.across)
+        collisions = collision_frequency(scene) * length  # of a particle
+        ticks = int(power_of_two_below(max(0.5 * n * collisions / domains / EVENTS_IN_TICK, 1.0)))
+        count[at.BUCKET_TICKS] = min(max(ticks, LEAST_TICKS), MOST_TICKS_OF_WINDOWS)
+        count[at.WINDOW_BUCKETS] = 1
+        count[at.EPOCH_BUCKETS] = round(float(number[at.EPOCH_LENGTH]) / length)
+        number[at.INVERSE_WIDTH] = 1.0 / length
+        number[at.TICKS] = float(count[at.BUCKET_TICKS]) / length
+        count[at.BUCKETS] = count[at.BUCKET_TICKS]
+        count[at.CONTACT_ROOM] = n // tiles + 1024
+        count[at.BLOCKS] = count[at.BUCKETS] + n // (4 * tiles) + 256
+        count[at.OVERFLOW_ROOM] += 1024 * self.threads
+        ticks = int(power_of_two_below(max(COLLISIONS_IN_BUCKET / max(collisions, 1e-300) * ticks, 1.0)))
+        self._share(n, at, count)
+        count[at.WINDOW_TICKS] = min(max(ticks // 2, 1), count[at.BUCKET_TICKS])
+
+    def _share(self, n: int, at: Any, count: Any) -> None:
         count[at.HEAP_ROOM] = 1024 + n // 8
         count[at.UNDO_ROOM] = 1024 + n // (6 * self.threads)
-        count[at.THREAD_COUNT], count[at.TILES] = self.threads, tiles
+        count[at.THREAD_COUNT], count[at.TILES] = self.threads, math.prod(self.tiles)
         count[at.DOMAINS], count[at.SHIFTS] = math.prod(self.across), len(self.shifts)
-        count[at.WINDOW_TICKS] = count[at.BUCKET_TICKS] // 2
 
     def fill(self, at: Any, arrays: dict[str, Any]) -> None:
         """Fill the tables of tiles."""
@@ -72,7 +97,7 @@ class Domains:
             np.searchsorted(edge, np.arange(cells), "right") - 1
             for edge, cells in zip(edges, (nx, ny), strict=True)
         )
-        arrays["tile_of_column"][:] = (tile_x[:, None] * self.tiles[1] + tile_y).ravel()
+        arrays["tile_of_column"][: nx * ny] = (tile_x[:, None] * self.tiles[1] + tile_y).ravel()
         inside: NDArray[np.int32] = np.full((nx, ny), 1 << at.ALL_TILES, dtype=np.int32)
         domain = arrays["domain_of"].reshape(at.ALL_TILES + 1, *self.tiles)
         for number, shift in enumerate(self.shifts):
@@ -82,7 +107,7 @@ class Domains:
             inside |= (along[0][:, None] & along[1]).astype(np.int32) << number
             x, y = (_domains(tiles, by) for tiles, by in zip(self.tiles, shift, strict=True))
             domain[number] = x[:, None] * self.across[1] + y
-        arrays["inside_in"][:] = inside.ravel()
+        arrays["inside_in"][: nx * ny] = inside.ravel()
 
 
 def _fits(cells: list[int], across: tuple[int, int]) -> bool:

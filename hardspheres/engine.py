@@ -46,16 +46,13 @@ class How(NamedTuple):
     search: str = "auto"
     threads: int = 1
 
-    def threads_for(self, scene: Scene, windows: bool) -> tuple[int, str | None]:
+    def threads_for(self, scene: Scene, two_grids: bool) -> tuple[int, str | None]:
         """Return how many threads to use, if the gas is large enough, and why they are fewer."""
         if self.threads == 1:
             return 1, None
         begins = f"threads={self.threads}: this gas runs on one thread, because"
-        if windows:
-            return 1, (
-                f"{begins} it is so dilute that its partners are searched by windows of time; "
-                'search="lists" can use several, and is slower on each'
-            )
+        if two_grids:
+            return 1, f"{begins} its large particles, among many small ones, are in a grid of their own"
         if scene.falls and scene.n_moving < scene.n:
             return 1, f"{begins} obstacles under gravity need it"
         idle = idle_cores()
@@ -140,8 +137,9 @@ class Engine:
         length = epoch_length(scene)
         self.how = how
         windows = windows_for(scene, length, self.how.search) if growth is None else None
-        threads, self.shortfall = (1, None) if growth else self.how.threads_for(scene, windows is not None)
-        self.search: Lists | Windows = windows or Lists(scene, threads)
+        two_grids = windows is not None and len(windows.large) > 0
+        threads, self.shortfall = (1, None) if growth else self.how.threads_for(scene, two_grids)
+        self.search: Lists | Windows = windows.on(threads) if windows else Lists(scene, threads)
         domains = self.search.domains
         self.threads = domains.threads if domains else 1
         if self.threads < threads:

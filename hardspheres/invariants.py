@@ -445,27 +445,47 @@ class _Search:
         at = self.at
         return int(self.arrays.event[i * at.EVENT + at.TILE_WORD] >> at.TILE_SHIFT & at.TILE_BITS)
 
+    def _contacts(self) -> tuple[list[tuple[int, int]], int, int, float]:
+        """Return pending contacts and their buckets, -1 in the heap; the present bucket.
+
+        Then how many buckets a window has, and a unit of time.
+        """
+        at, count = self.at, self.arrays.counter
+        size, bucket = int(count[at.WINDOW_BUCKETS]), int(count[at.BUCKET])
+        pending = [(c, -1) for c in self.arrays.heap_entry[: int(count[at.HEAP_LENGTH])].tolist()]
+        for slot in range(bucket % size + 1, size):
+            pending += [(c, slot) for c in self.chain(slot)]
+        return pending, bucket, size, float(self.arrays.number[at.INVERSE_WIDTH])
+
+    def _contacts_in_tiles(self) -> tuple[list[tuple[int, int]], int, int, float]:
+        """Return the same where threads share the gas: all contacts are in the buckets of tiles."""
+        at, count = self.at, self.arrays.counter
+        size, tick, tables = int(count[at.BUCKET_TICKS]), int(count[at.TICK]), int(count[at.BUCKETS]) + 1
+        pending = [
+            (c, slot)
+            for tile in range(int(count[at.TILES]))
+            for slot in range(tick % size, size)
+            for c in self.chain(tile * tables + slot)
+        ]
+        return pending, tick, size, float(self.arrays.number[at.TICKS])
+
     def _windows(self) -> None:
         at, arrays = self.at, self.arrays
-        count, number = arrays.counter, arrays.number
-        size, bucket = int(count[at.WINDOW_BUCKETS]), int(count[at.BUCKET])
-        last = bucket | (size - 1)
-        pending = [(c, -1) for c in arrays.heap_entry[: int(count[at.HEAP_LENGTH])].tolist()]
-        for slot in range((bucket & (size - 1)) + 1, size):
-            pending += [(c, slot) for c in self.chain(slot)]
+        number = arrays.number
+        pending, bucket, size, per_time = self._contacts_in_tiles() if at.THREADS else self._contacts()
+        last = bucket - bucket % size + size - 1
         numbers = np.array([c for c, _ in pending], dtype=np.int64)
-        entries = arrays.contacts[: int(count[at.CONTACTS]) * at.CONTACT].reshape(-1, at.CONTACT)[numbers]
+        entries = arrays.contacts.reshape(-1, at.CONTACT)[numbers]
         when, pair, versions = entries[:, 0].view(np.float64), entries[:, 1], entries[:, 2]
         i, j = pair >> 32, pair & STAMP_BITS
-        now = arrays.version[i].astype(np.int64) << 32
-        now |= np.where(
-            j < self.n, arrays.version[np.minimum(j, self.n - 1)].astype(np.int64) & STAMP_BITS, 0
-        )
+        version = self.versions.astype(np.int64)
+        now = version[i] << 32
+        now |= np.where(j < self.n, version[np.minimum(j, self.n - 1)] & STAMP_BITS, 0)
         valid = np.flatnonzero(now == versions)
         self.are_what_the_rows_say(i[valid], j[valid], when[valid])
-        due = np.minimum((np.maximum(when, 0.0) * float(number[at.INVERSE_WIDTH])).astype(np.int64), last)
+        due = np.minimum((np.maximum(when, 0.0) * per_time).astype(np.int64), last)
         slots = np.array([slot for _, slot in pending], dtype=np.int64)
-        wrong = (slots >= 0) & ((due <= bucket) | (due & (size - 1) != slots)) | (slots < 0) & (due > bucket)
+        wrong = (slots >= 0) & ((due < bucket) | (due % size != slots)) | (slots < 0) & (due > bucket)
         _require(not wrong[valid].any(), "a contact of this window is not in the bucket where it should be")
         noted = set(zip(i[valid].tolist(), j[valid].tolist(), when[valid].tolist(), strict=True))
         until = float(number[at.MIDDLE] + number[at.HALF_WINDOW])

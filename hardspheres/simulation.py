@@ -84,8 +84,8 @@ class Simulation(Exclusive):
     threads : int, default 1
         Threads that run this one gas together, with the bits of one; never more than there are idle cores.
         They pay from some 20 000 particles on. A gas that they cannot share says why, in a warning, and runs
-        on one: a small one, or a dilute one that is searched by windows. A log's chunks are then of any size.
-        In an ensemble leave it at 1, and run the replicas side by side.
+        on fewer: a small one, or one with a few large particles among many small ones. A log's chunks are
+        then of any size. In an ensemble leave it at 1, and run the replicas side by side.
 
     Raises
     ------

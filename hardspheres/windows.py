@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hardspheres import tuning
+from hardspheres.domains import Domains, divided
 from hardspheres.errors import SimulationError
 from hardspheres.kernel.layout import CELLS_OF_OVERFLOW
 from hardspheres.lists import Lists
@@ -86,6 +87,8 @@ class Windows:
         The particles in the coarse grid.
     large_cells : list of int
         Coarse cells along each axis.
+    domains : Domains or None
+        How it is divided among threads, if there are several.
     """
 
     def __init__(self, scene: Scene, length: float, rms: float, speed: float, small_radius: float) -> None:
@@ -103,8 +106,13 @@ class Windows:
         self.large = large[np.argsort(~scene.obstacles[large], kind="stable")]  # obstacles first
         both = float(scene.radii.max()) + self.reach + self.half_length
         self.large_cells = cells_per_axis(scene, both, len(self.large))
+        self.domains: Domains | None = None
 
-    domains = None  # one thread
+    def on(self, threads: int) -> "Windows":
+        """Return these windows for several threads, if there is room for as many domains."""
+        x, _, z = [*self.cells.tolist(), 1][:3]
+        self.domains = divided([x, z], threads)
+        return self
 
     @property
     def fall(self) -> float:
@@ -170,7 +178,7 @@ class Windows:
         found = cheapest_windows(self.scene, length)
         if isinstance(found, str):  # it was possible for the epochs of the scene
             raise SimulationError(f"windows have become impossible: {found}")
-        return found
+        return found.on(self.domains.threads) if self.domains else found
 
     def plan(self, at: Any, number: Any, count: Any) -> None:
         """Write what the kernels need to know to the numbers and counters; the epoch is there already."""
@@ -205,6 +213,8 @@ class Windows:
         count[at.LARGE] = len(self.large)
         count[at.LARGE_CELLS : at.LARGE_CELLS + 3] = 1
         count[at.LARGE_CELLS : at.LARGE_CELLS + dim] = self.large_cells
+        if self.domains:
+            self.domains.plan_windows(scene, self.length, at, number, count)
 
     def require_countable(self, at: Any, count: Any) -> None:
         """Raise SimulationError if tables are so long that their places cannot be told."""
@@ -213,6 +223,8 @@ class Windows:
 
     def fill(self, at: Any, arrays: dict[str, Any]) -> None:
         """Fill the arrays that do not follow from the rows: order of particles, columns, shifts of boxes."""
+        if self.domains:
+            self.domains.fill(at, arrays)
         small = np.delete(np.arange(self.scene.n), self.large)
         arrays["order"][: len(small)], arrays["large"][:-1] = small, self.large
         self._fill_columns(at, arrays["column"], arrays["column_code"])

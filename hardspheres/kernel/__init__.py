@@ -77,14 +77,17 @@ the floor after its last collision, which is kept beside its row.
 It has no events: those that move find it in their lists, or near their segments, and a collision with it
 changes one row. Two of them are never compared, and may overlap.
 
-**`threads`: one gas on several threads**, with lists. `loop` goes from window to window, in each of which
-some 1 % of the particles collide, and all threads take the same decisions there. `tiles` are blocks of
-columns of cells, and make the domains of a round; `rounds` executes the events of each domain in their order
-and puts off those that are not well inside. `calendars` are those of the tiles. `undo` keeps the rows that a
-window replaces: they tell, exactly, whether a particle was predicted too late to meet one of them; then the
-window is undone and gone through again in shorter ones, in the end by one thread in the order of time.
-`renewal` rebuilds lists, singly in rounds or all together; `barrier` and `handing_over` are where threads
-meet.
+**`threads`: one gas on several threads.** `loop` goes from window to window, in each of which some 1 % of the
+particles collide, and all threads take the same decisions there. `tiles` are blocks of columns of cells, and
+make the domains of a round; in `rounds` each domain executes its events in their order and puts off those
+that are not well inside (`stopping` says when it may not go on). `tile_buckets`: events are in buckets by
+tile. `undo` keeps the rows that a window replaces: they tell, exactly, whether a particle was predicted too
+late to meet one of them; then the window is undone and gone through again in shorter ones, in the end by one
+thread in the order of time. `barrier` and `handing_over` are where threads meet. With lists, `dense_round` is
+a domain at work, `calendars` are those of the tiles, and `renewal` rebuilds lists, singly in rounds or all
+together. With windows of time, `registration` finds the contacts of each, and `dilute_round` is a domain at
+work; `contacts` of particles of two tiles are kept by both, `homes` tells where particles may collide, and a
+search that would leave its domain is put off; `old_flights` has the rows that were replaced, by their cells.
 
 **`simd`: how it is compiled.** `jit`, `parts`, `pointers`, `vectors`. Kernels find the arrays by a table of
 their `addresses`. Arithmetic is strict wherever it enters the

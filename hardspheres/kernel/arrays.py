@@ -38,8 +38,9 @@ def cells(at: Any, c: Any) -> int:
 
 
 def segments(at: Any, c: Any) -> int:
-    """Slots of the sorted segments, of those in overflow lists, and of two new ones."""
-    return int(c[at.SEGMENT_ROOM] + c[at.OVERFLOW_ROOM]) + 2 if at.SPARSE else 0
+    """Slots of the sorted segments, of those in overflow lists, and of two new ones (of each thread)."""
+    new = at.LINE * int(c[at.THREAD_COUNT]) if at.THREADS else 2
+    return int(c[at.SEGMENT_ROOM] + c[at.OVERFLOW_ROOM]) + new if at.SPARSE else 0
 
 
 def unsorted(at: Any, c: Any) -> int:
@@ -73,8 +74,13 @@ def tables_of_tiles(at: Any, c: Any, length: int) -> int:
 
 
 def cell_columns(at: Any, c: Any) -> int:
-    """Columns of cells, where threads need to know of them."""
-    return int(c[at.CELLS] * c[at.CELLS + 1]) if at.THREADS else 0
+    """Columns of cells, and the one that stands for all beyond walls, where threads need to know of them."""
+    return int(c[at.CELLS] * c[at.CELLS + (2 if at.SPARSE else 1)]) + 1 if at.THREADS else 0
+
+
+def of_dilute(at: Any, length: int) -> int:
+    """Length of what only windows on threads need."""
+    return int(length) if at.THREADS and at.SPARSE else 0
 
 
 def old_rows(at: Any, c: Any) -> int:
@@ -179,6 +185,19 @@ OF_SEARCH = (  # These are found again from the rows whenever room runs out or e
     Array("put_off", I4, lambda at, c: c[at.HEAP_ROOM] * at.THREADS, own=True),
     Array("told", I8, lambda at, c: 2 * c[at.THREAD_COUNT] * at.TOLD * at.THREADS),
     Array("barrier", I8, lambda at, c: 2 * at.LINE * at.THREADS),
+    # Threads, windows. Cell of each segment before they are sorted; each thread's segments in each cell.
+    Array("cell_of_unsorted", I4, lambda at, c: of_dilute(at, unsorted(at, c))),
+    Array("thread_count", I4, lambda at, c: of_dilute(at, cells(at, c) * c[at.THREAD_COUNT])),
+    # Where particles are, see `layout`; the last place is for all with several segments.
+    Array("home", I8, lambda at, c: of_dilute(at, (c[at.SEGMENT_ROOM] + 1) * at.HOME)),
+    # The window << 32 | the latest old row from the cells of each overflow list.
+    Array("old_first", I8, lambda at, c: of_dilute(at, overflow_lists(at, c))),
+    # How many segments each thread has in overflow lists; how many contacts each tile has.
+    Array("overflowed", I8, lambda at, c: of_dilute(at, c[at.THREAD_COUNT] * at.LINE)),
+    Array("contact_count", I8, lambda at, c: of_dilute(at, c[at.TILES] * at.LINE)),
+    # Contacts that go back to their buckets; the tiles of the domain at work.
+    Array("set_aside", I8, lambda at, c: of_dilute(at, c[at.HEAP_ROOM]), own=True),
+    Array("tiles_at_work", I8, lambda at, c: of_dilute(at, c[at.TILES]), own=True),
     # Windows. The particles of the cells in the order in which they are gone through; the large ones.
     Array("order", I4, lambda at, c: unsorted(at, c)),
     Array("large", I4, lambda at, c: c[at.LARGE] + 1),
@@ -188,7 +207,7 @@ OF_SEARCH = (  # These are found again from the rows whenever room runs out or e
     # ... and sorted, then those in overflow lists, then two new ones. Boxes are read 16 at a time.
     Array("segments", F4, lambda at, c: segments(at, c) * at.SEGMENT, view=("segment_words", I4)),
     Array("boxes", I8, lambda at, c: segments(at, c) + 16),
-    Array("cell_of_segment", I4, lambda at, c: c[at.SEGMENT_ROOM]),
+    Array("cell_of_segment", I4, lambda at, c: segments(at, c) if at.THREADS else c[at.SEGMENT_ROOM]),
     # First node of each overflow list, and the node after each.
     Array("overflow_first", I4, overflow_lists),
     Array("overflow_next", I4, lambda at, c: c[at.OVERFLOW_ROOM]),
@@ -198,17 +217,17 @@ OF_SEARCH = (  # These are found again from the rows whenever room runs out or e
     Array("column", I4, columns),
     Array("column_code", I4, columns),
     # Columns near each of the two new segments, as places in that table.
-    Array("places", I8, lambda at, c: 32),
+    Array("places", I8, lambda at, c: 32, own=True),
     # Slots of segments whose boxes overlap that of another; the slot of that other, and its image.
-    Array("pair_slot", I4, near_pairs),
-    Array("pair_own", U4, near_pairs),
+    Array("pair_slot", I4, near_pairs, own=True),
+    Array("pair_own", U4, near_pairs, own=True),
     # The segments of eight such pairs, column by column; which pairs may touch.
-    Array("own_slots", I4, lambda at, c: 8),
-    Array("pair_segments", F4, lambda at, c: 2 * at.SEGMENT * 8),
-    Array("passed", I4, near_pairs),
+    Array("own_slots", I4, lambda at, c: 8, own=True),
+    Array("pair_segments", F4, lambda at, c: 2 * at.SEGMENT * 8, own=True),
+    Array("passed", I4, near_pairs, own=True),
     # Particles that an event has changed, see `dilute.windows`.
-    Array("changed", I8, lambda at, c: 16),
-    Array("contacts", I8, lambda at, c: c[at.CONTACT_ROOM] * at.CONTACT),
+    Array("changed", I8, lambda at, c: 16, own=True),
+    Array("contacts", I8, lambda at, c: tables_of_tiles(at, c, c[at.CONTACT_ROOM] * at.CONTACT)),
 )
 
 TYPES = {a.name: a.dtype for a in OF_RUN + OF_SEARCH} | dict(a.view for a in OF_RUN + OF_SEARCH if a.view)

@@ -26,9 +26,9 @@ def execute(s, i, partner, time):
         s.counter[at.PART] = at.EXECUTION
         advance_clock(s, time)
         if THREADS:
-            remember(s, i)
+            remember(s, i, time)
             if partner < s.counter[at.N]:
-                remember(s, partner)
+                remember(s, partner, time)
         if partner < s.counter[at.N]:
             collide_pair(s, i, partner, time)
             other = partner

@@ -213,6 +213,11 @@ UNDO_ROOM = slot(1 if THREADS else 0)  # old rows that a thread can keep
 UNDO_LENGTH = slot(1 if THREADS else 0)
 PUT_OFF = slot(1 if THREADS else 0)  # events put off in this round
 STAYED = slot(1 if THREADS else 0)  # those of them that were never in the heap
+SET_ASIDE = slot(1 if THREADS else 0)  # windows: contacts that go back to their buckets after this round
+LATE = slot(1 if THREADS else 0)  # windows: 1 where others may have gone beyond the time of an event
+MET = slot(1 if THREADS else 0)  # windows: whom a particle has met whose search was put off; or -1
+COMPARING = slot(1 if THREADS else 0)  # windows: 1 while all segments are compared
+TILES_AT_WORK = slot(1 if THREADS else 0)  # windows: tiles of the domain at work
 WRONG = slot(1 if THREADS else 0)  # 1: this window has to be undone
 CHANGED_SINCE = slot(1 if THREADS else 0)  # neighbours that have changed since the time of a prediction
 OUTCOME = slot(1 if THREADS else 0)  # why one thread alone stopped within a window
@@ -250,10 +255,17 @@ LINE = 8  # int64 in a line of the cache, which no two threads should write to
 
 # An old row, as it was before an event of this window, 16 float64: the row, whose it is, the one before it.
 OLD_ROW = 16
-OLD_WHO = 8  # int64
+OLD_WHO = 8  # int64; windows: above its 32 bits 1 + another old row from the same cells
 OLD_BEFORE = 9  # int64, as `old_rows` of a particle
 OLD_FLIGHT = 10  # BEGAN and BEGAN_EPOCH
 OLD_FALL = 12  # DIM numbers
+OLD_END = 15  # windows: when it was replaced
+
+# Windows on threads, of a particle, by the slot of its segment, int64: its TILE_WORD, as above, and which of
+# the overflow lists has, or would have, its segment.
+HOME = 2
+HOME_LIST = 1
+SEARCH_DUE = 1 << 31  # in place of a partner, plus 1 + whom it has met: a search that was put off
 
 ALL_TILES = 4  # in place of a shift: the whole box is one domain
 
@@ -341,6 +353,7 @@ OWNER = 7  # the particle's id, in the same memory as int32
 # them has the numbers of near cells with segments that may overlap this one.
 BYTE = 255
 NEAR_SHIFT = 48
+MAY_REACH_WALL = 1 << 56  # threads: the flight may reach a wall
 BEFORE_X, BEFORE_Z, AFTER_X, AFTER_Z = 1, 2, 16, 32  # bits of that byte: one cell
 BEFORE_Y, AFTER_Y = 2, 6  # of two bits each: up to three, the first of them
 

@@ -118,7 +118,7 @@ def _entries(study: Scaling, n: int, screen: Screen) -> list[dict[str, Any]]:
     """Return the entries of the gas of n particles: of one thread, then of all other numbers of them."""
     collisions = max(round(study.collisions_per_particle * n / 2), LEAST)
     with screen.working(f"{n} particles: equilibrium"):
-        start = hs.Simulation(hs.random_gas(n, study.packing_fraction, seed=study.seed), search="lists")
+        start = hs.Simulation(hs.random_gas(n, study.packing_fraction, seed=study.seed))
         start.run(collisions=round(START_UP * n / 2))
     entries: list[dict[str, Any]] = []
     for threads in (1, *(count for count in sorted(set(study.threads)) if count > 1)):

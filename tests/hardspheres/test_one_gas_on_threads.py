@@ -9,11 +9,12 @@ import warnings
 
 import numpy as np
 import pytest
-from scenes import everything, gas
+from scenes import everything, gas, one_to_ten
 
 import hardspheres as hs
-from hardspheres import domains, engine, lists
+from hardspheres import domains, engine, lists, windows
 from hardspheres.domains import Domains
+from hardspheres.tuning import epoch_length
 
 LAYOUTS = [(2, None), (1, (2, 1)), (2, (2, 2)), (3, (1, 2))]
 
@@ -24,14 +25,16 @@ def _cores(monkeypatch):
     monkeypatch.setattr(engine, "idle_cores", lambda: 99)
 
 
-def shared(monkeypatch, scene, threads, across=None, **options):
+def shared(monkeypatch, scene, threads, across=None, search="lists", **options):
     """A simulation by so many threads, with so many domains along both axes, or as many as threads."""
     if across is not None:
-        monkeypatch.setattr(lists, "divided", lambda cells, _: Domains(cells, threads, across))
+        for each in (lists, windows):
+            monkeypatch.setattr(each, "divided", lambda cells, _: Domains(cells, threads, across))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that one thread has several domains
-        sim = hs.Simulation(scene, threads=max(threads, 2), search="lists", **options)
-    monkeypatch.setattr(lists, "divided", domains.divided)
+        sim = hs.Simulation(scene, threads=max(threads, 2), search=search, **options)
+    for each in (lists, windows):
+        monkeypatch.setattr(each, "divided", domains.divided)
     assert sim.threads == threads
     assert sim._engine.search.domains is not None
     return sim
@@ -74,6 +77,47 @@ def test_any_layout_gives_the_bits_of_one_thread(monkeypatch, threads, across):
     for sim in (one, many):
         sim.run(collisions=6000)
     assert everything(many) == everything(one)
+
+
+def tube(seed=1, spacing=2.2):
+    """5184 spheres in a long box, at a packing fraction of 0.05: wide enough for five domains of windows."""
+    rng = np.random.default_rng(seed)
+    counts = np.array([64, 9, 9])
+    places = (
+        np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), -1).reshape(-1, 3) + 0.5
+    ) * spacing
+    velocities = rng.normal(size=places.shape)
+    return hs.Scene(positions=places, velocities=velocities, radii=0.5, box=counts * spacing)
+
+
+@pytest.mark.parametrize(("threads", "across"), [(2, None), (1, (2, 1)), (3, (5, 1))])
+def test_windows_have_the_bits_of_one_thread(monkeypatch, threads, across):
+    """The same for a dilute gas; all contacts are what the rows say, none is missing."""
+    one = hs.Simulation(tube(), search="windows")
+    many = shared(monkeypatch, tube(), threads, across, search="windows")
+    for sim in (one, many):
+        in_parts(sim, 9000)
+        sim.check()
+    assert everything(many) == everything(one)
+    assert many.status()["thread_events_put_off"] > 0
+
+
+def test_what_went_wrong_in_windows_is_seen_and_undone(monkeypatch):
+    """As with lists, where all events of a window of time are executed before threads agree."""
+    scene = tube(spacing=1.8)
+    one = hs.Simulation(scene, search="windows")
+    one.run(collisions=9000)
+    results = {}
+    for blind in (0, 1):
+        many = shared(monkeypatch, scene, 2, (4, 1), search="windows")
+        at, counter = many._at, many._engine.arrays.counter
+        counter[at.BLIND] = blind
+        counter[at.WINDOW_TICKS] = counter[at.BUCKET_TICKS]
+        many.run(collisions=9000)
+        results[blind] = everything(many) == everything(one), redone(many)
+    assert results[0][0]
+    assert results[0][1] > 0
+    assert not results[1][0]
 
 
 def column(seed=2):
@@ -131,7 +175,7 @@ def test_an_interrupt_loses_nothing(monkeypatch):
     """Ctrl-C in every slice: what had been executed counts, and the run goes on with the bits of one thread."""
     scene = gas("3d", 6000, 0.3)
     one, many = hs.Simulation(scene, search="lists"), shared(monkeypatch, scene, 2)
-    one.run(collisions=60_000)
+    one.run(collisions=15_000)
     join, seen = threading.Thread.join, set()
 
     def interrupted(thread, timeout=None):
@@ -141,12 +185,12 @@ def test_an_interrupt_loses_nothing(monkeypatch):
         join(thread, timeout)
 
     monkeypatch.setattr(threading.Thread, "join", interrupted)
-    many._slices.budget = 5000
-    while many.collisions < 60_000:
+    many._slices.budget = 1500
+    while many.collisions < 15_000:
         try:
-            many.run(collisions=60_000 - many.collisions)
+            many.run(collisions=15_000 - many.collisions)
         except KeyboardInterrupt:
-            many._slices.budget = 5000
+            many._slices.budget = 1500
     assert len(seen) > 5
     assert everything(many) == everything(one)
 
@@ -156,9 +200,9 @@ def test_a_gas_that_threads_cannot_share_says_why():
     small = gas("3d", 200, 0.3)
     with pytest.warns(UserWarning, match="threads=2: this gas of 200 particles runs on 1 thread, as each"):
         assert hs.Simulation(small, threads=2).threads == 1
-    dilute = gas("3d", 200, 0.01)
-    with pytest.warns(UserWarning, match="searched by windows of time"):
-        assert hs.Simulation(dilute, threads=2).threads == 1
+    uneven = one_to_ten("3d_mixture", packing_fraction=0.05)
+    with pytest.warns(UserWarning, match="its large particles, among many small ones, are in a grid of"):
+        assert hs.Simulation(uneven, threads=2).threads == 1
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert hs.Simulation(small).threads == 1
@@ -196,11 +240,9 @@ def falling():
     ).replace(gravity=(0.0, 0.0, -0.02))
 
 
-def among_obstacles():
-    """Discs of which one in ten is an obstacle."""
-    n = 4096
-    masses = np.where(np.arange(n) % 10 == 0, np.inf, 1.0)
-    scene = discs()
+def among_obstacles(scene):
+    """One particle in ten is an obstacle."""
+    masses = np.where(np.arange(scene.n) % 10 == 0, np.inf, 1.0)
     return hs.Scene(
         positions=scene.positions,
         velocities=np.where(np.isinf(masses)[:, None], 0.0, scene.velocities),
@@ -210,38 +252,76 @@ def among_obstacles():
     )
 
 
+def dilute_discs(**more):
+    """Wide enough for three domains of windows side by side."""
+    return hs.random_gas(n=4000, dim=2, packing_fraction=0.1, seed=3, **more)
+
+
+def crossing():
+    """Discs on a lattice, each along an axis: dilute, and their collisions come all at once."""
+    rng, k, edge = np.random.default_rng(1), 64, 3.0
+    places = (
+        np.stack(np.meshgrid(np.arange(k), np.arange(k), indexing="ij"), -1).reshape(-1, 2) + 0.5
+    ) * edge
+    velocities = np.zeros((k * k, 2))
+    velocities[np.arange(k * k), rng.integers(2, size=k * k)] = rng.choice([-1.0, 1.0], size=k * k)
+    return hs.Scene(positions=places, velocities=velocities, radii=0.5, box=[k * edge] * 2)
+
+
+FALLS = {"gravity": (0.0, -0.02)}
+FLIGHTS = {"free_paths": True}
 SCENES = {
-    "discs": (discs, {}),
-    "mixture between walls": (lambda: gas("2d_mixture_walls", 4000, 0.4), {"free_paths": True}),
-    "heat": (lambda: gas("3d", 6000, 0.3), {"heat": True, "free_paths": True}),
-    "gravity": (falling, {}),
-    "obstacles": (among_obstacles, {}),
+    "discs": ("lists", discs, {}),
+    "mixture between walls": ("lists", lambda: gas("2d_mixture_walls", 4000, 0.4), FLIGHTS),
+    "heat": ("lists", lambda: gas("3d", 6000, 0.3), {"heat": True, "free_paths": True}),
+    "gravity": ("lists", falling, {}),
+    "obstacles": ("lists", lambda: among_obstacles(discs()), {}),
+    "dilute spheres": ("windows", lambda: gas("3d", 40_000, 0.1), FLIGHTS),
+    "dilute mixture between walls": ("windows", lambda: gas("2d_mixture_walls", 4000, 0.1), FLIGHTS),
+    "dilute, heat": ("windows", dilute_discs, {"heat": True}),
+    "dilute, gravity": (
+        "windows",
+        lambda: dilute_discs(boundary=("periodic", "wall")).replace(**FALLS),
+        {},
+    ),
+    "dilute, obstacles": ("windows", lambda: among_obstacles(dilute_discs()), {}),
+    "dilute, ties": ("windows", crossing, {}),
 }
+
+
+def layouts_of(scene, search):
+    """Numbers of threads, and of domains along both axes, up to as many as there is room for."""
+    if search == "lists":
+        most = min(lists.Lists(scene).cells[:2]) // 6
+        return [(2, (1, 2)), (3, (2, 2)), (4, (most, 1)), (9, (most, most))]
+    cells = windows.windows_for(scene, epoch_length(scene), search).cells
+    most = int(cells[0]) // 6
+    return [(2, (2, 2)), (9, (1, 2))] if scene.dim == 3 else [(2, (2, 1)), (3, (most, 1)), (9, (most, 1))]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_any_scene_has_the_bits_of_one_thread(monkeypatch, tmp_path, name):
     """Up to 9 threads and 25 domains; with a log where flights are tallied; saved and loaded on the way."""
-    monkeypatch.setattr(domains, "COLLISIONS_IN_BUCKET", 0.8)  # too long: some windows are undone
-    make, options = SCENES[name]
+    search, make, options = SCENES[name]
+    # Too long: some windows are undone.
+    monkeypatch.setattr(domains, "COLLISIONS_IN_BUCKET", 0.8 if search == "lists" else 4.0)
     scene = make()
     undone = 0
-    most = min(lists.Lists(scene).cells[:2]) // 6
-    layouts = [(2, (1, 2)), (3, (2, 2)), (4, (most, 1)), (9, (most, most))]
+    layouts = layouts_of(scene, search)
     logs = [[] for _ in range(len(layouts) + 1)]
     sink = [{"log": chunks.append} if "free_paths" in options else {} for chunks in logs]
-    one = hs.Simulation(scene, search="lists", **options, **sink[0])
+    one = hs.Simulation(scene, search=search, **options, **sink[0])
     in_parts(one, 9000)
     for (threads, across), logged, into in zip(layouts, logs[1:], sink[1:], strict=True):
-        many = shared(monkeypatch, scene, threads, across, **options, **into)
+        many = shared(monkeypatch, scene, threads, across, search, **options, **into)
         in_parts(many, 9000)
         assert everything(many) == everything(one)
         if into:
             assert np.concatenate(logged).tobytes() == np.concatenate(logs[0]).tobytes()
         many.save(tmp_path / "state.npz")
-        again = hs.Simulation.load(tmp_path / "state.npz", search="lists", threads=threads)
-        straight = hs.Simulation.load(tmp_path / "state.npz", search="lists")
+        again = hs.Simulation.load(tmp_path / "state.npz", search=search, threads=threads)
+        straight = hs.Simulation.load(tmp_path / "state.npz", search=search)
         for sim in (again, straight, many):
             sim.run(collisions=2000)
         assert everything(again) == everything(straight)

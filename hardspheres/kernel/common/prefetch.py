@@ -122,7 +122,7 @@ def prefetch_eight_rows(s, first, n):
 def prefetch_contacts(s, first):
     """Prefetch the predicted contacts of a bucket, given its first block, and then their particles."""
     if s.counter[at.BEYOND_CACHE]:
-        for stage in range(2):
+        for stage in range(3 if THREADS else 2):
             block = first
             while block >= 0:
                 header = s.blocks[block * at.BLOCK]
@@ -130,13 +130,22 @@ def prefetch_contacts(s, first):
                     c = s.blocks[block * at.BLOCK + k]
                     if stage == 0:
                         prefetch(s.contacts, c * at.CONTACT)
+                        continue
+                    pair = s.contacts[c * at.CONTACT + at.CONTACT_PAIR]
+                    low, high = pair >> 32, pair & at.STAMP_BITS
+                    if stage == 2:
+                        prefetch(s.home, s.where[low] * at.HOME)
+                        prefetch(s.home, s.where[min(high, s.counter[at.N] - 1)] * at.HOME)
                     else:
-                        pair = s.contacts[c * at.CONTACT + at.CONTACT_PAIR]
-                        low, high = pair >> 32, pair & at.STAMP_BITS
-                        prefetch(s.version, low)
-                        prefetch(s.version, high)
+                        prefetch_version(s, low)
+                        prefetch_version(s, high)
                         prefetch(s.row, low * at.ROW)
                         prefetch(s.row, high * at.ROW)
+                        if THREADS:
+                            prefetch(s.where, low)
+                            prefetch(s.where, high)
+                            prefetch(s.old_row_of, low * at.OLD_ROW_OF)
+                            prefetch(s.old_row_of, high * at.OLD_ROW_OF)
                 block = header >> 3
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from .. import layout as at
 from ..common.obstacles import is_obstacle
 from ..common.prefetch import prefetch_eight_rows
-from ..flags import OBSTACLES, SIZES, WALLS
+from ..flags import OBSTACLES, SIZES, THREADS, WALLS
 from ..simd.jit import called, jit
 from ..simd.pointers import int64
 from ..simd.vectors import AT_ONCE, copy_lanes, keep_overlapping
@@ -26,6 +26,9 @@ from .grid import cell_at, cells_along_y, column_at, columns_after, columns_arou
 from .pair_table import checked, seen_in
 from .predicted_contacts import keep_wall_contact
 from .segments import CELL, EDGE, EIGHT, FAR, segments_of, write_eight, write_unsorted
+
+if THREADS:
+    from ..threads.homes import come_back
 
 ALWAYS = np.float32(-1.00001)  # from the beginning of the window
 SEVERAL = -1  # slot of a flight of several segments
@@ -40,37 +43,67 @@ def in_cells(s):
 
 
 @jit
-def count_segments(s, begin, duration):
-    """Write the segments of all particles, count those of each cell, and predict wall collisions.
+def add_to_cell(s, cell, more):
+    """Add to the count of a cell, each thread to its own; returns what it is then."""
+    if THREADS:
+        place = s.counter[at.THREAD] * number_of_cells(s) + cell
+        count = s.thread_count[place] + more
+        s.thread_count[place] = count
+        return count
+    count = s.cell_count[cell] + more
+    s.cell_count[cell] = count
+    return count
 
-    Flights of several segments are written when they are sorted.
+
+@jit
+def number_of_cells(s):
+    """Return how many cells the box has."""
+    return s.counter[at.CELLS] * s.counter[at.CELLS + 1] * s.counter[at.CELLS + 2]
+
+
+@jit
+def count_segments(s, begin, end, moment, duration):
+    """Write the segments of particles, from begin to end in their order, and count those of each cell.
+
+    Wall collisions are predicted too; where threads are at work, they are only noted in the bounding box.
+    Flights of several segments are written when they are sorted. Returns how many segments there are.
     """
-    n = in_cells(s)
-    total = n
-    for first in range(0, n, EIGHT):
-        prefetch_eight_rows(s, first, n)
+    total = end - begin
+    for first in range(begin, end, EIGHT):
+        prefetch_eight_rows(s, first, in_cells(s))
         write_eight(s, first, duration)
-        for k in range(min(EIGHT, n - first)):
+        for k in range(min(EIGHT, end - first)):
             i = int64(s.order[first + k])
             if s.scratch[FAR + k] < 1.0:
                 cell = int64(s.scratch[CELL + k])
-                s.where[i] = cell
-                s.cell_count[cell] += 1
+                note_cell(s, first + k, i, cell)
+                add_to_cell(s, cell, 1)
                 if WALLS and s.scratch[EDGE + k] > 0.0:
-                    keep_wall_contact(s, i)
+                    if THREADS:
+                        s.unsorted_boxes[first + k] |= at.MAY_REACH_WALL
+                    else:
+                        keep_wall_contact(s, i)
             else:
-                if WALLS:
+                if WALLS and not THREADS:
                     keep_wall_contact(s, i)
-                s.where[i] = SEVERAL
-                total += place_parts(s, first + k, i, begin, duration, False) - 1
+                note_cell(s, first + k, i, SEVERAL)
+                total += place_parts(s, first + k, i, moment, duration, False) - 1
     return total
+
+
+@jit
+def note_cell(s, m, i, cell):
+    """Note the cell of particle i, which is m in the order: where threads do not wait for each other."""
+    if THREADS:
+        s.cell_of_unsorted[m] = cell
+    else:
+        s.where[i] = cell
 
 
 @jit
 def insert_segment(s, k, cell):
     """Copy an unsorted segment to the slots of its cell, the last free one first; returns the slot."""
-    slot = s.cell_count[cell] - 1
-    s.cell_count[cell] = slot
+    slot = add_to_cell(s, cell, -1)
     copy_lanes(s.segments, slot * at.SEGMENT, s.unsorted, k * at.SEGMENT)
     s.boxes[slot] = s.unsorted_boxes[k]
     s.cell_of_segment[slot] = cell
@@ -88,13 +121,21 @@ def sort_segments(s, cells, begin, duration):
         cells, cells + s.counter[at.CELLS + 1] + 1
     ):  # a column that stands for all beyond walls
         s.cell_count[empty] = end
-    for m in range(in_cells(s)):
+    insert_segments(s, 0, in_cells(s), begin, duration)
+
+
+@jit
+def insert_segments(s, begin, end, moment, duration):
+    """Insert the segments of particles, from begin to end in their order, in their cells."""
+    for m in range(begin, end):
         i = int64(s.order[m])
-        cell = int64(s.where[i])
+        cell = int64(s.cell_of_unsorted[m] if THREADS else s.where[i])
         if cell >= 0:
             s.where[i] = insert_segment(s, m, cell)
         else:
-            place_parts(s, m, i, begin, duration, True)
+            if THREADS:
+                s.where[i] = SEVERAL
+            place_parts(s, m, i, moment, duration, True)
 
 
 @called
@@ -107,7 +148,7 @@ def place_parts(s, m, i, begin, duration, insert):
         if insert:
             insert_segment(s, m, cell)
         else:
-            s.cell_count[cell] += 1
+            add_to_cell(s, cell, 1)
     return parts
 
 
@@ -115,10 +156,10 @@ def place_parts(s, m, i, begin, duration, insert):
 def register_all(s, begin):
     """Sort all segments into cells; SHORT_LISTS tells if there was no room."""
     duration = 2.0 * s.number[at.HALF_WINDOW]
-    cells = s.counter[at.CELLS] * s.counter[at.CELLS + 1] * s.counter[at.CELLS + 2]
+    cells = number_of_cells(s)
     for cell in range(cells):
         s.cell_count[cell] = 0
-    total = count_segments(s, begin, duration)
+    total = count_segments(s, 0, in_cells(s), begin, duration)
     s.counter[at.REGISTERED] = total
     if total > s.counter[at.SEGMENT_ROOM]:
         s.counter[at.SHORT_LISTS] = 1
@@ -220,4 +261,6 @@ def replace_segment(s, i, new, x, y, z):
         return False
     copy_lanes(s.segments, slot * at.SEGMENT, s.segments, new * at.SEGMENT)
     s.boxes[slot] = s.boxes[new]
+    if THREADS:
+        come_back(s, slot)
     return True

@@ -12,12 +12,16 @@ from .. import layout as at
 from ..common.contact_times import pair_contact
 from ..common.obstacles import is_obstacle
 from ..common.prefetch import prefetch_partners
-from ..flags import DIM, OBSTACLES
+from ..flags import DIM, OBSTACLES, THREADS
 from ..simd.jit import called, fast_arithmetic, jit
 from ..simd.pointers import int64
 from ..simd.vectors import gather_transposed, keep_marked
 from .pair_table import image_in, slot_in
 from .predicted_contacts import keep_contact
+
+if THREADS:
+    from ..threads.contacts import keep_contact_of
+    from ..threads.homes import tile_of_segment
 
 ONE = np.float32(1.0)
 TWO = np.float32(2.0)
@@ -31,7 +35,8 @@ EIGHT = 8  # segments that the filter compares at once
 @jit
 def new_segment(s):
     """Slot of the first of the latest two new segments, after the sorted ones and overflow lists."""
-    return s.counter[at.SEGMENT_ROOM] + s.counter[at.OVERFLOW_ROOM]
+    first = s.counter[at.SEGMENT_ROOM] + s.counter[at.OVERFLOW_ROOM]
+    return first + s.counter[at.THREAD] * at.LINE if THREADS else first
 
 
 @fast_arithmetic
@@ -101,8 +106,10 @@ def filter_pairs(s, m, since):
         i = int64(s.segment_words[own * at.SEGMENT + at.OWNER])
         j = int64(s.segment_words[slot * at.SEGMENT + at.OWNER])
         if OBSTACLES and i > j and own < new_segment(s) and slot < new_segment(s) and not is_obstacle(s, j):
-            continue  # `compare_all` sees this pair from both sides
-        predict_contact(s, i, j, when)
+            both = not THREADS or tile_of_segment(s, own) == tile_of_segment(s, slot)
+            if both:  # who compares all sees this pair from both sides
+                continue
+        predict_contact(s, i, j, when, own, slot)
 
 
 @called
@@ -112,10 +119,14 @@ def filter_table(s, m, since):
 
 
 @jit
-def predict_contact(s, i, j, when):
+def predict_contact(s, i, j, when, own, slot):
     """Compute the contact of two particles, in the image that is nearest when their segments are nearest."""
     if OBSTACLES and is_obstacle(s, i) and is_obstacle(s, j):
         return
     if i != j:
         about = s.number[at.MIDDLE] + s.number[at.HALF_WINDOW] * when
-        keep_contact(s, min(i, j), max(i, j), pair_contact(s, i, j, about))
+        time = pair_contact(s, i, j, about)
+        if THREADS:
+            keep_contact_of(s, min(i, j), max(i, j), time, own, slot)
+        else:
+            keep_contact(s, min(i, j), max(i, j), time)

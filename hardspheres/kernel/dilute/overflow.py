@@ -4,6 +4,7 @@ Each stretch of CELLS_OF_OVERFLOW cells of a column has a linked list of its own
 """
 
 from .. import layout as at
+from ..flags import THREADS
 from ..simd.jit import called, jit
 from ..simd.pointers import int64
 from ..simd.vectors import copy_lanes
@@ -43,13 +44,30 @@ def is_full(s):
 
 
 @jit
+def next_node(s):
+    """Return a node for another new segment, -1 where there is no room; each thread has some of its own."""
+    if THREADS:
+        thread, room = s.counter[at.THREAD], s.counter[at.OVERFLOW_ROOM] // s.counter[at.THREAD_COUNT]
+        k = s.overflowed[thread * at.LINE]
+        if k == room:
+            return int64(-1)
+        s.overflowed[thread * at.LINE] = k + 1
+        return thread * room + k
+    if is_full(s):
+        return int64(-1)
+    s.counter[at.OVERFLOWED] += 1
+    return s.counter[at.OVERFLOWED] - 1
+
+
+@jit
 def append_overflow(s, new, head):
     """Add a new segment to an overflow list."""
-    node = s.counter[at.OVERFLOWED]
-    if is_full(s):
+    node = next_node(s)
+    if node < 0:
         s.counter[at.SHORT_LISTS] = 1
         return
-    s.counter[at.OVERFLOWED] = node + 1
+    if THREADS:
+        s.cell_of_segment[s.counter[at.SEGMENT_ROOM] + node] = s.cell_of_segment[new]
     copy_lanes(s.segments, (s.counter[at.SEGMENT_ROOM] + node) * at.SEGMENT, s.segments, new * at.SEGMENT)
     s.overflow_next[node] = s.overflow_first[head]
     s.overflow_first[head] = node

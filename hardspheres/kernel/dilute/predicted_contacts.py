@@ -10,17 +10,13 @@ from ..common.bucket_queue import push_bucket, release_block
 from ..common.contact_times import wall_contact
 from ..common.event_heap import push_event
 from ..common.prefetch import prefetch_contacts, prefetch_surroundings
+from ..flags import THREADS
 from ..simd.jit import jit
 from ..simd.pointers import bits, from_bits, int64
+from .partners import contact_holds, partners, versions_of
 
-
-@jit
-def versions_of(s, low, high):
-    """Versions of both partners in one number; a wall has none."""
-    versions = int(s.version[low]) << 32
-    if high < s.counter[at.N]:
-        versions |= int(s.version[high]) & at.STAMP_BITS
-    return versions
+if THREADS:
+    from ..threads.contacts import enter_contact, tile_of_wall_contact
 
 
 @jit
@@ -53,14 +49,10 @@ def keep_wall_contact(s, i):
     """Keep i's next wall collision."""
     time, wall = wall_contact(s, i)
     if wall >= 0:
-        keep_contact(s, i, wall, time)
-
-
-@jit
-def partners(s, c):
-    """Lower and higher id of a predicted contact."""
-    pair = s.contacts[c * at.CONTACT + at.CONTACT_PAIR]
-    return pair >> 32, pair & at.STAMP_BITS
+        if THREADS:
+            enter_contact(s, tile_of_wall_contact(s, i), i, wall, time)
+        else:
+            keep_contact(s, i, wall, time)
 
 
 @jit
@@ -70,13 +62,6 @@ def event_of(s, c):
         s.counter[at.STALE] += 1
         return int64(0), int64(at.NOTHING)
     return partners(s, c)
-
-
-@jit
-def contact_holds(s, c):
-    """Whether neither partner of a contact has changed since it was predicted."""
-    low, high = partners(s, c)
-    return versions_of(s, low, high) == s.contacts[c * at.CONTACT + at.CONTACT_VERSIONS]
 
 
 @jit

@@ -19,16 +19,22 @@ from .. import layout as at
 from ..common.bucket_queue import clear_buckets
 from ..common.obstacles import is_obstacle
 from ..common.prefetch import prefetch_runs, prefetch_segments
-from ..flags import OBSTACLES, SIZES, WALLS
+from ..flags import OBSTACLES, SIZES, THREADS, WALLS
 from ..simd.jit import called, jit
 from ..simd.pointers import int64
 from .cells import ALWAYS, SEVERAL, compare_all, pairs_in_column, register_all, replace_segment, withdraw
 from .filter import filter_pairs, filter_table, new_segment
-from .grid import cells_along_y, columns_around
+from .grid import cell_at, cells_along_y, columns_around
 from .large import clear_large, is_large, overflow_large, pairs_with_large, pairs_with_small
 from .overflow import append_overflow, clear_overflow, list_at, pairs_in_lists
 from .predicted_contacts import keep_wall_contact
 from .segments import segments_of, write_segment
+
+if THREADS:
+    from ..threads.contacts import put_search_off
+    from ..threads.homes import column_of_segment, move_home
+    from ..threads.old_flights import compare_with_old
+    from ..threads.tiles import is_inside
 
 # Of each of the particles that an event has changed, int64.
 WHO = 0
@@ -121,13 +127,51 @@ def search_part(s, begin, end, p, now, duration):
     since = np.float32((now - s.number[at.MIDDLE]) / s.number[at.HALF_WINDOW] - 1e-5)
     for a in range(begin, end):
         write_part(s, a, p, now, duration)
+        if THREADS and is_put_off(s, a, p, now):
+            continue
         find_runs(s, a)
+        if THREADS and s.counter[at.LATE]:
+            look_back(s, a, now)
     m = int64(0)
     for a in range(begin, end):
         m = pairs_of_part(s, m, a, p, now, duration)
     filter_pairs(s, m, since)
     for a in range(begin, end):
         register_part(s, a, p, now, duration)
+
+
+@jit
+def is_put_off(s, a, p, now):
+    """Whether a search has to wait for another round: it would leave the domain."""
+    parts = s.changed[a * CHANGED + PARTS]
+    column = column_of_segment(s, new_segment(s) + a)
+    waits = s.counter[at.SHIFT] != at.ALL_TILES and (parts > 1 or not is_inside(s, column))
+    if waits:
+        s.changed[a * CHANGED + PLACES] = -1
+        if p == 0:
+            put_search_off(s, s.changed[a * CHANGED + WHO], met_by(s, a), now)
+    return waits
+
+
+@jit
+def met_by(s, a):
+    """Whom a particle has just met, -1 for a wall."""
+    met = s.counter[at.MET]  # by one whose search was put off
+    return met if met >= 0 else s.changed[(1 - a) * CHANGED + WHO]
+
+
+@called
+def look_back(s, a, now):
+    """Compare a new flight with those around it that others have replaced too early (`old_flights`)."""
+    i, met, begin = s.changed[a * CHANGED + WHO], met_by(s, a), a * MOST_PLACES
+    first, last = s.changed[a * CHANGED + FIRST], s.changed[a * CHANGED + FIRST + 1]
+    ny = s.counter[at.CELLS + 1]
+    for k in range(begin, begin + s.changed[a * CHANGED + PLACES]):
+        column = int64(s.column[s.places[k]])
+        for turn in range(-1, 2):
+            low, high = max(first + turn * ny, 0), min(last + turn * ny, ny - 1)
+            if low <= high and (turn == 0 or s.number[at.INVERSE + 1] > 0.0):
+                compare_with_old(s, i, met, column, low, high, now)
 
 
 @jit
@@ -143,6 +187,8 @@ def write_part(s, a, p, now, duration):
     x, y, z = write_new(s, new_segment(s) + a, i, middle_of_part(s, a, p, now, duration), duration, parts)
     cell = a * CHANGED + CELL
     s.changed[cell], s.changed[cell + 1], s.changed[cell + 2] = x, y, z
+    if THREADS:
+        s.cell_of_segment[new_segment(s) + a] = cell_at(s, x, y, z)
 
 
 @jit
@@ -166,12 +212,16 @@ def pairs_of_part(s, m, a, p, now, duration):
 def register_part(s, a, p, now, duration):
     """Register a new segment: in the place of the old one, or in an overflow list."""
     i, new = s.changed[a * CHANGED + WHO], new_segment(s) + a
+    if THREADS and s.changed[a * CHANGED + PLACES] < 0:
+        return
     if SIZES and is_large(s, i):
         overflow_large(s, i, new, middle_of_part(s, a, p, now, duration), p == 0)
         return
     x, y, z = cell_of_part(s, a)
     if s.changed[a * CHANGED + PARTS] > 1 or not replace_segment(s, i, new, x, y, z):
         append_overflow(s, new, list_at(s, x, y, z))
+        if THREADS:
+            move_home(s, i, new, s.changed[a * CHANGED + PARTS] > 1)
 
 
 @jit

@@ -10,32 +10,8 @@ from ..common.prefetch import prefetch_event
 from ..dense.calendar import replace_event, tie_key
 from ..simd.jit import called, jit
 from ..simd.pointers import prefetch
-from .tiles import is_inside_now, owner, tile_of
-
-
-@jit
-def tick_of(s, time):
-    """Tick of a time within the epoch."""
-    return int(max(time, 0.0) * s.number[at.TICKS])
-
-
-@jit
-def push_bucket(s, tile, slot, entry):
-    """Append an entry to a bucket of a tile."""
-    place = tile * (s.counter[at.BUCKETS] + 1) + slot
-    block = s.buckets[place]
-    if block < 0 or (s.blocks[block * at.BLOCK] & 7) == 7:
-        fresh = s.free_block[tile * at.LINE]
-        if fresh < 0:
-            s.counter[at.SHORT_QUEUE] = 1
-            return
-        s.free_block[tile * at.LINE] = s.blocks[fresh * at.BLOCK] >> 3
-        s.blocks[fresh * at.BLOCK] = block << 3
-        s.buckets[place] = fresh
-        block = fresh
-    header = s.blocks[block * at.BLOCK] + 1
-    s.blocks[block * at.BLOCK] = header
-    s.blocks[block * at.BLOCK + (header & 7)] = entry
+from .tile_buckets import clear_buckets, owner, push_bucket, release_block, tick_of
+from .tiles import is_inside_now, tile_of
 
 
 @jit
@@ -171,9 +147,7 @@ def open_bucket(s, tile, slot):
                     put_back(s, i)
                 else:
                     insert_event(s, i)
-        s.blocks[block * at.BLOCK] = s.free_block[tile * at.LINE] << 3
-        s.free_block[tile * at.LINE] = block
-        block = header >> 3
+        block = release_block(s, tile, block)
 
 
 @jit
@@ -201,13 +175,7 @@ def prefetch_bucket(s, tile, slot):
 @called
 def clear_calendars(s):
     """Empty the calendars of this thread's tiles."""
-    buckets, blocks = s.counter[at.BUCKETS] + 1, s.counter[at.BLOCKS]
     for tile in range(s.counter[at.TILES]):
         if owner(s, tile) == s.counter[at.THREAD]:
-            for slot in range(tile * buckets, (tile + 1) * buckets):
-                s.buckets[slot] = -1
-            first = tile * blocks
-            for block in range(first, first + blocks):
-                s.blocks[block * at.BLOCK] = (block + 1 if block + 1 < first + blocks else -1) << 3
-            s.free_block[tile * at.LINE] = first
+            clear_buckets(s, tile)
             s.cycle_of[tile * at.LINE] = s.counter[at.BUCKET] // s.counter[at.BUCKETS]

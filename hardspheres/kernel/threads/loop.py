@@ -7,11 +7,14 @@ are pure functions of two rows, so only the order of the events of each particle
 would have been another one is seen exactly and undone (`undo`). The end of a window is a moment at which all
 earlier events have happened and no later one: there lists are rebuilt, epochs end, and runs stop. How long
 windows are decides no bit.
+
+A dilute gas has windows of time, in which all contacts are found beforehand (`dilute.windows`). Each of those
+is a *bucket* here, and divided into many of the shorter windows meant above.
 """
 
 from .. import layout as at
 from ..common.particles import count_epoch, epoch_length_due, fly_to_end_of_epoch, mean_square
-from ..flags import MASSES
+from ..flags import MASSES, SPARSE
 from ..loop import (
     BEFORE,
     DONE,
@@ -26,9 +29,15 @@ from ..simd.jit import called, entry_point, jit
 from ..simd.pointers import handed_over, pointers
 from .barrier import agree, barrier
 from .handing_over import hand_over_sums
-from .renewal import detect, predict_undone, rebuild_all
-from .rounds import ENOUGH_PAIRS, LOG_IS_FULL, RESTING, STANDING_STILL, go_through_window
+from .rounds import go_through_window
+from .stopping import ENOUGH_PAIRS, LOG_IS_FULL, RESTING, STANDING_STILL
+from .tile_buckets import tick_of
 from .undo import keep_counts, restore_counts, restore_rows
+
+if SPARSE:
+    from .registration import detect, predict_undone
+else:
+    from .renewal import detect, predict_undone, rebuild_all
 
 __all__ = [
     "DONE",
@@ -62,15 +71,21 @@ def run(arrays, afresh, stop_epoch, stop_time, stop_pairs, budget):
     s.counter[at.PUT_OFF] = 0
     agree(s)
     search = afresh
+    if afresh:
+        s.counter[at.TICK] = tick_of(s, begun)
     work = 0
     while True:
+        bucket = s.counter[at.TICK] // s.counter[at.BUCKET_TICKS]
+        epoch_ends = s.counter[at.TICK] == s.counter[at.EPOCH_BUCKETS] * s.counter[at.BUCKET_TICKS]
+        if SPARSE and bucket != s.counter[at.BUCKET] and not epoch_ends:
+            search = True  # a window of time begins
         if search:
+            s.counter[at.BUCKET] = bucket
             detect(s)
             agree(s)
             if s.counter[at.AGREED + at.TOLD_SHORT]:
                 return stopped(s, NO_ROOM)
             search = False
-            begun = max(s.number[at.NOW], 0.0)
             work += s.counter[at.N]
         pairs = s.counter[at.AGREED + at.TOLD_PAIRS]
         if pairs >= stop_pairs:
@@ -81,10 +96,12 @@ def run(arrays, afresh, stop_epoch, stop_time, stop_pairs, budget):
         last = s.counter[at.EPOCH] == stop_epoch
         if last and begin > stop_time:
             return stopped(s, DONE)
-        if s.counter[at.TICK] == s.counter[at.EPOCH_BUCKETS] * s.counter[at.BUCKET_TICKS]:
+        if epoch_ends:
             if last:
                 return stopped(s, DONE)
             end_epoch(s)
+            s.counter[at.TICK] = 0
+            begun = max(s.number[at.NOW], 0.0)
             search = True
             if MASSES and epoch_length_due(s):
                 return stopped(s, EPOCH_LENGTH_DUE)
@@ -97,10 +114,11 @@ def run(arrays, afresh, stop_epoch, stop_time, stop_pairs, budget):
         if last and s.counter[at.LIMIT] / s.number[at.TICKS] > stop_time:
             return stopped(s, DONE)  # in the rest of the window there are events that wait
         s.counter[at.TICK] = s.counter[at.LIMIT]
-        s.counter[at.BUCKET] = s.counter[at.TICK] // s.counter[at.BUCKET_TICKS]
+        if not SPARSE:
+            s.counter[at.BUCKET] = s.counter[at.TICK] // s.counter[at.BUCKET_TICKS]
         if s.counter[at.AGREED + at.TOLD_LOGGED] > s.counter[at.LOG_ROOM] // 2 and s.counter[at.LOG_ROOM] > 0:
             return stopped(s, LOG_FULL)
-        if s.counter[at.AGREED + at.TOLD_REBUILDS] >= s.counter[at.REBUILD_ALL_DUE]:
+        if not SPARSE and s.counter[at.AGREED + at.TOLD_REBUILDS] >= s.counter[at.REBUILD_ALL_DUE]:
             rebuild_all(s, s.counter[at.TICK] / s.number[at.TICKS] * BEFORE)
             agree(s)
             if s.counter[at.AGREED + at.TOLD_SHORT]:

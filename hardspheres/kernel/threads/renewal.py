@@ -17,9 +17,11 @@ from ..flags import DIM, OBSTACLES
 from ..simd.jit import called, jit
 from ..simd.pointers import int64
 from .barrier import barrier
-from .calendars import clear_calendars, schedule, tick_of
-from .tiles import has_moved, is_inside, owner, settle, tile_of
-from .undo import has_been_within, of_this_window
+from .calendars import clear_calendars, schedule
+from .old_flights import of_this_window
+from .tile_buckets import owner
+from .tiles import has_moved, is_inside, settle, tile_of
+from .undo import has_been_within
 
 
 @jit
@@ -161,8 +163,6 @@ def detect(s):
     s.counter[at.PART] = at.RENEWAL
     now = max(s.number[at.NOW], 0.0)
     s.counter[at.LIMIT] = -1  # no event is due yet
-    s.counter[at.TICK] = tick_of(s, now)
-    s.counter[at.BUCKET] = s.counter[at.TICK] // s.counter[at.BUCKET_TICKS]
     s.number[at.WINDOW_BEGIN] = now
     s.counter[at.SHORT_QUEUE] = 0
     s.counter[at.WINDOW] += 1  # no old row counts

@@ -11,7 +11,9 @@ particles are frozen for the rest of this one.
 """
 
 from .. import layout as at
+from ..flags import SPARSE
 from ..simd.jit import jit
+from .homes import home_of
 
 # A particle's TILE_WORD: the shifts in which it is inside its domain, a bit each; whether it has come from
 # another tile; the tile; the round in which it is frozen.
@@ -22,6 +24,8 @@ FROZEN = 24
 @jit
 def word_of(s, i):
     """TILE_WORD of i."""
+    if SPARSE:
+        return s.home[home_of(s, i)]
     return s.event[i * at.EVENT + at.TILE_WORD]
 
 
@@ -71,8 +75,11 @@ def free_to_go(s, i):
 @jit
 def freeze(s, i):
     """Freeze i for the rest of the round."""
-    word = word_of(s, i) & ((1 << FROZEN) - 1)
-    s.event[i * at.EVENT + at.TILE_WORD] = word | s.counter[at.ROUND] << FROZEN
+    word = word_of(s, i) & ((1 << FROZEN) - 1) | s.counter[at.ROUND] << FROZEN
+    if SPARSE:
+        s.home[home_of(s, i)] = word
+    else:
+        s.event[i * at.EVENT + at.TILE_WORD] = word
 
 
 @jit
@@ -91,9 +98,3 @@ def put_off(s, i):
         return
     s.counter[at.PUT_OFF] = k + 1
     s.put_off[k] = i
-
-
-@jit
-def owner(s, tile):
-    """Thread that clears and fills the tables of a tile."""
-    return tile * s.counter[at.THREAD_COUNT] // s.counter[at.TILES]

@@ -13,17 +13,15 @@ from ..common.contact_times import PLACE, SHIFT, SINCE, SIZE, VEL, WHEN, solve
 from ..common.obstacles import is_obstacle
 from ..common.versions import raise_version
 from ..dense.cell_grid import fallen
-from ..flags import DIM, FLIGHTS, GRAVITY, OBSTACLES, SIZES
+from ..flags import DIM, FLIGHTS, GRAVITY, OBSTACLES, SIZES, SPARSE
 from ..simd.jit import called, jit
 from ..simd.pointers import int64
-
-WINDOW = 32  # where the window stands in `old_row_of`
-NUMBER = 0xFFFFFFFF
+from .old_flights import NUMBER, WINDOW, keep_old_flight, of_this_window
 
 
 @jit
-def remember(s, i):
-    """Keep i's row as it is; an event is about to change it."""
+def remember(s, i, time):
+    """Keep i's row as it is; an event at that time is about to change it."""
     if s.counter[at.IN_ORDER] or (OBSTACLES and is_obstacle(s, i)):
         return
     k = s.counter[at.UNDO_LENGTH]
@@ -41,18 +39,14 @@ def remember(s, i):
         for d in range(DIM):
             s.old_rows[old + at.OLD_FALL + d] = s.fall[i * at.FALL + d]
     s.old_row_of[i * at.OLD_ROW_OF] = s.counter[at.WINDOW] << WINDOW | number
+    if SPARSE:
+        keep_old_flight(s, i, number, time)
 
 
 @jit
 def can_remember(s):
     """Whether there is room for the rows of another event."""
     return s.counter[at.IN_ORDER] == 1 or s.counter[at.UNDO_LENGTH] + 2 <= s.counter[at.UNDO_ROOM]
-
-
-@jit
-def of_this_window(s, word):
-    """Whether an entry of `old_row_of` is of this window, and counts."""
-    return word >> WINDOW == s.counter[at.WINDOW]
 
 
 @called
@@ -183,7 +177,7 @@ def restore_rows(s):
         old = (s.counter[at.THREAD] * s.counter[at.UNDO_ROOM] + k) * at.OLD_ROW
         if of_this_window(s, s.old_rows_int[old + at.OLD_BEFORE]):
             continue
-        i = s.old_rows_int[old + at.OLD_WHO]
+        i = s.old_rows_int[old + at.OLD_WHO] & NUMBER
         for d in range(at.ROW):
             if not (at.VERSION_IN_ROW and d == at.VERSION):
                 s.row[i * at.ROW + d] = s.old_rows[old + d]

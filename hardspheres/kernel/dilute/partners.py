@@ -1,0 +1,28 @@
+"""What an entry in the table of predicted contacts says: who meets, and whether that still holds."""
+
+from .. import layout as at
+from ..common.versions import version_of
+from ..simd.jit import jit
+
+
+@jit
+def versions_of(s, low, high):
+    """Versions of both partners in one number; a wall has none."""
+    versions = int(version_of(s, low)) << 32
+    if high < s.counter[at.N]:
+        versions |= int(version_of(s, high)) & at.STAMP_BITS
+    return versions
+
+
+@jit
+def partners(s, c):
+    """Lower and higher id of a predicted contact."""
+    pair = s.contacts[c * at.CONTACT + at.CONTACT_PAIR]
+    return pair >> 32, pair & at.STAMP_BITS
+
+
+@jit
+def contact_holds(s, c):
+    """Whether neither partner of a contact has changed since it was predicted."""
+    low, high = partners(s, c)
+    return versions_of(s, low, high) == s.contacts[c * at.CONTACT + at.CONTACT_VERSIONS]
