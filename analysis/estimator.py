@@ -208,13 +208,17 @@ class BlockEstimator(Estimator):
         weights = [series.n_samples for series in self._series()]
         return estimate_from_runs(runs, statistic, shortest, weights)
 
-    def _errors_of_rows(self, along: FloatArray) -> FloatArray:
+    def _errors_of_rows(
+        self, along: FloatArray, of: Callable[[FloatArray], FloatArray] = lambda rows: rows
+    ) -> FloatArray:
         """Return standard errors of the mean row, from blocks as long as a weighted sum of it asks for.
 
         Parameters
         ----------
         along : array
             The weights, of a row's shape.
+        of : callable
+            Makes rows whose mean has the errors from the rows that are kept; by default these themselves.
         """
         series, variances, samples = self._series(), [], []
         runs = [each.rows for each in series]
@@ -222,7 +226,8 @@ class BlockEstimator(Estimator):
             rows = np.concatenate([runs[k] for k in group])
             length = min(block_length(np.tensordot(rows, along, along.ndim)), len(rows) // 2)
             blocks = len(rows) // length
-            means = rows[len(rows) - blocks * length :].reshape(blocks, length, *rows.shape[1:]).mean(axis=1)
+            kept = of(rows[len(rows) - blocks * length :])
+            means = kept.reshape(blocks, length, *kept.shape[1:]).mean(axis=1)
             variances.append((means.std(axis=0, ddof=1) / math.sqrt(blocks)) ** 2)
             samples.append(sum(series[k].n_samples for k in group))
         weights = np.array(samples) / sum(samples)

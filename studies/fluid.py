@@ -25,6 +25,7 @@ from hardspheres.scene import sphere_volume
 
 __all__ = [
     "FREEZING",
+    "LONGEST",
     "RANDOM_UP_TO",
     "RELAXED",
     "THEORY_UP_TO",

@@ -484,11 +484,11 @@ def fraction() -> Any:
 
 
 PANELS = {
-    "The gas": "gas n dim packing_fraction packing_fractions boundary start velocities temperature "
+    "The gas": "gas n dim packing_fraction packing_fractions boundary start starts velocities temperature "
     "pressure diameter temperature_ratio mass_ratio diameter_ratio fraction source radius mass box units "
     "velocities_are mix scale_heights obstacles size",
-    "What and how long": "collisions collisions_per_particle relaxation_times discard replicas runs "
-    "transits reverse_after cells until_error suite rounds known quick size only against",
+    "What and how long": "collisions collisions_per_particle equilibration relaxation_times discard "
+    "replicas runs transits reverse_after cells until_error suite rounds known quick size only against",
     "Results": "out force json figure_format frames animate",
     "The run itself": "config sweep seed workers threads executor checkpoint_every resume keep shard",
 }

@@ -48,6 +48,10 @@ QUESTIONS = {
         "studies.lorentz:Lorentz",
         "Follow a particle among fixed obstacles: free path, diffusion and chaos, beside theory.",
     ),
+    "melting": (
+        "studies.melting:Melting",
+        "Follow discs where they melt: pressure and hexatic order from two starts, beside literature.",
+    ),
     "combine": (
         "studies.combine:Combine",
         "Merge finished runs of one study with different seeds.",

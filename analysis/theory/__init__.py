@@ -12,7 +12,8 @@ equations of state, `mixtures`, `collisions` rates and free flights, `flights` t
 `relaxation`, `equal_speeds` and `beams` the way to equilibrium, `spline` what is between the numbers of
 tables, `transport` Enskog's coefficients, `sound` its speed and damping, `arrangement` the structure factor,
 `expansion` how particles spread from half of a box, `barometer` fluids under gravity, `lyapunov` how fast a
-gas forgets, `lorentz` a particle among fixed obstacles, `two_spheres` exact rates of the smallest gas.
+gas forgets, `lorentz` a particle among fixed obstacles, `discs` where they melt, `two_spheres` exact rates of
+the smallest gas.
 """
 
 from analysis.theory.arrangement import percus_yevick_structure, structure_limit
@@ -34,6 +35,13 @@ from analysis.theory.collisions import (
     mean_free_path,
     speed_dependent_free_path,
     speed_dependent_rate,
+)
+from analysis.theory.discs import (
+    COEXISTENCE,
+    COEXISTENCE_PRESSURE,
+    HEXATIC_UP_TO,
+    disc_pressure,
+    disc_pressures,
 )
 from analysis.theory.equal_speeds import (
     H_BINS,
@@ -119,7 +127,10 @@ from analysis.theory.transport import (
 from analysis.theory.two_spheres import two_sphere_rates
 
 __all__ = [
+    "COEXISTENCE",
+    "COEXISTENCE_PRESSURE",
     "FINITE_HORIZON",
+    "HEXATIC_UP_TO",
     "H_BINS",
     "KS_BINS",
     "SPEED_LIMIT",
@@ -148,6 +159,8 @@ __all__ = [
     "compressibility_slope",
     "contact_value",
     "cumulant_noise",
+    "disc_pressure",
+    "disc_pressures",
     "energy_cdf",
     "energy_pdf",
     "energy_share",

@@ -22,6 +22,7 @@ from studies.pressure import EquationOfState
 from studies.report import Screen
 from studies.study import Study, run_study
 from studies.thermalisation import RelaxingGas, Thermalisation
+from studies.two_starts import Discs, canonical_pressure
 from studies.validation.hard_cases.exactly_solved import in_equilibrium
 
 __all__ = ["MEASURED", "QUICK", "Crystal", "Measured", "measure"]
@@ -31,7 +32,6 @@ KLM = "Kolafa et al. 2004, for N"
 DYNAMO = "DynamO, N = 1372 to 530 604"
 NEAR_REFERENCE = "DynamO (N to 2e6): 2.4e-6 from it"  # that far at most, at packing fractions to 0.471
 ANISOTROPY = 0.2  # of the start: Tx/T - 1, as in the simulations behind its theory
-COLUMNS, ROWS = 29, 30  # of the triangular lattice in the box 29 : 30 sqrt(3)/2
 APART = 5.0  # collisions per particle between two frames of `contact`
 
 Checks = tuple[list[TheoryCheck], int]
@@ -39,7 +39,7 @@ Checks = tuple[list[TheoryCheck], int]
 
 
 @dataclass(frozen=True)
-class Crystal(Fluid):
+class Crystal(Discs):
     """Discs that start on a triangular lattice, whole in the box 29 : 30 sqrt(3)/2, and melt.
 
     Attributes
@@ -48,24 +48,13 @@ class Crystal(Fluid):
         Collisions per particle to discard.
     """
 
-    n: int = COLUMNS * ROWS
-    dim: int = 2
+    starts: tuple[str, ...] = ("crystal",)
     melting: float = 20_000.0
 
     @property
     def discarded(self) -> float:
         """Collisions per particle to discard before any measurement."""
         return self.melting
-
-    def scene(self, seed: np.random.SeedSequence, velocities: str = "maxwell") -> hs.Scene:
-        """Return the start that belongs to a seed: only the velocities depend on it."""
-        spacing = math.sqrt(math.pi / (2.0 * math.sqrt(3.0) * self.packing_fraction))
-        row, column = np.divmod(np.arange(self.n), COLUMNS)
-        places = spacing * np.column_stack([column + 0.5 * (row % 2) + 0.25, (row + 0.5) * math.sqrt(0.75)])
-        box = (spacing * COLUMNS, spacing * ROWS * math.sqrt(0.75))
-        still = hs.Scene(places, np.zeros_like(places), 0.5, 1.0, box, "periodic")
-        drawn = hs.draw_velocities(still, velocities, temperature=1.0, seed=seed)
-        return still.replace(velocities=drawn)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,18 +171,16 @@ def _discs(fluid: Fluid, length: float, expected: tuple[float, float], box: str)
 
     def pick(answer: Answer) -> list[TheoryCheck]:
         return [
-            TheoryCheck(f"P sigma^2/kT, {way}", LI, _canonical(answer[name].measured, fluid), *expected)
+            TheoryCheck(
+                f"P sigma^2/kT, {way}",
+                LI,
+                canonical_pressure(answer[name].measured, fluid.packing_fraction, fluid.n),
+                *expected,
+            )
             for way, name in (("virial", "Z from the virial"), ("rate", "Z from the rate"))
         ]
 
     return _of_study(make, pick, f"{fluid.n} discs, {box}, {fluid.packing_fraction:g}")
-
-
-def _canonical(z: Estimate, fluid: Fluid) -> Estimate:
-    """Return P sigma^2 / kT of discs from Z at fixed energy: Z - 1 = N/(N - 1) (Z_N - 1), exactly."""
-    per_z, share = 4.0 * fluid.packing_fraction / math.pi, (fluid.n - 1) / fluid.n
-    value = per_z * (1.0 + share * (z.value - 1.0))
-    return Estimate(value, per_z * share * z.standard_error, z.n_effective, z.degrees_of_freedom)
 
 
 def _contact(eta: float, n: int, frames: int, every: int) -> Measured:

@@ -23,6 +23,7 @@ from analysis.estimator import Estimator, NoDataError
 from analysis.expansion import Spreading
 from analysis.free_path import FreePath
 from analysis.helfand import HeatConductivity, MutualDiffusion, Viscosity
+from analysis.hexatic import HexaticOrder
 from analysis.maxwell_test import MaxwellTest
 from analysis.moments import VelocityMoments
 from analysis.order import BondOrder
@@ -56,7 +57,8 @@ MOMENTS = [Viscosity, HeatConductivity, MutualDiffusion]
 REPLICAS = [RelaxationCurve, TemperatureEquilibration, AnisotropyDecay]
 WALLED = [Spreading, DensityProfile]
 FALLING = [HeightProfile]
-EVERY = [*STREAMING, *MOMENTS, *REPLICAS, *WALLED, *FALLING, Pressure, FreePath]
+PLANAR = [HexaticOrder]
+EVERY = [*STREAMING, *MOMENTS, *REPLICAS, *WALLED, *FALLING, *PLANAR, Pressure, FreePath]
 # true before anything is added
 WITHOUT_DATA = {"n_replicas", "n_blocks", "discarded_rows", "predictions", "flights"}
 WITH_SCENE = {"gas", "scene", "labels"}  # where the constructor takes the scene
@@ -80,7 +82,8 @@ def frames(kind):
     if kind in FALLING:
         scene = random_gas("2d_mixture_walls", 64, 0.05).replace(gravity=(0.0, -0.1))
         return list(hs.Simulation(scene).frames(every=1.0, count=31))
-    scene = random_gas("3d_mixture" if kind in (TemperatureEquilibration, MutualDiffusion) else "3d", 64, 0.1)
+    species = "3d_mixture" if kind in (TemperatureEquilibration, MutualDiffusion) else "3d"
+    scene = random_gas("2d" if kind in PLANAR else species, 64, 0.1)
     if kind in REPLICAS:
         faster = np.where(scene.species == 0, 1.5, 1.0)[:, None] if scene.species.any() else (1.5, 1.0, 1.0)
         scene = scene.replace(velocities=scene.velocities * faster)
@@ -125,7 +128,7 @@ def test_one_shape(kind):
                 setattr(estimator, name, 1)
     checks = estimator.checks
     assert all(type(check) is TheoryCheck for check in checks)
-    assert (checks == []) == (kind is BondOrder)
+    assert (checks == []) == (kind in (BondOrder, HexaticOrder))
     assert not any(check.p_value < 1e-4 for check in checks if kind is not RelaxationCurve)
     assert kind.merge is Estimator.merge
     axes = Figure().subplots()
@@ -252,6 +255,7 @@ def test_repr_tells_results_or_that_there_are_none(kind):
         Spreading: walled(32),
         DensityProfile: walled(64),
         StructureFactor: random_gas("3d", 60, 0.1),
+        HexaticOrder: random_gas("2d", 60, 0.1),
         HeightProfile: random_gas("2d_mixture_walls", 32, 0.05).replace(gravity=(0.0, -0.1)),
     }
     scene = special.get(kind, random_gas("3d", 32, 0.1))

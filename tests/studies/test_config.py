@@ -64,6 +64,10 @@ OTHERS = {  # a value for every option that is not its default, whether they mak
         "obstacles": "random", "packing_fractions": (0.1, 1 / 3), "dim": 3, "n": 50, "size": 0.25,
         "collisions_per_particle": 1e4,
     },
+    "melting": OF_STUDIES | {
+        "packing_fractions": (2 / 3, 0.69), "n": 224, "starts": "fluid", "collisions_per_particle": 400.0,
+        "equilibration": 0.0,
+    },
     "view": OF_FILES | {"collisions_per_particle": 2.0},
     "analyse": OF_FILES,
     "bench": {

@@ -94,6 +94,7 @@ STUDIES = {
     "barometer": lambda *to: conduct(small("barometer"), *to),
     "drop": lambda *to: conduct(small("drop"), *to),
     "lorentz": lambda *to: conduct(small("lorentz"), *to),
+    "melting": lambda *to: conduct(small("melting"), *to),
     "calibration": Calibrations(runs=20, workers=1, families=("series",)).conduct,
     "hard-cases": HardCases(size="small", only=("cradle",)).conduct,
     "soak": lambda *to: conduct(Soak(n=200, dim=2, collisions=20_000, workers=1), *to),

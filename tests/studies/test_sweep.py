@@ -76,6 +76,7 @@ SWEPT = {  # of each study an option of every kind that it has: numbers, words, 
     },
     "drop": {"mass-ratio": (1.0, 10.0), "dim": (2, 3), "scale_heights": (3.0, 5.0)},
     "lorentz": {"obstacles": ("square", "random"), "size": (0.1, 1.0), "packing_fraction": (0.1, 0.2)},
+    "melting": {"n": (224, 870), "start": ("fluid", "crystal"), "equilibration": (0.0, 50.0)},
     "soak": {"collisions": (1000, 2000)},
 }
 NAMES = [name for name in QUESTIONS if issubclass(study_named(name), Study)]

@@ -17,6 +17,7 @@ from studies.cli import main
 from studies.fluid import Fluid
 from studies.report import OutputFolder, Screen
 from studies.running.shards import Shard
+from studies.two_starts import canonical_pressure
 from studies.validation import tables
 from studies.validation.tables import (
     AccuracyTables,
@@ -28,7 +29,7 @@ from studies.validation.tables import (
     read_lines,
     stored,
 )
-from studies.validation.tables_measured import MEASURED, QUICK, Crystal, _canonical, measure
+from studies.validation.tables_measured import MEASURED, QUICK, Crystal, measure
 
 FOLDER = Path(studies.__file__).parent
 RESULTS, README = FOLDER / "results" / "tables", FOLDER / "README.md"
@@ -152,7 +153,7 @@ def test_the_pressure_of_discs_is_canonical():
     fixed = float(theory.finite_size_compressibility(0.5, 2, 100).value)
     canonical = float(theory.finite_size_compressibility(0.5, 2, 100, "canonical").value)
     per_z = 4 * 0.5 / math.pi
-    found = _canonical(Estimate(fixed, 1e-3), fluid)
+    found = canonical_pressure(Estimate(fixed, 1e-3), fluid.packing_fraction, fluid.n)
     assert found.value == pytest.approx(per_z * canonical, rel=1e-12)
     assert found.standard_error == pytest.approx(per_z * 0.99e-3)
     assert abs(found.value / (per_z * fixed) - 1) > 5e-3
