@@ -146,4 +146,4 @@ def test_no_domain_touches_what_another_one_writes_in_windows():
     assert domains_that_wrote > rounds > 10
     assert put_off > 0
     found, *_ = watched(WINDOWS, (4, 1), 300, "sim._engine.arrays.inside_in[:] = 31")
-    assert {"buckets", "segments"} <= set(found)
+    assert {"blocks", "segments"} <= set(found)

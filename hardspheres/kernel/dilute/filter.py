@@ -106,8 +106,10 @@ def filter_pairs(s, m, since):
         i = int64(s.segment_words[own * at.SEGMENT + at.OWNER])
         j = int64(s.segment_words[slot * at.SEGMENT + at.OWNER])
         if OBSTACLES and i > j and own < new_segment(s) and slot < new_segment(s) and not is_obstacle(s, j):
-            both = not THREADS or tile_of_segment(s, own) == tile_of_segment(s, slot)
-            if both:  # who compares all sees this pair from both sides
+            twice = True  # who compares all sees this pair from both sides
+            if THREADS:
+                twice = tile_of_segment(s, own) == tile_of_segment(s, slot)
+            if twice:
                 continue
         predict_contact(s, i, j, when, own, slot)
 
