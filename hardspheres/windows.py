@@ -110,9 +110,14 @@ class Windows:
 
     def on(self, threads: int) -> "Windows":
         """Return these windows for several threads, if there is room for as many domains."""
-        x, _, z = [*self.cells.tolist(), 1][:3]
-        self.domains = divided([x, z], threads)
+        self.domains = divided(self._columns, threads)
         return self
+
+    @property
+    def _columns(self) -> list[int]:
+        """How many columns of cells there are along x and z."""
+        x, _, z = [*self.cells.tolist(), 1][:3]
+        return [x, z]
 
     @property
     def fall(self) -> float:
@@ -178,7 +183,9 @@ class Windows:
         found = cheapest_windows(self.scene, length)
         if isinstance(found, str):  # it was possible for the epochs of the scene
             raise SimulationError(f"windows have become impossible: {found}")
-        return found.on(self.domains.threads) if self.domains else found
+        if self.domains:  # the kernels are those of threads, even if one has to do all
+            found.domains = found.on(self.domains.threads).domains or Domains(found._columns, 1, (1, 1))
+        return found
 
     def plan(self, at: Any, number: Any, count: Any) -> None:
         """Write what the kernels need to know to the numbers and counters; the epoch is there already."""

@@ -424,7 +424,7 @@ def threads() -> Any:
     """Return the field for the number of threads of each gas."""
     return option(
         1,
-        "Threads that run each gas together, if it is large: some 20 000 particles, not dilute. --workers is "
+        "Threads that run each gas together, if it is large: from some 20 000 particles on. --workers is "
         "then 1 unless given, and --executor processes or threads. The results do not depend on it.",
         at_least=1,
         matters=False,

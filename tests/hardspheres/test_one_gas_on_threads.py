@@ -102,6 +102,24 @@ def test_windows_have_the_bits_of_one_thread(monkeypatch, threads, across):
     assert many.status()["thread_events_put_off"] > 0
 
 
+def test_windows_for_other_epochs_have_domains_too(monkeypatch):
+    """One at least, where cells have become too wide for more; with the bits of one thread."""
+    one, many = (
+        hs.Simulation(tube(), search="windows"),
+        shared(monkeypatch, tube(), 2, search="windows"),
+    )
+    across = []
+    for power in (-3, 3, 2):
+        if power == 2:
+            monkeypatch.setattr(windows, "divided", lambda cells, threads: None)
+        for sim in (one, many):
+            sim._engine = sim._engine.with_epochs(sim._engine.length * 2.0**power)
+            sim.run(time=sim._engine.length)  # to the end of an epoch
+        across.append(many._engine.search.domains.across)
+        assert everything(many) == everything(one)
+    assert across == [(2, 1), (2, 1), (1, 1)]
+
+
 def test_what_went_wrong_in_windows_is_seen_and_undone(monkeypatch):
     """As with lists, where all events of a window of time are executed before threads agree."""
     scene = tube(spacing=1.8)
