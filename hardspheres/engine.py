@@ -46,15 +46,15 @@ class How(NamedTuple):
     search: str = "auto"
     threads: int = 1
 
-    def threads_for(self, scene: Scene, two_grids: bool) -> tuple[int, str | None]:
+    def threads_for(self, two_grids: bool) -> tuple[int, str | None]:
         """Return how many threads to use, if the gas is large enough, and why they are fewer."""
         if self.threads == 1:
             return 1, None
-        begins = f"threads={self.threads}: this gas runs on one thread, because"
         if two_grids:
-            return 1, f"{begins} its large particles, among many small ones, are in a grid of their own"
-        if scene.falls and scene.n_moving < scene.n:
-            return 1, f"{begins} obstacles under gravity need it"
+            return 1, (
+                f"threads={self.threads}: this gas runs on one thread, because its large particles, among "
+                "many small ones, are in a grid of their own"
+            )
         idle = idle_cores()
         if idle < self.threads:
             many = "thread" if idle == 1 else "threads"
@@ -138,7 +138,7 @@ class Engine:
         self.how = how
         windows = windows_for(scene, length, self.how.search) if growth is None else None
         two_grids = windows is not None and len(windows.large) > 0
-        threads, self.shortfall = (1, None) if growth else self.how.threads_for(scene, two_grids)
+        threads, self.shortfall = (1, None) if growth else self.how.threads_for(two_grids)
         self.search: Lists | Windows = windows.on(threads) if windows else Lists(scene, threads)
         domains = self.search.domains
         self.threads = domains.threads if domains else 1

@@ -10,4 +10,4 @@ OBSTACLES = False  # some particles have infinite mass and stay where they are (
 GRAVITY = False  # all that move fall with the same acceleration (never with GROWS; OBSTACLES: not SPARSE)
 HEAT = False  # the heat flux is tallied (never with GROWS, GRAVITY or OBSTACLES)
 FLIGHTS = False  # free flights are tallied, and events logged if there is a log (never with GROWS)
-THREADS = False  # one gas on several threads (never with GROWS, or GRAVITY and OBSTACLES)
+THREADS = False  # one gas on several threads (never with GROWS)

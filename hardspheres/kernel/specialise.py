@@ -52,7 +52,7 @@ def specialise(
     heat : bool
         The heat flux is tallied; not with `grows`, `gravity` or `obstacles`.
     threads : bool
-        Several threads are at work; not with `grows`, nor with `gravity` and `obstacles`.
+        Several threads are at work; not with `grows`.
 
     Returns
     -------

@@ -261,13 +261,14 @@ def falling():
 def among_obstacles(scene):
     """One particle in ten is an obstacle."""
     masses = np.where(np.arange(scene.n) % 10 == 0, np.inf, 1.0)
-    return hs.Scene(
-        positions=scene.positions,
-        velocities=np.where(np.isinf(masses)[:, None], 0.0, scene.velocities),
-        radii=scene.radii,
-        masses=masses,
-        box=scene.box,
-    )
+    velocities = np.where(np.isinf(masses)[:, None], 0.0, scene.velocities)
+    return scene.replace(masses=masses, velocities=velocities)
+
+
+def falling_among_obstacles():
+    """Discs on a floor, one in ten of them an obstacle."""
+    still = hs.random_gas(n=6000, dim=2, packing_fraction=0.4, seed=3, boundary=("periodic", "wall"))
+    return among_obstacles(still).replace(**FALLS)
 
 
 def dilute_discs(**more):
@@ -286,7 +287,7 @@ def crossing():
     return hs.Scene(positions=places, velocities=velocities, radii=0.5, box=[k * edge] * 2)
 
 
-FALLS = {"gravity": (0.0, -0.02)}
+FALLS = {"gravity": (0.0, -0.2)}
 FLIGHTS = {"free_paths": True}
 SCENES = {
     "discs": ("lists", discs, {}),
@@ -294,6 +295,7 @@ SCENES = {
     "heat": ("lists", lambda: gas("3d", 6000, 0.3), {"heat": True, "free_paths": True}),
     "gravity": ("lists", falling, {}),
     "obstacles": ("lists", lambda: among_obstacles(discs()), {}),
+    "gravity and obstacles": ("lists", falling_among_obstacles, {}),
     "dilute spheres": ("windows", lambda: gas("3d", 40_000, 0.1), FLIGHTS),
     "dilute mixture between walls": ("windows", lambda: gas("2d_mixture_walls", 4000, 0.1), FLIGHTS),
     "dilute, heat": ("windows", dilute_discs, {"heat": True}),

@@ -91,9 +91,11 @@ def has_been_within(s, i, threshold):
     """Whether i has been within the threshold of its reference position since the window began.
 
     Then whoever is predicted from an earlier time on finds it on its list. Flights are straight, so both ends
-    of each are enough.
+    of each are enough; among obstacles they are parabolas, no further from their chords than `bulge`.
     """
     begin = s.number[at.WINDOW_BEGIN]
+    if GRAVITY and OBSTACLES:
+        threshold -= bulge(s, s.counter[at.LIMIT] / s.number[at.TICKS] - begin)
     since = s.row[i * at.ROW + at.T]
     if not is_within(s, i, s.row, i * at.ROW, max(since, begin), threshold):
         return False
@@ -112,16 +114,28 @@ def has_been_within(s, i, threshold):
 
 
 @jit
+def bulge(s, duration):
+    """How far a parabola of this duration is from its chord, at most."""
+    pull = 0.0
+    for d in range(DIM):
+        pull += abs(s.number[at.PULL + d])
+    return 0.125 * pull * duration * duration
+
+
+@jit
 def is_within(s, i, rows, at_row, t, threshold):
     """Whether a row, at time t, is within the threshold of i's reference position."""
     rr = 0.0
     for d in range(DIM):
         x, v = rows[at_row + at.X + d], rows[at_row + at.V + d]
-        if GRAVITY:
+        if GRAVITY and OBSTACLES:
+            dt = t - rows[at_row + at.T]
+            x += 0.5 * s.number[at.PULL + d] * dt * dt
+        elif GRAVITY:
             x, v = fallen(s, d, x, v, rows[at_row + at.T])
         away = x + v * (t - rows[at_row + at.T]) - s.event_float[i * at.EVENT + at.REFERENCE + d]
         rr += away * away
-    return rr <= threshold * threshold
+    return threshold > 0.0 and rr <= threshold * threshold
 
 
 @jit
