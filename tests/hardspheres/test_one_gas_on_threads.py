@@ -120,6 +120,22 @@ def test_windows_for_other_epochs_have_domains_too(monkeypatch):
     assert across == [(2, 1), (2, 1), (1, 1)]
 
 
+def test_windows_with_little_room_make_more(monkeypatch):
+    """Whatever runs out, in the middle of a round or not: the same bits."""
+    one, many = hs.Simulation(tube(), search="windows"), shared(monkeypatch, tube(), 2, search="windows")
+    at, engine = many._at, many._engine
+    small = {at.HEAP_ROOM: 64, at.SEGMENT_ROOM: 100, at.CONTACT_ROOM: 8, at.OVERFLOW_ROOM: 16}
+    small |= {at.NEAR_ROOM: 1, at.BLOCKS: 16, at.UNDO_ROOM: 40}
+    for slot, room in small.items():
+        engine.arrays.counter[slot] = room
+    engine.arrays = engine.arrays._replace(**engine._searching_arrays(engine.arrays.counter))
+    for sim in (one, many):
+        sim.run(collisions=2000)
+    assert everything(many) == everything(one)
+    assert all(engine.arrays.counter[slot] > room for slot, room in small.items() if slot != at.UNDO_ROOM)
+    assert redone(many) > 0  # of what can be undone there was too little
+
+
 def test_what_went_wrong_in_windows_is_seen_and_undone(monkeypatch):
     """As with lists, where all events of a window of time are executed before threads agree."""
     scene = tube(spacing=1.8)
