@@ -40,9 +40,9 @@ def keep_old_flight(s, i, number, time):
 
 @called
 def compare_with_old(s, i, met, column, first, last, now):
-    """Compare i's flight, from now on, with old ones from cells of a column; not with itself and whom it met.
+    """Compare i's flight, from now on, with old ones from cells of a column.
 
-    WRONG tells if it would have met one of them.
+    Not with its own, nor with that of the one it met which ended there. WRONG tells if it would have met one.
     """
     lists = (s.counter[at.CELLS + 1] + at.CELLS_OF_OVERFLOW - 1) // at.CELLS_OF_OVERFLOW
     begin, end = first // at.CELLS_OF_OVERFLOW, last // at.CELLS_OF_OVERFLOW
@@ -52,8 +52,9 @@ def compare_with_old(s, i, met, column, first, last, now):
         while after > 0:
             old = int64(after - 1) * at.OLD_ROW
             who = s.old_rows_int[old + at.OLD_WHO] & NUMBER
-            late = s.old_rows[old + at.OLD_END] >= now
-            if late and who != i and who != met and would_meet(s, i, old, now):
+            end = s.old_rows[old + at.OLD_END]
+            known = who == i or (who == met and end == now)
+            if end >= now and not known and would_meet(s, i, old, now):
                 s.counter[at.WRONG] = 1
             after = s.old_rows_int[old + at.OLD_WHO] >> WINDOW
 
