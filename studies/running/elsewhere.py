@@ -19,10 +19,10 @@ from concurrent.futures import (
     Executor,
     Future,
     ThreadPoolExecutor,
-    as_completed,
     wait,
 )
 from dataclasses import dataclass
+from queue import SimpleQueue
 from typing import Any
 
 import hardspheres as hs
@@ -135,8 +135,12 @@ def gather(
             for which in sorted({*range(len(jobs))} - {*futures.values()}):
                 found[which] = Job(*jobs[which])()[:2]
                 told()
-            for future in as_completed(futures):
-                take(future)
+            # An interrupt in `as_completed` can open a lock that a worker thread holds; this queue has none.
+            finished: SimpleQueue[Future[Any]] = SimpleQueue()
+            for future in futures:
+                future.add_done_callback(finished.put)
+            for _ in range(len(futures)):
+                take(finished.get())
                 told()
         except BaseException as error:
             if stop:
