@@ -45,14 +45,43 @@ def redone(sim):
     return int(sim._engine.arrays.counter[sim._at.REDONE])
 
 
-def ties(n_axis=19, seed=4):
-    """A lattice whose spheres all have one speed, each along an axis: their collisions come all at once."""
+def lattice(counts, spacing):
+    """Places of a square or cubic lattice, and its box."""
+    sites = np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), -1).reshape(-1, len(counts))
+    return (sites + 0.5) * spacing, np.array(counts) * spacing
+
+
+def ties(dim=3, n_axis=19, spacing=1.25, seed=4):
+    """A lattice whose particles all have one speed, each along an axis: their collisions come all at once."""
     rng = np.random.default_rng(seed)
-    n, edge = n_axis**3, 1.25
-    places = (np.stack(np.meshgrid(*[np.arange(n_axis)] * 3, indexing="ij"), -1).reshape(n, 3) + 0.5) * edge
-    velocities = np.zeros((n, 3))
-    velocities[np.arange(n), rng.integers(3, size=n)] = rng.choice([-1.0, 1.0], size=n)
-    return hs.Scene(positions=places, velocities=velocities, radii=0.5, box=[n_axis * edge] * 3)
+    places, box = lattice([n_axis] * dim, spacing)
+    n = len(places)
+    velocities = np.zeros((n, dim))
+    velocities[np.arange(n), rng.integers(dim, size=n)] = rng.choice([-1.0, 1.0], size=n)
+    return hs.Scene(positions=places, velocities=velocities, radii=0.5, box=box)
+
+
+def on_a_lattice(counts, spacing, seed):
+    """Particles of diameter 1 on a lattice, with velocities at random."""
+    places, box = lattice(counts, spacing)
+    velocities = np.random.default_rng(seed).normal(size=places.shape)
+    return hs.Scene(positions=places, velocities=velocities, radii=0.5, box=box)
+
+
+def seeing_and_blind(monkeypatch, scene, across, collisions, search):
+    """Whether bits are those of one thread, and how many windows were undone; then the same for blind threads.
+
+    All events of a bucket are executed before threads agree, so that some come in a wrong order.
+    """
+    one = hs.Simulation(scene, search=search)
+    one.run(collisions=collisions)
+    for blind in (0, 1):
+        many = shared(monkeypatch, scene, 2, across, search)
+        at, counter = many._at, many._engine.arrays.counter
+        counter[at.BLIND] = blind
+        counter[at.WINDOW_TICKS] = counter[at.BUCKET_TICKS]
+        many.run(collisions=collisions)
+        yield everything(many) == everything(one), redone(many)
 
 
 def in_parts(sim, collisions):
@@ -79,15 +108,9 @@ def test_any_layout_gives_the_bits_of_one_thread(monkeypatch, threads, across):
     assert everything(many) == everything(one)
 
 
-def tube(seed=1, spacing=2.2):
+def tube(spacing=2.2):
     """5184 spheres in a long box, at a packing fraction of 0.05: wide enough for five domains of windows."""
-    rng = np.random.default_rng(seed)
-    counts = np.array([64, 9, 9])
-    places = (
-        np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), -1).reshape(-1, 3) + 0.5
-    ) * spacing
-    velocities = rng.normal(size=places.shape)
-    return hs.Scene(positions=places, velocities=velocities, radii=0.5, box=counts * spacing)
+    return on_a_lattice([64, 9, 9], spacing, seed=1)
 
 
 @pytest.mark.parametrize(("threads", "across"), [(2, None), (1, (2, 1)), (3, (5, 1))])
@@ -138,29 +161,15 @@ def test_windows_with_little_room_make_more(monkeypatch):
 
 def test_what_went_wrong_in_windows_is_seen_and_undone(monkeypatch):
     """As with lists, where all events of a window of time are executed before threads agree."""
-    scene = tube(spacing=1.8)
-    one = hs.Simulation(scene, search="windows")
-    one.run(collisions=9000)
-    results = {}
-    for blind in (0, 1):
-        many = shared(monkeypatch, scene, 2, (4, 1), search="windows")
-        at, counter = many._at, many._engine.arrays.counter
-        counter[at.BLIND] = blind
-        counter[at.WINDOW_TICKS] = counter[at.BUCKET_TICKS]
-        many.run(collisions=9000)
-        results[blind] = everything(many) == everything(one), redone(many)
-    assert results[0][0]
-    assert results[0][1] > 0
-    assert not results[1][0]
+    seeing, blind = seeing_and_blind(monkeypatch, tube(spacing=1.8), (4, 1), 9000, "windows")
+    assert seeing[0]
+    assert seeing[1] > 0
+    assert not blind[0]
 
 
-def column(seed=2):
+def column():
     """500 spheres in a box four times as long as wide: few enough to check all events, lists name images."""
-    rng = np.random.default_rng(seed)
-    counts = np.array([5, 20, 5])
-    places = (np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), -1).reshape(-1, 3) + 0.5) * 1.25
-    velocities = rng.normal(size=places.shape)
-    return hs.Scene(positions=places, velocities=velocities, radii=0.5, box=counts * 1.25)
+    return on_a_lattice([5, 20, 5], 1.25, seed=2)
 
 
 def test_every_event_is_what_the_rows_say_and_in_the_calendar_of_its_tile(monkeypatch):
@@ -190,19 +199,10 @@ def test_what_went_wrong_is_seen_and_undone(monkeypatch):
     """In windows that are much too long some events come in a wrong order; blind to that, bits differ."""
     monkeypatch.setattr(domains, "COLLISIONS_IN_BUCKET", 0.2)
     scene = hs.lattice_gas(n=6912, packing_fraction=0.3, seed=1)
-    one = hs.Simulation(scene, search="lists")
-    one.run(collisions=20000)
-    results = {}
-    for blind in (0, 1):
-        many = shared(monkeypatch, scene, 2, (2, 2))
-        at, counter = many._at, many._engine.arrays.counter
-        counter[at.BLIND] = blind
-        counter[at.WINDOW_TICKS] = counter[at.BUCKET_TICKS]
-        many.run(collisions=20000)
-        results[blind] = everything(many) == everything(one), redone(many)
-    assert results[0][0]
-    assert results[0][1] > 0
-    assert not results[1][0]
+    seeing, blind = seeing_and_blind(monkeypatch, scene, (2, 2), 20000, "lists")
+    assert seeing[0]
+    assert seeing[1] > 0
+    assert not blind[0]
 
 
 def test_an_interrupt_loses_nothing(monkeypatch):
@@ -258,13 +258,9 @@ def test_an_impossible_number_of_threads_is_refused(threads):
         hs.Simulation(gas("3d", 20, 0.1), threads=threads)
 
 
-def discs(n_axis=64, seed=3):
+def discs():
     """A lattice of discs, wide enough for 5 x 5 domains."""
-    rng = np.random.default_rng(seed)
-    places = (np.stack(np.meshgrid(*[np.arange(n_axis)] * 2, indexing="ij"), -1).reshape(-1, 2) + 0.5) * 1.3
-    return hs.Scene(
-        positions=places, velocities=rng.normal(size=places.shape), radii=0.5, box=[n_axis * 1.3] * 2
-    )
+    return on_a_lattice([64, 64], 1.3, seed=3)
 
 
 def falling():
@@ -292,17 +288,6 @@ def dilute_discs(**more):
     return hs.random_gas(n=4000, dim=2, packing_fraction=0.1, seed=3, **more)
 
 
-def crossing():
-    """Discs on a lattice, each along an axis: dilute, and their collisions come all at once."""
-    rng, k, edge = np.random.default_rng(1), 64, 3.0
-    places = (
-        np.stack(np.meshgrid(np.arange(k), np.arange(k), indexing="ij"), -1).reshape(-1, 2) + 0.5
-    ) * edge
-    velocities = np.zeros((k * k, 2))
-    velocities[np.arange(k * k), rng.integers(2, size=k * k)] = rng.choice([-1.0, 1.0], size=k * k)
-    return hs.Scene(positions=places, velocities=velocities, radii=0.5, box=[k * edge] * 2)
-
-
 FALLS = {"gravity": (0.0, -0.2)}
 FLIGHTS = {"free_paths": True}
 SCENES = {
@@ -321,7 +306,7 @@ SCENES = {
         {},
     ),
     "dilute, obstacles": ("windows", lambda: among_obstacles(dilute_discs()), {}),
-    "dilute, ties": ("windows", crossing, {}),
+    "dilute, ties": ("windows", lambda: ties(2, 64, 3.0, seed=1), {}),
 }
 
 
