@@ -12,11 +12,12 @@ from ..common.event_heap import push_event
 from ..common.prefetch import prefetch_contacts, prefetch_surroundings
 from ..flags import THREADS
 from ..simd.jit import jit
-from ..simd.pointers import bits, from_bits, int64
-from .partners import contact_holds, partners, versions_of
+from ..simd.pointers import bits, int64
+from .partners import contact_holds, partners, push_contacts, versions_of
 
 if THREADS:
-    from ..threads.contacts import enter_contact, tile_of_wall_contact
+    from ..threads.contacts import enter_contact
+    from ..threads.tiles import tile_of
 
 
 @jit
@@ -50,7 +51,7 @@ def keep_wall_contact(s, i):
     time, wall = wall_contact(s, i)
     if wall >= 0:
         if THREADS:
-            enter_contact(s, tile_of_wall_contact(s, i), i, wall, time)
+            enter_contact(s, tile_of(s, i), i, wall, time)
         else:
             keep_contact(s, i, wall, time)
 
@@ -84,11 +85,5 @@ def open_contacts(s):
     s.buckets[slot] = -1
     prefetch_contacts(s, block)
     while block >= 0:
-        for k in range(1, (s.blocks[block * at.BLOCK] & 7) + 1):
-            c = s.blocks[block * at.BLOCK + k]
-            if contact_holds(s, c):
-                entry = c * at.CONTACT
-                push_event(
-                    s, from_bits(s.contacts[entry + at.CONTACT_TIME]), s.contacts[entry + at.CONTACT_PAIR], c
-                )
+        push_contacts(s, block)
         block = release_block(s, block)

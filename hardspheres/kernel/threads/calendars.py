@@ -79,10 +79,8 @@ def next_tick(s):
 
 @jit
 def clear_queue(s):
-    """Empty the heap and the queue of this window's ticks."""
-    s.counter[at.HEAP_LENGTH] = 0
+    """Empty the queue of this window's ticks."""
     s.counter[at.QUEUED] = 0
-    s.counter[at.PRESENT_TICK] = s.counter[at.TICK] - 1
     for tick in range(s.counter[at.BUCKET_TICKS]):
         s.queued_last[tick] = -1
 

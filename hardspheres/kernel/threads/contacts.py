@@ -7,12 +7,12 @@ one it holds the particle of that domain back. When it has been executed, the ot
 from .. import layout as at
 from ..common.event_heap import push_event
 from ..common.prefetch import prefetch_contacts
-from ..dilute.partners import contact_holds, versions_of
+from ..dilute.partners import push_contacts, versions_of
 from ..simd.jit import called, jit
-from ..simd.pointers import bits, from_bits, int64
-from .homes import home_of, tile_of_segment
+from ..simd.pointers import bits, from_bits
+from .homes import tile_of_segment
 from .tile_buckets import push_bucket, release_block, tick_of
-from .tiles import freeze
+from .tiles import freeze, tile_of
 
 
 @jit
@@ -82,8 +82,7 @@ def set_aside(s, c):
 @called
 def put_search_off(s, i, met, now):
     """Put off the search for the coming contacts of i, which has just met somebody, to a later round."""
-    tile = (s.home[home_of(s, i)] >> at.TILE_SHIFT) & at.TILE_BITS
-    c = new_contact(s, tile, i, at.SEARCH_DUE + 1 + met, now)
+    c = new_contact(s, tile_of(s, i), i, at.SEARCH_DUE + 1 + met, now)
     if c >= 0:
         s.counter[at.PUT_OFF] += 1
         freeze(s, i)
@@ -104,11 +103,7 @@ def open_tick(s, tick):
         s.buckets[place] = -1
         prefetch_contacts(s, block)
         while block >= 0:
-            for k in range(1, (s.blocks[block * at.BLOCK] & 7) + 1):
-                c = s.blocks[block * at.BLOCK + k]
-                if contact_holds(s, c):
-                    time = from_bits(s.contacts[c * at.CONTACT + at.CONTACT_TIME])
-                    push_event(s, time, s.contacts[c * at.CONTACT + at.CONTACT_PAIR], c)
+            push_contacts(s, block)
             block = release_block(s, tile, block)
 
 
@@ -118,11 +113,3 @@ def put_heap_back(s):
     for k in range(s.counter[at.HEAP_LENGTH]):
         put_back(s, s.heap_entry[k])
     s.counter[at.HEAP_LENGTH] = 0
-
-
-@jit
-def tile_of_wall_contact(s, i):
-    """Tile that keeps wall contacts of i; of those with several segments any will do."""
-    if s.where[i] < 0:  # the last round, of one thread
-        return int64(0)
-    return (s.home[home_of(s, i)] >> at.TILE_SHIFT) & at.TILE_BITS

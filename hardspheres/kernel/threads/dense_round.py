@@ -6,7 +6,7 @@ from ..common.prefetch import prefetch_next_event
 from ..common.versions import version_of
 from ..dense.events import event_of
 from ..execution import execute
-from ..simd.jit import called, jit
+from ..simd.jit import jit
 from .calendars import clear_queue, next_tick, open_tile, put_back, put_back_all
 from .renewal import renew_list
 from .stopping import goes_on
@@ -14,22 +14,15 @@ from .tiles import free_to_go, freeze, is_ours, put_off
 from .undo import look_back
 
 
-@called
-def go_through_domain(s, domain, shift):
-    """Execute the events of one domain; what is put off goes back to the calendar."""
-    s.counter[at.SHIFT], s.counter[at.DOMAIN] = shift, domain
-    s.counter[at.PUT_OFF] = 0
-    s.counter[at.STAYED] = 0
+@jit
+def execute_domain(s):
+    """Execute the events of the domain at work; what is put off goes back to the calendar."""
     clear_queue(s)
-    s.counter[at.INSTANT_EVENTS] = 0
-    s.number[at.NOW] = -s.number[at.EPOCH_LENGTH]
-    s.number[at.LAST_ADVANCE] = -s.number[at.EPOCH_LENGTH]
     tiles = s.counter[at.TILES]
     for tile in range(tiles):
-        if s.domain_of[shift * tiles + tile] == domain:
+        if s.domain_of[s.counter[at.SHIFT] * tiles + tile] == s.counter[at.DOMAIN]:
             open_tile(s, tile)
     execute_all(s)
-    s.number[at.LATEST_IN_WINDOW] = max(s.number[at.LATEST_IN_WINDOW], s.number[at.NOW])
     if not goes_on(s):
         put_back_all(s)
     for k in range(s.counter[at.PUT_OFF]):

@@ -8,27 +8,18 @@ from ..dilute.partners import contact_holds, partners
 from ..dilute.windows import predict_again
 from ..execution import execute
 from ..flags import OBSTACLES
-from ..simd.jit import called, jit
+from ..simd.jit import jit
 from .contacts import open_tick, put_back, put_heap_back, set_aside
 from .stopping import goes_on
 from .tiles import free_to_go, freeze, is_inside_now, is_ours
 
 
-@called
-def go_through_domain(s, domain, shift):
-    """Execute the contacts of one domain; what is put off goes back to the buckets."""
-    s.counter[at.SHIFT], s.counter[at.DOMAIN] = shift, domain
-    s.counter[at.PUT_OFF] = 0
-    s.counter[at.STAYED] = 0
+@jit
+def execute_domain(s):
+    """Execute the contacts of the domain at work; what is put off goes back to the buckets."""
     s.counter[at.SET_ASIDE] = 0
-    s.counter[at.HEAP_LENGTH] = 0
-    s.counter[at.INSTANT_EVENTS] = 0
-    s.number[at.NOW] = -s.number[at.EPOCH_LENGTH]
-    s.number[at.LAST_ADVANCE] = -s.number[at.EPOCH_LENGTH]
-    s.counter[at.PRESENT_TICK] = s.counter[at.TICK] - 1
     note_tiles(s)
     execute_all(s)
-    s.number[at.LATEST_IN_WINDOW] = max(s.number[at.LATEST_IN_WINDOW], s.number[at.NOW])
     put_heap_back(s)
     for k in range(s.counter[at.SET_ASIDE]):
         put_back(s, s.set_aside[k])

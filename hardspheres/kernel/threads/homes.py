@@ -6,6 +6,7 @@ the last round.
 """
 
 from .. import layout as at
+from ..dilute.overflow import lists_before
 from ..simd.jit import jit
 from ..simd.pointers import int64
 
@@ -14,7 +15,7 @@ ANY_DOMAIN = (1 << at.ALL_TILES) - 1
 
 @jit
 def home_of(s, i):
-    """Place of i's home; those with several segments share one."""
+    """Place of i's home; those with several segments share one, of tile 0."""
     slot = int64(s.where[i])
     return (slot if slot >= 0 else s.counter[at.SEGMENT_ROOM]) * at.HOME
 
@@ -34,11 +35,9 @@ def tile_of_segment(s, slot):
 @jit
 def list_of_segment(s, slot):
     """Which overflow list belongs to the cell of a segment."""
-    rows = s.counter[at.CELLS + 1]
-    cell = int64(s.cell_of_segment[slot])
-    column = cell // rows
-    lists = (rows + at.CELLS_OF_OVERFLOW - 1) // at.CELLS_OF_OVERFLOW
-    return column * lists + (cell - column * rows) // at.CELLS_OF_OVERFLOW
+    column = column_of_segment(s, slot)
+    y = int64(s.cell_of_segment[slot]) - column * s.counter[at.CELLS + 1]
+    return lists_before(s, column) + y // at.CELLS_OF_OVERFLOW
 
 
 @jit

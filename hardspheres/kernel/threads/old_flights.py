@@ -7,6 +7,7 @@ and costs only time.
 
 from .. import layout as at
 from ..common.particles import nearest
+from ..dilute.overflow import lists_before
 from ..flags import DIM, GRAVITY, SIZES
 from ..simd.jit import called, jit
 from ..simd.pointers import int64
@@ -44,9 +45,8 @@ def compare_with_old(s, i, met, column, first, last, now):
 
     Not with its own, nor with that of the one it met which ended there. WRONG tells if it would have met one.
     """
-    lists = (s.counter[at.CELLS + 1] + at.CELLS_OF_OVERFLOW - 1) // at.CELLS_OF_OVERFLOW
-    begin, end = first // at.CELLS_OF_OVERFLOW, last // at.CELLS_OF_OVERFLOW
-    for near in range(column * lists + begin, column * lists + end + 1):
+    before = lists_before(s, column)
+    for near in range(before + first // at.CELLS_OF_OVERFLOW, before + last // at.CELLS_OF_OVERFLOW + 1):
         word = s.old_first[near]
         after = (word & NUMBER) + 1 if of_this_window(s, word) else 0
         while after > 0:

@@ -28,7 +28,7 @@ from ..simd.pointers import int64
 from .barrier import barrier
 from .contacts import enter_contact
 from .old_flights import NUMBER, of_this_window
-from .tile_buckets import clear_buckets, owner
+from .tile_buckets import clear_buckets, is_mine, owner
 
 
 @called
@@ -125,7 +125,7 @@ def compare_tiles(s):
     m = int64(0)
     deep = s.counter[at.CELLS + 2]
     for column in range(s.counter[at.CELLS] * deep):
-        if owner(s, int64(s.tile_of_column[column])) == s.counter[at.THREAD]:
+        if is_mine(s, column):
             m = compare_column(s, m, column, column // deep, column % deep)
     filter_table(s, m, ALWAYS)
 

@@ -19,7 +19,7 @@ from ..simd.pointers import int64
 from .barrier import barrier
 from .calendars import clear_calendars, schedule
 from .old_flights import of_this_window
-from .tile_buckets import owner
+from .tile_buckets import is_mine, owner
 from .tiles import has_moved, is_inside, settle, tile_of
 from .undo import has_been_within
 
@@ -130,12 +130,6 @@ def enter_changes(s):
             i = int64(s.changed_events[k])
             if owner(s, tile_of(s, i)) == s.counter[at.THREAD]:
                 schedule(s, i, s.event_float[i * at.EVENT + at.TIME], s.event[i * at.EVENT + at.PARTNER])
-
-
-@jit
-def is_mine(s, column):
-    """Whether a column of cells is in a tile of this thread."""
-    return owner(s, int64(s.tile_of_column[column])) == s.counter[at.THREAD]
 
 
 @jit

@@ -6,9 +6,9 @@ from ..simd.jit import called
 from .barrier import agree
 
 if SPARSE:
-    from .dilute_round import go_through_domain
+    from .dilute_round import execute_domain
 else:
-    from .dense_round import go_through_domain
+    from .dense_round import execute_domain
 
 FEW = 8  # events that one thread executes sooner than all of them in another round
 
@@ -42,3 +42,18 @@ def go_through_window(s):
         if shift >= s.counter[at.SHIFTS]:
             few = left <= FEW + 2 * threads or s.counter[at.SHIFTS] == 1
             shift = at.ALL_TILES if few or SPARSE else 0  # flights of several segments have no domain
+
+
+@called
+def go_through_domain(s, domain, shift):
+    """Execute the events of one domain, or put them off; the clock is that of its events."""
+    s.counter[at.SHIFT], s.counter[at.DOMAIN] = shift, domain
+    s.counter[at.PUT_OFF] = 0
+    s.counter[at.STAYED] = 0
+    s.counter[at.HEAP_LENGTH] = 0
+    s.counter[at.PRESENT_TICK] = s.counter[at.TICK] - 1
+    s.counter[at.INSTANT_EVENTS] = 0
+    s.number[at.NOW] = -s.number[at.EPOCH_LENGTH]
+    s.number[at.LAST_ADVANCE] = -s.number[at.EPOCH_LENGTH]
+    execute_domain(s)
+    s.number[at.LATEST_IN_WINDOW] = max(s.number[at.LATEST_IN_WINDOW], s.number[at.NOW])

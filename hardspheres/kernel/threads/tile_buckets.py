@@ -2,6 +2,7 @@
 
 from .. import layout as at
 from ..simd.jit import jit
+from ..simd.pointers import int64
 
 
 @jit
@@ -14,6 +15,12 @@ def tick_of(s, time):
 def owner(s, tile):
     """Thread that clears and fills the tables of a tile."""
     return tile * s.counter[at.THREAD_COUNT] // s.counter[at.TILES]
+
+
+@jit
+def is_mine(s, column):
+    """Whether a column of cells is in a tile of this thread."""
+    return owner(s, int64(s.tile_of_column[column])) == s.counter[at.THREAD]
 
 
 @jit
